@@ -1,0 +1,79 @@
+//! Generates the declarations from the installed `mujoco/mujoco.h` and links `libmujoco`.
+
+use std::env;
+use std::panic;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The MuJoCo release that this workspace is written for, as `mj_version()` reports it.
+const SUPPORTED_VERSION: u32 = 222;
+
+/// What a user can do about a missing header or compiler library.
+const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
+     apt-get install libmujoco-dev libclang-dev\n\n\
+     Elsewhere, point BINDGEN_EXTRA_CLANG_ARGS at the headers (-I<folder holding mujoco/>) \
+     and LIBCLANG_PATH at the folder of libclang.";
+
+fn main() -> ExitCode {
+    println!("cargo::rerun-if-changed=build.rs");
+    println!("cargo::rustc-link-lib=mujoco");
+    match generate() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            eprintln!("\ncovers-mujoco-sys: {reason}\n\n{REMEDY}\n");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn generate() -> Result<(), String> {
+    require_libclang()?;
+    let bindings = declarations()?;
+    require_version(&bindings.to_string())?;
+    let folder = env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?;
+    let file = PathBuf::from(folder).join("bindings.rs");
+    bindings
+        .write_to_file(&file)
+        .map_err(|error| format!("cannot write {}: {error}", file.display()))
+}
+
+/// bindgen panics when it cannot load libclang; asking for its version first, with the panic
+/// caught and its message muted, leaves ours as the only thing that the user reads.
+fn require_libclang() -> Result<(), String> {
+    let hook = panic::take_hook();
+    panic::set_hook(Box::new(|_| ()));
+    let loaded = panic::catch_unwind(bindgen::clang_version);
+    panic::set_hook(hook);
+    loaded.map(|_| ()).map_err(|_| {
+        "libclang, which bindgen reads C headers with, cannot be loaded (package libclang-dev)."
+            .into()
+    })
+}
+
+fn declarations() -> Result<bindgen::Bindings, String> {
+    bindgen::Builder::default()
+        .header_contents("wrapper.h", "#include <mujoco/mujoco.h>\n")
+        .allowlist_item("_?mj.*")
+        .blocklist_item("_mjPRIVATE.*")
+        .prepend_enum_name(false)
+        .layout_tests(true)
+        .parse_callbacks(Box::new(bindgen::CargoCallbacks::new()))
+        .generate()
+        .map_err(|error| {
+            format!("the header mujoco/mujoco.h (package libmujoco-dev) cannot be read:\n{error}")
+        })
+}
+
+fn require_version(declarations: &str) -> Result<(), String> {
+    let expected = format!("mjVERSION_HEADER: u32 = {SUPPORTED_VERSION};");
+    if declarations.contains(&expected) {
+        return Ok(());
+    }
+    let found = declarations
+        .lines()
+        .find(|line| line.contains("mjVERSION_HEADER"));
+    Err(format!(
+        "mujoco/mujoco.h is not of MuJoCo 2.2.2: expected mjVERSION_HEADER {SUPPORTED_VERSION}, got `{}`.",
+        found.unwrap_or("no mjVERSION_HEADER")
+    ))
+}

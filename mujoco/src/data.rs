@@ -1,0 +1,361 @@
+//! `mjData`: the state of one simulation, and everything derived from it.
+
+use std::ptr::NonNull;
+use std::slice;
+use std::sync::Arc;
+
+use crate::error::{Quantity, SimError};
+use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
+use crate::model::Model;
+use crate::raw;
+
+/// One simulation of a [`Model`].
+///
+/// *Derived* quantities (positions of bodies, geoms and sites; contacts) are those of the last
+/// [`Data::forward`], or of the last physics step but one: call `forward` before reading them,
+/// and before drawing. After [`Data::new`] and [`Data::reset`] they are zero until then.
+pub struct Data {
+    raw: NonNull<raw::mjData>,
+    model: Arc<Model>,
+}
+
+// SAFETY: the mjData is owned by this value alone and MuJoCo keeps no thread-bound state in it.
+unsafe impl Send for Data {}
+
+/// A pair of geoms that touch, or are within their collision margin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// The two geoms.
+    pub geoms: [GeomId; 2],
+    /// Gap between them in metres; negative where they overlap.
+    pub distance: f64,
+    /// Point midway between the two surfaces, in metres, in the world frame.
+    pub position: [f64; 3],
+}
+
+impl Data {
+    /// Makes a simulation in the model's initial state.
+    pub fn new(model: Arc<Model>) -> Self {
+        // SAFETY: live model; MuJoCo never returns NULL for one (it calls the error handler).
+        let raw = unsafe { NonNull::new_unchecked(raw::mj_makeData(model.as_ptr())) };
+        Self { raw, model }
+    }
+
+    /// The model that is simulated.
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    /// Returns to the model's initial state, at time 0.
+    pub fn reset(&mut self) {
+        // SAFETY: live data of this model.
+        unsafe { raw::mj_resetData(self.model.as_ptr(), self.as_ptr()) };
+        self.clear_warnings();
+    }
+
+    /// Advances by `n` physics steps of [`Model::timestep`] seconds each.
+    ///
+    /// Derived quantities are then one step behind the state: see [`Data::forward`].
+    ///
+    /// # Errors
+    /// [`SimError::Diverged`] as soon as a step diverges, and the state is then the initial one;
+    /// [`SimError::Overflow`] where contacts or constraints did not fit and were ignored.
+    pub fn step(&mut self, n: usize) -> Result<(), SimError> {
+        for _ in 0..n {
+            let time = self.time();
+            // SAFETY: live data of this model.
+            unsafe { raw::mj_step(self.model.as_ptr(), self.as_ptr()) };
+            self.check_warnings(time)?;
+        }
+        Ok(())
+    }
+
+    /// Computes every derived quantity from the state, without advancing time.
+    ///
+    /// It also refreshes the constraint solver's warm start, which is part of the state: a run with
+    /// an extra `forward` in it may differ in the last bits from a run without.
+    ///
+    /// # Errors
+    /// As [`Data::step`], and [`SimError::NotFinite`] where the state or the control is not finite.
+    pub fn forward(&mut self) -> Result<(), SimError> {
+        check_finite(Quantity::Qpos, self.qpos())?;
+        check_finite(Quantity::Qvel, self.qvel())?;
+        check_finite(Quantity::Ctrl, self.ctrl())?;
+        // SAFETY: live data of this model.
+        unsafe { raw::mj_forward(self.model.as_ptr(), self.as_ptr()) };
+        self.check_warnings(self.time())
+    }
+
+    /// Computes the positions of bodies, geoms, sites and cameras from the state, and nothing else.
+    ///
+    /// Enough for observing and rendering, several times cheaper than [`Data::forward`], and without
+    /// a trace in the state. Cameras and lights that track a centre of mass need `forward`.
+    ///
+    /// # Errors
+    /// [`SimError::NotFinite`] where a position is not finite.
+    pub fn forward_kinematics(&mut self) -> Result<(), SimError> {
+        check_finite(Quantity::Qpos, self.qpos())?;
+        // SAFETY: live data of this model.
+        unsafe {
+            raw::mj_kinematics(self.model.as_ptr(), self.as_ptr());
+            raw::mj_camlight(self.model.as_ptr(), self.as_ptr());
+        }
+        Ok(())
+    }
+
+    /// Simulation time, in seconds.
+    pub fn time(&self) -> f64 {
+        self.get().time
+    }
+
+    /// Generalised positions `[nq]`, in metres and radians; a free joint is 3 positions and a
+    /// quaternion (w, x, y, z).
+    pub fn qpos(&self) -> &[f64] {
+        self.array(self.get().qpos, self.model.nq())
+    }
+
+    /// Generalised positions `[nq]`, to be set. A NaN is an error of the next step.
+    pub fn qpos_mut(&mut self) -> &mut [f64] {
+        self.array_mut(self.get().qpos, self.model.nq())
+    }
+
+    /// Generalised velocities `[nv]`, in metres and radians per second.
+    pub fn qvel(&self) -> &[f64] {
+        self.array(self.get().qvel, self.model.nv())
+    }
+
+    /// Generalised velocities `[nv]`, to be set. A NaN is an error of the next step.
+    pub fn qvel_mut(&mut self) -> &mut [f64] {
+        self.array_mut(self.get().qvel, self.model.nv())
+    }
+
+    /// Controls `[nu]`, one per actuator.
+    pub fn ctrl(&self) -> &[f64] {
+        self.array(self.get().ctrl, self.model.nu())
+    }
+
+    /// Sets all controls `[nu]`.
+    ///
+    /// # Errors
+    /// [`SimError::Length`]; [`SimError::NotFinite`] (MuJoCo would turn every control into zero).
+    pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
+        check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
+        check_finite(Quantity::Ctrl, ctrl)?;
+        self.array_mut(self.get().ctrl, self.model.nu())
+            .copy_from_slice(ctrl);
+        Ok(())
+    }
+
+    /// Position of a mocap body in the world, in metres.
+    pub fn mocap_position(&self, mocap: MocapId) -> [f64; 3] {
+        self.row(self.get().mocap_pos, self.model.nmocap(), mocap.index())
+    }
+
+    /// Puts a mocap body at a position in the world, in metres.
+    ///
+    /// # Errors
+    /// [`SimError::NotFinite`].
+    pub fn set_mocap_position(
+        &mut self,
+        mocap: MocapId,
+        position: [f64; 3],
+    ) -> Result<(), SimError> {
+        check_finite(Quantity::Mocap, &position)?;
+        self.rows_mut(self.get().mocap_pos, self.model.nmocap())[mocap.index()] = position;
+        Ok(())
+    }
+
+    /// Orientation of a mocap body, (w, x, y, z).
+    pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
+        self.row(self.get().mocap_quat, self.model.nmocap(), mocap.index())
+    }
+
+    /// Turns a mocap body; (w, x, y, z) of any norm but 0, which MuJoCo normalises.
+    ///
+    /// # Errors
+    /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
+    pub fn set_mocap_quat(&mut self, mocap: MocapId, quat: [f64; 4]) -> Result<(), SimError> {
+        check_finite(Quantity::Mocap, &quat)?;
+        if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
+            return Err(SimError::ZeroQuaternion { value: quat });
+        }
+        self.rows_mut(self.get().mocap_quat, self.model.nmocap())[mocap.index()] = quat;
+        Ok(())
+    }
+
+    /// Position of a body's frame in the world, in metres (derived).
+    pub fn body_position(&self, body: BodyId) -> [f64; 3] {
+        self.row(self.get().xpos, self.model.nbody(), body.index())
+    }
+
+    /// Orientation of a body's frame in the world, (w, x, y, z) (derived).
+    pub fn body_quat(&self, body: BodyId) -> [f64; 4] {
+        self.row(self.get().xquat, self.model.nbody(), body.index())
+    }
+
+    /// Position of a geom's centre in the world, in metres (derived).
+    pub fn geom_position(&self, geom: GeomId) -> [f64; 3] {
+        self.row(self.get().geom_xpos, self.model.ngeom(), geom.index())
+    }
+
+    /// Position of a site in the world, in metres (derived).
+    pub fn site_position(&self, site: SiteId) -> [f64; 3] {
+        self.row(
+            self.get().site_xpos,
+            self.model.get().nsite as usize,
+            site.index(),
+        )
+    }
+
+    /// Number of contacts (derived).
+    pub fn contact_count(&self) -> usize {
+        self.get().ncon as usize
+    }
+
+    /// Contacts, in MuJoCo's order (derived).
+    pub fn contacts(&self) -> impl Iterator<Item = Contact> {
+        self.array(self.get().contact, self.contact_count())
+            .iter()
+            .map(|contact| Contact {
+                geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
+                distance: contact.dist,
+                position: contact.pos,
+            })
+    }
+
+    fn check_warnings(&mut self, time: f64) -> Result<(), SimError> {
+        if self.get().warning.iter().all(|warning| warning.number == 0) {
+            return Ok(());
+        }
+        let divergence = self.divergence(time);
+        let error = divergence.clone().or_else(|| self.overflow(time));
+        if divergence.is_some() {
+            self.reset();
+        }
+        self.clear_warnings();
+        error.map_or(Ok(()), Err)
+    }
+
+    fn divergence(&self, time: f64) -> Option<SimError> {
+        let kinds = [
+            (raw::mjWARN_BADQPOS, Quantity::Qpos),
+            (raw::mjWARN_BADQVEL, Quantity::Qvel),
+            (raw::mjWARN_BADQACC, Quantity::Qacc),
+            (raw::mjWARN_BADCTRL, Quantity::Ctrl),
+            (raw::mjWARN_INERTIA, Quantity::Inertia),
+        ];
+        kinds.into_iter().find_map(|(warning, what)| {
+            let warning = self.get().warning[warning as usize];
+            (warning.number > 0).then_some(SimError::Diverged {
+                what,
+                index: warning.lastinfo as usize,
+                time,
+            })
+        })
+    }
+
+    fn overflow(&self, time: f64) -> Option<SimError> {
+        let model = self.model.get();
+        let kinds = [
+            (
+                raw::mjWARN_CONTACTFULL,
+                "contacts",
+                model.nconmax,
+                "nconmax",
+            ),
+            (raw::mjWARN_CNSTRFULL, "constraints", model.njmax, "njmax"),
+        ];
+        kinds
+            .into_iter()
+            .find_map(|(warning, what, limit, setting)| {
+                let raised = self.get().warning[warning as usize].number > 0;
+                raised.then_some(SimError::Overflow {
+                    what,
+                    limit: limit as usize,
+                    setting,
+                    time,
+                })
+            })
+    }
+
+    pub(crate) fn clear_warnings(&mut self) {
+        for warning in &mut self.get_mut().warning {
+            warning.number = 0;
+        }
+    }
+
+    /// Row `index` of a `[count, N]` array.
+    fn row<T: Copy, const N: usize>(&self, start: *const T, count: usize, index: usize) -> [T; N] {
+        self.array(start.cast::<[T; N]>(), count)[index]
+    }
+
+    fn rows_mut<const N: usize>(&mut self, start: *mut f64, count: usize) -> &mut [[f64; N]] {
+        self.array_mut(start.cast(), count)
+    }
+
+    /// An array of the data; `start` and `count` must be a field of the mjData and its length.
+    fn array<T>(&self, start: *const T, count: usize) -> &[T] {
+        if count == 0 {
+            return &[];
+        }
+        // SAFETY: only called by the methods of this file, with a pointer that MuJoCo allocated
+        // for `count` elements; it is written through `&mut self` only.
+        unsafe { slice::from_raw_parts(start, count) }
+    }
+
+    fn array_mut<T>(&mut self, start: *mut T, count: usize) -> &mut [T] {
+        if count == 0 {
+            return &mut [];
+        }
+        // SAFETY: as in `array`; the exclusive borrow of `self` makes this the only view.
+        unsafe { slice::from_raw_parts_mut(start, count) }
+    }
+
+    pub(crate) fn get(&self) -> &raw::mjData {
+        // SAFETY: the pointer is valid until `drop`.
+        unsafe { self.raw.as_ref() }
+    }
+
+    pub(crate) fn get_mut(&mut self) -> &mut raw::mjData {
+        // SAFETY: the pointer is valid until `drop`, and borrowed exclusively.
+        unsafe { self.raw.as_mut() }
+    }
+
+    pub(crate) fn as_ptr(&mut self) -> *mut raw::mjData {
+        self.raw.as_ptr()
+    }
+
+    pub(crate) fn raw(&self) -> NonNull<raw::mjData> {
+        self.raw
+    }
+}
+
+impl Drop for Data {
+    fn drop(&mut self) {
+        // SAFETY: MuJoCo allocated it and nothing refers to it any more.
+        unsafe { raw::mj_deleteData(self.raw.as_ptr()) };
+    }
+}
+
+pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
+    if expected == got {
+        Ok(())
+    } else {
+        Err(SimError::Length {
+            what,
+            expected,
+            got,
+        })
+    }
+}
+
+pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(SimError::NotFinite {
+            what,
+            index,
+            value: values[index],
+        }),
+    }
+}

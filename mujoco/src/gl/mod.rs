@@ -1,0 +1,220 @@
+//! OpenGL contexts without a window.
+//!
+//! Read this before editing. MuJoCo looks OpenGL's functions up once per process, through the
+//! first of `eglGetProcAddress` and `OSMesaGetProcAddress` that is visible to the whole process.
+//! Hence neither library is linked; each is opened privately first, and made visible only once it
+//! has given a context. From then on the process keeps to that library.
+
+mod egl;
+mod osmesa;
+
+use std::env;
+use std::ffi::{CStr, c_char, c_int, c_void};
+use std::fmt;
+use std::mem;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use crate::error::RenderError;
+use egl::{EglContext, Platform};
+use osmesa::OsMesaContext;
+
+/// Way to an OpenGL context.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Backend {
+    /// EGL without any surface (Mesa), the first choice.
+    EglSurfaceless,
+    /// EGL with a pixel buffer, on the first device that offers one (a headless GPU, say).
+    EglPbuffer,
+    /// Mesa's software renderer in memory, the last resort.
+    OsMesa,
+}
+
+impl Backend {
+    /// Every backend, in the order in which they are tried.
+    pub const ALL: [Self; 3] = [Self::EglSurfaceless, Self::EglPbuffer, Self::OsMesa];
+
+    /// What the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or all when unset.
+    ///
+    /// # Errors
+    /// [`RenderError::UnknownBackend`] for any other value.
+    pub fn from_env() -> Result<&'static [Self], RenderError> {
+        parse_choice(&env::var("COVERS_GL").unwrap_or_default())
+    }
+
+    fn library(self) -> &'static str {
+        match self {
+            Self::EglSurfaceless | Self::EglPbuffer => "libEGL.so.1",
+            Self::OsMesa => "libOSMesa.so.8",
+        }
+    }
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::EglSurfaceless => "EGL (surfaceless)",
+            Self::EglPbuffer => "EGL (pixel buffer)",
+            Self::OsMesa => "OSMesa",
+        })
+    }
+}
+
+fn parse_choice(value: &str) -> Result<&'static [Backend], RenderError> {
+    match value {
+        "" => Ok(&Backend::ALL),
+        "egl" => Ok(&[Backend::EglSurfaceless, Backend::EglPbuffer]),
+        "osmesa" => Ok(&[Backend::OsMesa]),
+        _ => Err(RenderError::UnknownBackend { got: value.into() }),
+    }
+}
+
+/// What EGL and OSMesa have in common.
+trait Context {
+    /// Makes this context the thread's current one, unless it is already.
+    fn make_current(&self) -> Result<(), String>;
+    /// Lets MuJoCo find the library's way to OpenGL's functions.
+    fn publish(&self) -> Result<(), String>;
+    /// Address of an OpenGL function; NULL where it is unknown.
+    fn function(&self, name: &CStr) -> *const c_void;
+}
+
+/// An OpenGL context, bound to one thread by `Renderer: !Send`.
+pub(crate) struct GlContext(Box<dyn Context>);
+
+impl GlContext {
+    /// Makes a context with the first backend that works, and makes it current.
+    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, Backend), RenderError> {
+        Self::first_of(backends.iter().map(|&backend| (backend, backend.library())))
+    }
+
+    fn first_of(
+        candidates: impl Iterator<Item = (Backend, &'static str)>,
+    ) -> Result<(Self, Backend), RenderError> {
+        let mut in_use = library_in_use();
+        let mut tried = Vec::new();
+        for (backend, library) in candidates {
+            match Self::open(backend, library, *in_use) {
+                Ok(context) => {
+                    *in_use = Some(library);
+                    return Ok((context, backend));
+                }
+                Err(reason) => tried.push((backend, reason)),
+            }
+        }
+        Err(RenderError::NoContext { tried })
+    }
+
+    fn open(backend: Backend, library: &str, in_use: Option<&str>) -> Result<Self, String> {
+        if let Some(other) = in_use.filter(|&other| other != library) {
+            return Err(format!(
+                "this process draws through {other} already, and MuJoCo loads OpenGL once"
+            ));
+        }
+        let context = Self(match backend {
+            Backend::EglSurfaceless => Box::new(EglContext::new(library, Platform::Surfaceless)?),
+            Backend::EglPbuffer => Box::new(EglContext::new(library, Platform::Device)?),
+            Backend::OsMesa => Box::new(OsMesaContext::new(library)?),
+        });
+        context.require_features()?;
+        context.0.publish()?;
+        Ok(context)
+    }
+
+    /// Makes this context the thread's current one, unless it is already.
+    pub(crate) fn make_current(&self) -> Result<(), String> {
+        self.0.make_current()
+    }
+
+    /// MuJoCo would end the process for want of these.
+    fn require_features(&self) -> Result<(), String> {
+        let extensions = self
+            .string(GL_EXTENSIONS)
+            .ok_or("OpenGL reports no extensions")?;
+        let has = |name: &&str| extensions.split(' ').any(|extension| extension == *name);
+        match ["GL_ARB_framebuffer_object", "GL_ARB_vertex_buffer_object"]
+            .iter()
+            .find(|name| !has(name))
+        {
+            None => Ok(()),
+            Some(name) => Err(format!("OpenGL lacks {name}")),
+        }
+    }
+
+    fn string(&self, name: u32) -> Option<String> {
+        type GetString = unsafe extern "C" fn(u32) -> *const c_char;
+        let pointer = self.0.function(c"glGetString");
+        if pointer.is_null() {
+            return None;
+        }
+        // SAFETY: not null, and `glGetString` has this signature in every OpenGL.
+        let get_string = unsafe { mem::transmute::<*const c_void, GetString>(pointer) };
+        // SAFETY: the context is current; an unknown name yields NULL.
+        let text = unsafe { get_string(name) };
+        if text.is_null() {
+            return None;
+        }
+        // SAFETY: OpenGL's strings are NUL-terminated and static.
+        Some(
+            unsafe { CStr::from_ptr(text) }
+                .to_string_lossy()
+                .into_owned(),
+        )
+    }
+}
+
+const GL_EXTENSIONS: u32 = 0x1F03;
+
+/// Linux's flag to keep a library loaded when its last handle closes.
+const RTLD_NODELETE: c_int = 0x1000;
+
+/// The library that MuJoCo got OpenGL from; held while a context is made, because MuJoCo's
+/// table of OpenGL functions is global.
+fn library_in_use() -> MutexGuard<'static, Option<&'static str>> {
+    static IN_USE: Mutex<Option<&'static str>> = Mutex::new(None);
+    IN_USE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_backend_lists_attempts_and_packages() {
+        let candidates = Backend::ALL.map(|backend| (backend, "libNoSuchLibrary.so.1"));
+        let Err(error) = GlContext::first_of(candidates.into_iter()) else {
+            panic!("a library that does not exist gave a context");
+        };
+        let text = error.to_string();
+        for part in [
+            "EGL (surfaceless)",
+            "EGL (pixel buffer)",
+            "OSMesa",
+            "libNoSuchLibrary.so.1",
+        ] {
+            assert!(text.contains(part), "{part} is not in: {text}");
+        }
+        for package in ["libegl1", "libegl-mesa0", "libosmesa6"] {
+            assert!(text.contains(package), "{package} is not in: {text}");
+        }
+    }
+
+    #[test]
+    fn choice_is_parsed() {
+        assert_eq!(parse_choice(""), Ok(Backend::ALL.as_slice()));
+        assert_eq!(parse_choice("osmesa"), Ok([Backend::OsMesa].as_slice()));
+        assert_eq!(parse_choice("egl").unwrap().len(), 2);
+        assert_eq!(
+            parse_choice("glx"),
+            Err(RenderError::UnknownBackend { got: "glx".into() })
+        );
+    }
+
+    #[test]
+    fn a_second_library_is_refused() {
+        let Err(reason) = GlContext::open(Backend::OsMesa, "libOSMesa.so.8", Some("libEGL.so.1"))
+        else {
+            panic!("two OpenGL libraries in one process");
+        };
+        assert!(reason.contains("libEGL.so.1"), "{reason}");
+    }
+}

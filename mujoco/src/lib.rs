@@ -1,0 +1,66 @@
+//! Safe wrapper of MuJoCo 2.2.2: models, simulation data and off-screen rendering.
+//!
+//! Three nouns, one file each:
+//! - [`Model`]: a compiled MJCF model, immutable, shared through `Arc` by any number of threads;
+//! - [`Data`]: one simulation of it; may move between threads;
+//! - [`Renderer`]: draws it off-screen; stays on its thread.
+//!
+//! Names become typed ids once ([`Model::body`] and its like), and an unknown name is an error
+//! then. Values are plain arrays: positions `[f64; 3]` in metres, quaternions `[f64; 4]` as
+//! (w, x, y, z), images `[H, W, 3]` of bytes with row 0 at the top.
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! fn main() -> Result<(), mujoco::MujocoError> {
+//!     let model = Arc::new(mujoco::Model::from_xml(
+//!         r#"<mujoco><worldbody>
+//!              <camera name="top" pos="0 0 2"/>
+//!              <body name="ball" pos="0 0 1"><freejoint/><geom size="0.1" rgba="1 0 0 1"/></body>
+//!            </worldbody></mujoco>"#,
+//!     )?);
+//!     let (ball, camera) = (model.body("ball")?, model.camera("top")?);
+//!     let mut data = mujoco::Data::new(model.clone());
+//!     let mut renderer = mujoco::Renderer::new(model, 64, 64, mujoco::RenderOptions::default())?;
+//!     let mut image = vec![0; renderer.image_len()];
+//!     for _ in 0..10 {
+//!         data.step(5)?;
+//!         data.forward()?;
+//!         renderer.render(&mut data, camera, &mut image)?;
+//!     }
+//!     assert!(data.body_position(ball)[2] < 1.0, "the ball falls");
+//!     Ok(())
+//! }
+//! ```
+//!
+//! MuJoCo's silent failures are errors here: a diverging step, a NaN control, a dropped contact.
+//! What MuJoCo itself calls fatal prints its message and aborts.
+//!
+//! Two environment variables matter. `COVERS_GL` (`egl` or `osmesa`) narrows the choice of OpenGL.
+//! `LP_NUM_THREADS` sizes the thread pool of Mesa's software renderer: the first model that a process
+//! loads sets it to 0 where it is unset and the process has one thread only, because small images
+//! are drawn faster without the pool. So load a model before starting threads.
+
+use mujoco_sys as raw;
+
+mod data;
+mod error;
+mod gl;
+pub mod ids;
+mod init;
+mod model;
+mod renderer;
+mod state;
+mod vfs;
+
+pub use data::{Contact, Data};
+pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
+pub use gl::Backend;
+pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
+pub use model::Model;
+pub use renderer::{RenderOptions, Renderer};
+pub use state::State;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,0 +1,347 @@
+//! `mjModel`: what is simulated, immutable and shared.
+
+use std::ffi::{CStr, CString, c_char};
+use std::ptr::NonNull;
+use std::slice;
+use std::sync::{Mutex, PoisonError};
+
+use crate::error::ModelError;
+use crate::ids::{
+    Actuator, ActuatorId, Body, BodyId, Camera, CameraId, Geom, GeomId, Id, Joint, JointId, Lookup,
+    MocapId, Named, Site, SiteId,
+};
+use crate::init;
+use crate::raw;
+use crate::vfs::{Vfs, file_name};
+
+/// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
+/// [`Renderer`](crate::Renderer) of any number of threads.
+///
+/// Ids given by a model belong to it; methods that take an id panic where the id comes from a
+/// larger model.
+pub struct Model {
+    raw: NonNull<raw::mjModel>,
+    warning: Option<String>,
+}
+
+// SAFETY: nothing writes to the mjModel after `load`: no method of this crate does, and MuJoCo
+// takes it as `const mjModel*` in every function that this crate calls.
+unsafe impl Send for Model {}
+// SAFETY: as above; concurrent reads of memory that nobody writes.
+unsafe impl Sync for Model {}
+
+impl Model {
+    /// Compiles MJCF given as one string.
+    ///
+    /// # Errors
+    /// [`ModelError::Load`] carries MuJoCo's own message; [`ModelError::VersionMismatch`] where
+    /// the library is of another release than the header.
+    pub fn from_xml(xml: &str) -> Result<Self, ModelError> {
+        Self::from_files("model.xml", &[("model.xml", xml.as_bytes())])
+    }
+
+    /// Compiles the MJCF (or URDF) file `main`, whose `<include>`s, meshes and textures are
+    /// looked up by plain name among `files`: (name, content) each.
+    ///
+    /// # Errors
+    /// As [`Model::from_xml`]; and where a file's name or size cannot be used.
+    pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
+        init::ready()?;
+        let c_main = file_name(main)?;
+        if !files.iter().any(|(name, _)| *name == main) {
+            let files = files.iter().map(|(name, _)| (*name).into()).collect();
+            return Err(ModelError::NoMainFile {
+                main: main.into(),
+                files,
+            });
+        }
+        let mut vfs = Vfs::new();
+        for (name, content) in files {
+            vfs.add(name, content)?;
+        }
+        load(&c_main, &vfs).map_err(|message| ModelError::Load {
+            file: main.into(),
+            message,
+        })
+    }
+
+    /// What MuJoCo warned of while it compiled this model, if anything.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
+    }
+
+    /// Number of generalised positions, the length of `qpos`.
+    pub fn nq(&self) -> usize {
+        self.get().nq as usize
+    }
+
+    /// Number of degrees of freedom, the length of `qvel`.
+    pub fn nv(&self) -> usize {
+        self.get().nv as usize
+    }
+
+    /// Number of actuators, the length of `ctrl`.
+    pub fn nu(&self) -> usize {
+        self.get().nu as usize
+    }
+
+    /// Number of mocap bodies.
+    pub fn nmocap(&self) -> usize {
+        self.get().nmocap as usize
+    }
+
+    /// Number of bodies, the world included.
+    pub fn nbody(&self) -> usize {
+        self.get().nbody as usize
+    }
+
+    /// Number of geoms.
+    pub fn ngeom(&self) -> usize {
+        self.get().ngeom as usize
+    }
+
+    /// Physics step, in seconds.
+    pub fn timestep(&self) -> f64 {
+        self.get().opt.timestep
+    }
+
+    /// Finds a body by name.
+    ///
+    /// # Errors
+    /// [`ModelError::UnknownName`] lists the names that exist; so in the five methods that follow.
+    pub fn body(&self, name: &str) -> Result<BodyId, ModelError> {
+        self.find::<Body>(name)
+    }
+
+    /// Finds a joint by name.
+    ///
+    /// # Errors
+    /// As [`Model::body`].
+    pub fn joint(&self, name: &str) -> Result<JointId, ModelError> {
+        self.find::<Joint>(name)
+    }
+
+    /// Finds a geom by name.
+    ///
+    /// # Errors
+    /// As [`Model::body`].
+    pub fn geom(&self, name: &str) -> Result<GeomId, ModelError> {
+        self.find::<Geom>(name)
+    }
+
+    /// Finds a site by name.
+    ///
+    /// # Errors
+    /// As [`Model::body`].
+    pub fn site(&self, name: &str) -> Result<SiteId, ModelError> {
+        self.find::<Site>(name)
+    }
+
+    /// Finds a camera by name.
+    ///
+    /// # Errors
+    /// As [`Model::body`].
+    pub fn camera(&self, name: &str) -> Result<CameraId, ModelError> {
+        self.find::<Camera>(name)
+    }
+
+    /// Finds an actuator by name.
+    ///
+    /// # Errors
+    /// As [`Model::body`].
+    pub fn actuator(&self, name: &str) -> Result<ActuatorId, ModelError> {
+        self.find::<Actuator>(name)
+    }
+
+    /// Finds a mocap body by name.
+    ///
+    /// # Errors
+    /// [`ModelError::UnknownName`]; [`ModelError::NotMocap`] where the body is an ordinary one.
+    pub fn mocap(&self, name: &str) -> Result<MocapId, ModelError> {
+        let body = self.body(name)?;
+        let index = self.mocap_index(body);
+        index.map(Id::new).ok_or_else(|| ModelError::NotMocap {
+            name: name.into(),
+            known: self.mocap_names(),
+        })
+    }
+
+    /// Name of an object; `None` where the XML gives none.
+    pub fn name<K: Named>(&self, id: Id<K>) -> Option<&str> {
+        let index = i32::try_from(id.index()).ok()?;
+        // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
+        let name = unsafe { raw::mj_id2name(self.as_ptr(), K::OBJECT.cast_signed(), index) };
+        if name.is_null() {
+            return None;
+        }
+        // SAFETY: names are NUL-terminated strings inside the model, which outlives the borrow.
+        unsafe { CStr::from_ptr(name) }.to_str().ok()
+    }
+
+    /// Index of a joint's first element in `qpos`.
+    pub fn joint_qpos_address(&self, joint: JointId) -> usize {
+        self.array(self.get().jnt_qposadr, self.get().njnt)[joint.index()] as usize
+    }
+
+    /// Index of a joint's first element in `qvel`.
+    pub fn joint_dof_address(&self, joint: JointId) -> usize {
+        self.array(self.get().jnt_dofadr, self.get().njnt)[joint.index()] as usize
+    }
+
+    /// Limits of a joint, in metres or radians; `None` where it is not limited.
+    pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
+        let limited = self.array(self.get().jnt_limited, self.get().njnt)[joint.index()] != 0;
+        limited.then(|| self.row(self.get().jnt_range, self.get().njnt, joint.index()))
+    }
+
+    /// Limits of an actuator's control; `None` where it is not limited.
+    pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
+        let limited =
+            self.array(self.get().actuator_ctrllimited, self.get().nu)[actuator.index()] != 0;
+        limited.then(|| {
+            self.row(
+                self.get().actuator_ctrlrange,
+                self.get().nu,
+                actuator.index(),
+            )
+        })
+    }
+
+    /// Inverse weight of a body at the initial pose: translation in 1/kg, rotation in 1/(kg m^2).
+    pub fn body_invweight0(&self, body: BodyId) -> [f64; 2] {
+        self.row(self.get().body_invweight0, self.get().nbody, body.index())
+    }
+
+    /// Body that a geom is fixed to.
+    pub fn geom_body(&self, geom: GeomId) -> BodyId {
+        Id::new(self.array(self.get().geom_bodyid, self.get().ngeom)[geom.index()] as usize)
+    }
+
+    /// Group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides groups.
+    pub fn geom_group(&self, geom: GeomId) -> usize {
+        self.array(self.get().geom_group, self.get().ngeom)[geom.index()] as usize
+    }
+
+    /// Colour of a geom, (red, green, blue, opacity) in [0, 1]; a material's colour is not seen here.
+    pub fn geom_rgba(&self, geom: GeomId) -> [f32; 4] {
+        self.row(self.get().geom_rgba, self.get().ngeom, geom.index())
+    }
+
+    /// Size of a geom in metres; what the three figures mean depends on its type.
+    pub fn geom_size(&self, geom: GeomId) -> [f64; 3] {
+        self.row(self.get().geom_size, self.get().ngeom, geom.index())
+    }
+
+    /// Collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
+    pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
+        let model = self.get();
+        let read = |masks| self.array(masks, model.ngeom)[geom.index()];
+        (read(model.geom_contype), read(model.geom_conaffinity))
+    }
+
+    fn find<K: Named>(&self, name: &str) -> Result<Id<K>, ModelError> {
+        self.index_of::<K>(name)
+            .map(Id::new)
+            .ok_or_else(|| ModelError::UnknownName {
+                kind: K::NOUN,
+                name: name.into(),
+                known: self.names::<K>().map(Into::into).collect(),
+            })
+    }
+
+    fn index_of<K: Named>(&self, name: &str) -> Option<usize> {
+        // the empty name would match the first object that has none
+        let c_name = CString::new(name).ok().filter(|name| !name.is_empty())?;
+        // SAFETY: live model and NUL-terminated name; MuJoCo returns -1 where it finds nothing.
+        let index =
+            unsafe { raw::mj_name2id(self.as_ptr(), K::OBJECT.cast_signed(), c_name.as_ptr()) };
+        usize::try_from(index).ok()
+    }
+
+    fn names<K: Named>(&self) -> impl Iterator<Item = &str> {
+        let count = <K as Lookup>::count(self.get()) as usize;
+        (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
+    }
+
+    fn mocap_index(&self, body: BodyId) -> Option<usize> {
+        let model = self.get();
+        usize::try_from(self.array(model.body_mocapid, model.nbody)[body.index()]).ok()
+    }
+
+    fn mocap_names(&self) -> Vec<String> {
+        let bodies = (0..self.nbody())
+            .map(Id::new)
+            .filter(|&body| self.mocap_index(body).is_some());
+        bodies
+            .filter_map(|body| self.name(body).map(Into::into))
+            .collect()
+    }
+
+    /// Row `index` of a `[count, N]` array of the model.
+    fn row<T: Copy, const N: usize>(&self, start: *const T, count: i32, index: usize) -> [T; N] {
+        self.array(start.cast::<[T; N]>(), count)[index]
+    }
+
+    /// An array of the model; `start` and `count` must be a field of the mjModel and its length.
+    fn array<T>(&self, start: *const T, count: i32) -> &[T] {
+        if count == 0 {
+            return &[];
+        }
+        // SAFETY: only called by the methods above, with a pointer that MuJoCo allocated for
+        // `count` elements and that lives and stays unchanged as long as the model.
+        unsafe { slice::from_raw_parts(start, count as usize) }
+    }
+
+    pub(crate) fn get(&self) -> &raw::mjModel {
+        // SAFETY: the pointer is valid until `drop`, and nobody writes to the model.
+        unsafe { self.raw.as_ref() }
+    }
+
+    pub(crate) fn as_ptr(&self) -> *const raw::mjModel {
+        self.raw.as_ptr()
+    }
+}
+
+impl Drop for Model {
+    fn drop(&mut self) {
+        // SAFETY: MuJoCo allocated it, and every `Data` and `Renderer` holds an `Arc` of us.
+        unsafe { raw::mj_deleteModel(self.raw.as_ptr()) };
+    }
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut debug = f.debug_struct("Model");
+        debug
+            .field("nq", &self.nq())
+            .field("nv", &self.nv())
+            .field("nu", &self.nu());
+        debug
+            .field("nmocap", &self.nmocap())
+            .field("nbody", &self.nbody())
+            .field("ngeom", &self.ngeom());
+        debug.finish()
+    }
+}
+
+fn load(main: &CStr, vfs: &Vfs) -> Result<Model, String> {
+    // the parser keeps the last XML in a global variable
+    static PARSER: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = PARSER.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut message: [c_char; 1024] = [0; 1024];
+    let size = message.len() as i32;
+    // SAFETY: NUL-terminated name, live file system, and a message buffer of the size given.
+    let model = unsafe { raw::mj_loadXML(main.as_ptr(), vfs.as_ptr(), message.as_mut_ptr(), size) };
+    // SAFETY: MuJoCo leaves a NUL-terminated text in the buffer, which began as all NUL.
+    let text = unsafe { CStr::from_ptr(message.as_ptr()) }
+        .to_string_lossy()
+        .trim()
+        .to_string();
+    match NonNull::new(model) {
+        Some(raw) => Ok(Model {
+            raw,
+            warning: Some(text).filter(|text| !text.is_empty()),
+        }),
+        None => Err(text),
+    }
+}

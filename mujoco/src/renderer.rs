@@ -1,0 +1,358 @@
+//! Off-screen drawing: `mjvScene` and `mjrContext`, on an OpenGL context of its own.
+
+use std::mem::MaybeUninit;
+use std::sync::Arc;
+
+use crate::data::Data;
+use crate::error::RenderError;
+use crate::gl::{Backend, GlContext};
+use crate::ids::CameraId;
+use crate::model::Model;
+use crate::raw;
+
+/// Largest side of an image, in pixels.
+const MAX_SIDE: usize = 4096;
+
+/// What is drawn. There are never reflections, sky, fog or anti-aliasing, which software OpenGL
+/// pays dearly for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RenderOptions {
+    /// Which groups of geoms are drawn; 0, 1 and 2 by default.
+    pub geom_groups: [bool; 6],
+    /// Which groups of sites are drawn; none by default.
+    pub site_groups: [bool; 6],
+    /// Whether lights cast shadows; off by default, for their price in software.
+    pub shadows: bool,
+}
+
+impl Default for RenderOptions {
+    fn default() -> Self {
+        Self {
+            geom_groups: [true, true, true, false, false, false],
+            site_groups: [false; 6],
+            shadows: false,
+        }
+    }
+}
+
+/// Draws images of one size of one [`Model`], through its fixed cameras.
+///
+/// Mirrored scenes give mirrored images bit for bit where the camera looks straight down on the
+/// axis of the mirror, the light comes from straight above, round shapes stand upright, and no
+/// edge or colour falls exactly between two pixels or two levels. The pixels of a *lying* cylinder or
+/// capsule may differ by a few levels: each quad of it is cut into triangles that do not mirror.
+///
+/// It stays on the thread that made it (it is not `Send`); a thread may have several.
+///
+/// ```compile_fail
+/// fn assert_send<T: Send>() {}
+/// assert_send::<mujoco::Renderer>();
+/// ```
+pub struct Renderer {
+    model: Arc<Model>,
+    width: usize,
+    height: usize,
+    backend: Backend,
+    options: Box<raw::mjvOption>,
+    scene: Box<raw::mjvScene>,
+    drawing: Box<raw::mjrContext>,
+    // last, so that it outlives what `drop` frees in it
+    gl: GlContext,
+}
+
+impl Renderer {
+    /// Makes a renderer of images of `width` x `height` pixels, each 1 to 4096.
+    ///
+    /// EGL without a surface is tried first, EGL with a pixel buffer next, OSMesa last; the
+    /// environment variable `COVERS_GL` (`egl` or `osmesa`) narrows the choice.
+    ///
+    /// # Errors
+    /// [`RenderError::NoContext`] tells what was tried, why it failed and what to install;
+    /// [`RenderError::Size`]; [`RenderError::UnknownBackend`].
+    pub fn new(
+        model: Arc<Model>,
+        width: usize,
+        height: usize,
+        options: RenderOptions,
+    ) -> Result<Self, RenderError> {
+        Self::with_backends(model, width, height, options, Backend::from_env()?)
+    }
+
+    /// As [`Renderer::new`], with the backends to try, in order.
+    ///
+    /// # Errors
+    /// As [`Renderer::new`].
+    pub fn with_backends(
+        model: Arc<Model>,
+        width: usize,
+        height: usize,
+        options: RenderOptions,
+        backends: &[Backend],
+    ) -> Result<Self, RenderError> {
+        let sides = 1..=MAX_SIDE;
+        if !sides.contains(&width) || !sides.contains(&height) {
+            return Err(RenderError::Size {
+                width,
+                height,
+                limit: MAX_SIDE,
+            });
+        }
+        let (gl, backend) = GlContext::new(backends)?;
+        let drawing = make_drawing(&model, width, height, &options);
+        let scene = make_scene(&model, &options);
+        let options = visible(&options);
+        let renderer = Self {
+            model,
+            width,
+            height,
+            backend,
+            options,
+            scene,
+            drawing,
+            gl,
+        };
+        check_opengl("making the context")?;
+        Ok(renderer)
+    }
+
+    /// The way that OpenGL was reached.
+    pub fn backend(&self) -> Backend {
+        self.backend
+    }
+
+    /// Width of an image, in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height of an image, in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Bytes of an image: height x width x 3.
+    pub fn image_len(&self) -> usize {
+        self.width * self.height * 3
+    }
+
+    /// Draws what `camera` sees into `out`, `[H, W, 3]` RGB; row 0 is the top of the image.
+    ///
+    /// Positions are the derived ones: call [`Data::forward`] first.
+    ///
+    /// # Errors
+    /// [`RenderError::OtherModel`], [`RenderError::Buffer`], [`RenderError::UnknownCamera`],
+    /// [`RenderError::SceneFull`], [`RenderError::Current`], [`RenderError::OpenGl`].
+    pub fn render(
+        &mut self,
+        data: &mut Data,
+        camera: CameraId,
+        out: &mut [u8],
+    ) -> Result<(), RenderError> {
+        self.check_arguments(data, camera, out)?;
+        let current = self.gl.make_current();
+        current.map_err(|reason| RenderError::Current {
+            backend: self.backend,
+            reason,
+        })?;
+        self.update_scene(data, camera)?;
+        self.draw(out);
+        flip_rows(out, 3 * self.width);
+        check_opengl("drawing")
+    }
+
+    fn check_arguments(
+        &self,
+        data: &Data,
+        camera: CameraId,
+        out: &[u8],
+    ) -> Result<(), RenderError> {
+        let cameras = self.model.get().ncam as usize;
+        if !Arc::ptr_eq(data.model(), &self.model) {
+            return Err(RenderError::OtherModel);
+        }
+        if out.len() != self.image_len() {
+            return Err(RenderError::Buffer {
+                expected: self.image_len(),
+                got: out.len(),
+            });
+        }
+        if camera.index() >= cameras {
+            return Err(RenderError::UnknownCamera {
+                index: camera.index(),
+                count: cameras,
+            });
+        }
+        Ok(())
+    }
+
+    fn update_scene(&mut self, data: &mut Data, camera: CameraId) -> Result<(), RenderError> {
+        let mut view = fixed_camera(camera);
+        // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
+        unsafe {
+            raw::mjv_updateScene(
+                self.model.as_ptr(),
+                data.as_ptr(),
+                &raw const *self.options,
+                std::ptr::null(),
+                &raw mut view,
+                raw::mjCAT_ALL.cast_signed(),
+                &raw mut *self.scene,
+            );
+        }
+        let full = &mut data.get_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
+        match std::mem::take(full) {
+            0 => Ok(()),
+            _ => Err(RenderError::SceneFull {
+                limit: self.scene.maxgeom as usize,
+            }),
+        }
+    }
+
+    fn draw(&mut self, out: &mut [u8]) {
+        let (width, height) = (self.width as i32, self.height as i32);
+        let viewport = raw::mjrRect {
+            left: 0,
+            bottom: 0,
+            width,
+            height,
+        };
+        // SAFETY: the context that `drawing` was made in is current; `out` holds exactly the
+        // viewport's pixels (checked by `render`); NULL asks for no depth.
+        unsafe {
+            raw::mjr_render(viewport, &raw mut *self.scene, &raw const *self.drawing);
+            raw::mjr_readPixels(
+                out.as_mut_ptr(),
+                std::ptr::null_mut(),
+                viewport,
+                &raw const *self.drawing,
+            );
+        }
+    }
+}
+
+impl Drop for Renderer {
+    fn drop(&mut self) {
+        // SAFETY: MuJoCo made both; the context's objects belong to our OpenGL context, and are
+        // freed with it anyway where it cannot be made current.
+        unsafe {
+            if self.gl.make_current().is_ok() {
+                raw::mjr_freeContext(&raw mut *self.drawing);
+            }
+            raw::mjv_freeScene(&raw mut *self.scene);
+        }
+    }
+}
+
+/// Makes MuJoCo's drawing context, with an off-screen buffer of the size asked for.
+fn make_drawing(
+    model: &Model,
+    width: usize,
+    height: usize,
+    options: &RenderOptions,
+) -> Box<raw::mjrContext> {
+    // buffer sizes are read from the model, which is shared: alter a shallow copy
+    let mut copy = *model.get();
+    copy.vis.global.offwidth = width as i32;
+    copy.vis.global.offheight = height as i32;
+    copy.vis.quality.offsamples = 0;
+    if !options.shadows {
+        copy.vis.quality.shadowsize = 0;
+    }
+    let mut drawing = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjr_defaultContext` fills the struct in; the copy's pointers are the model's, alive
+    // and only read; an OpenGL context with the features MuJoCo needs is current.
+    unsafe {
+        raw::mjr_defaultContext(drawing.as_mut_ptr());
+        raw::mjr_makeContext(
+            &raw const copy,
+            drawing.as_mut_ptr(),
+            raw::mjFONTSCALE_100.cast_signed(),
+        );
+        raw::mjr_setBuffer(raw::mjFB_OFFSCREEN.cast_signed(), drawing.as_mut_ptr());
+        drawing.assume_init()
+    }
+}
+
+fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
+    let sizes = model.get();
+    // one per geom and site, and one per piece of tendon
+    let max_geoms = sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1;
+    let mut scene = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
+    let mut scene: Box<raw::mjvScene> = unsafe {
+        raw::mjv_defaultScene(scene.as_mut_ptr());
+        raw::mjv_makeScene(model.as_ptr(), scene.as_mut_ptr(), max_geoms);
+        scene.assume_init()
+    };
+    scene.flags.fill(0);
+    scene.flags[raw::mjRND_CULL_FACE as usize] = 1;
+    scene.flags[raw::mjRND_SHADOW as usize] = options.shadows.into();
+    scene
+}
+
+fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
+    let mut visible = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjv_defaultOption` fills the struct in.
+    let mut visible: Box<raw::mjvOption> = unsafe {
+        raw::mjv_defaultOption(visible.as_mut_ptr());
+        visible.assume_init()
+    };
+    visible.geomgroup = options.geom_groups.map(u8::from);
+    visible.sitegroup = options.site_groups.map(u8::from);
+    visible.flags.fill(0);
+    for flag in [
+        raw::mjVIS_TEXTURE,
+        raw::mjVIS_TENDON,
+        raw::mjVIS_STATIC,
+        raw::mjVIS_SKIN,
+    ] {
+        visible.flags[flag as usize] = 1;
+    }
+    visible
+}
+
+fn fixed_camera(camera: CameraId) -> raw::mjvCamera {
+    let mut view = MaybeUninit::uninit();
+    // SAFETY: `mjv_defaultCamera` fills the struct in.
+    let mut view = unsafe {
+        raw::mjv_defaultCamera(view.as_mut_ptr());
+        view.assume_init()
+    };
+    view.type_ = raw::mjCAMERA_FIXED.cast_signed();
+    view.fixedcamid = camera.index() as i32;
+    view
+}
+
+fn check_opengl(during: &'static str) -> Result<(), RenderError> {
+    // SAFETY: an OpenGL context is current and MuJoCo has loaded its functions.
+    match unsafe { raw::mjr_getError() } {
+        0 => Ok(()),
+        code => Err(RenderError::OpenGl {
+            code: code.cast_unsigned(),
+            during,
+        }),
+    }
+}
+
+/// OpenGL's images begin at the bottom. The one place where the project turns them over.
+fn flip_rows(image: &mut [u8], row: usize) {
+    let rows = image.len() / row;
+    for top in 0..rows / 2 {
+        let (upper, lower) = image.split_at_mut((rows - 1 - top) * row);
+        upper[top * row..][..row].swap_with_slice(&mut lower[..row]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_reversed_and_pixels_kept() {
+        let mut image = [1, 2, 3, 4, 5, 6, 7, 8, 9];
+        flip_rows(&mut image, 3);
+        assert_eq!(image, [7, 8, 9, 4, 5, 6, 1, 2, 3]);
+        flip_rows(&mut image[..6], 3);
+        assert_eq!(image, [4, 5, 6, 7, 8, 9, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,132 @@
+//! MuJoCo's virtual file system: files held in memory while a model is parsed.
+
+use std::ffi::CString;
+use std::ptr;
+
+use crate::error::ModelError;
+use crate::raw;
+
+/// Owns an `mjVFS`.
+pub(crate) struct Vfs {
+    // two megabytes of fixed arrays: on the heap, and never moved
+    raw: Box<raw::mjVFS>,
+}
+
+impl Vfs {
+    pub(crate) fn new() -> Self {
+        // SAFETY: an mjVFS is integers, characters and pointers; all-zero bytes are a valid value.
+        let mut raw = unsafe { Box::<raw::mjVFS>::new_zeroed().assume_init() };
+        // SAFETY: the pointer is to a live mjVFS.
+        unsafe { raw::mj_defaultVFS(&raw mut *raw) };
+        Self { raw }
+    }
+
+    /// Copies `content` in under `name`.
+    pub(crate) fn add(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
+        let c_name = file_name(name)?;
+        let size = file_size(name, content)?;
+        // SAFETY: live mjVFS, NUL-terminated name shorter than mjMAXVFSNAME, positive size.
+        let status = unsafe { raw::mj_makeEmptyFileVFS(&raw mut *self.raw, c_name.as_ptr(), size) };
+        check_status(name, status)?;
+        let slot = self.raw.filedata[self.last()];
+        // SAFETY: MuJoCo has just allocated `size` bytes for the last file; `content` is no part of them.
+        unsafe { ptr::copy_nonoverlapping(content.as_ptr(), slot.cast::<u8>(), content.len()) };
+        Ok(())
+    }
+
+    pub(crate) fn as_ptr(&self) -> *const raw::mjVFS {
+        &raw const *self.raw
+    }
+
+    fn last(&self) -> usize {
+        self.raw.nfile as usize - 1
+    }
+}
+
+impl Drop for Vfs {
+    fn drop(&mut self) {
+        // SAFETY: live mjVFS, whose files MuJoCo allocated; nothing uses them afterwards.
+        unsafe { raw::mj_deleteVFS(&raw mut *self.raw) };
+    }
+}
+
+/// MuJoCo strips folders from names, so names with folders would not be found again.
+pub(crate) fn file_name(name: &str) -> Result<CString, ModelError> {
+    let refuse = |reason| ModelError::FileName {
+        name: name.into(),
+        reason,
+    };
+    if name.is_empty() {
+        return Err(refuse("it is empty"));
+    }
+    if name.len() >= raw::mjMAXVFSNAME as usize {
+        return Err(refuse("it has 1000 bytes or more"));
+    }
+    if name.contains(['/', '\\']) {
+        return Err(refuse(
+            "it holds a folder; files are found by their plain name",
+        ));
+    }
+    CString::new(name).map_err(|_| refuse("it holds a NUL character"))
+}
+
+fn file_size(name: &str, content: &[u8]) -> Result<i32, ModelError> {
+    match i32::try_from(content.len()) {
+        Ok(size) if size > 0 => Ok(size),
+        _ => Err(ModelError::FileSize {
+            name: name.into(),
+            size: content.len(),
+        }),
+    }
+}
+
+fn check_status(name: &str, status: i32) -> Result<(), ModelError> {
+    let refuse = |reason| {
+        Err(ModelError::FileName {
+            name: name.into(),
+            reason,
+        })
+    };
+    match status {
+        0 => Ok(()),
+        1 => refuse("the virtual file system is full (2000 files)"),
+        _ => refuse("another file of this name was given"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_held() {
+        let mut vfs = Vfs::new();
+        vfs.add("a.xml", b"one").unwrap();
+        vfs.add("b.xml", b"three").unwrap();
+        assert_eq!(vfs.raw.nfile, 2);
+        assert_eq!(vfs.raw.filesize[..2], [3, 5]);
+    }
+
+    #[test]
+    fn bad_files_are_refused() {
+        let mut vfs = Vfs::new();
+        vfs.add("a.xml", b"one").unwrap();
+        for (name, content) in [("a.xml", "x"), ("", "x"), ("f/a.xml", "x"), ("a\0b", "x")] {
+            let error = vfs.add(name, content.as_bytes()).unwrap_err();
+            assert!(
+                matches!(error, ModelError::FileName { .. }),
+                "{name:?}: {error}"
+            );
+        }
+        let error = vfs.add("empty.xml", b"").unwrap_err();
+        assert_eq!(
+            error,
+            ModelError::FileSize {
+                name: "empty.xml".into(),
+                size: 0
+            }
+        );
+        let error = vfs.add(&"x".repeat(1000), b"x").unwrap_err();
+        assert!(matches!(error, ModelError::FileName { .. }));
+    }
+}

@@ -1,0 +1,153 @@
+//! Loading models, and finding things in them.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+use mujoco::{Model, ModelError};
+
+const ARM: &str = r#"<mujoco>
+  <option timestep="0.0025"/>
+  <worldbody>
+    <body name="target" mocap="true" pos="1 2 3"/>
+    <body name="base"><joint name="lift" type="slide" axis="0 0 1" range="-1 2" limited="true"/>
+      <geom name="block" type="box" size=".1 .2 .3" group="3" rgba=".25 .5 .75 1" contype="2" conaffinity="4"/>
+      <body name="tip" pos="0 0 1"><joint name="turn"/><geom size=".1"/><site name="mark"/></body>
+    </body>
+    <camera name="top" pos="0 0 2"/>
+  </worldbody>
+  <actuator><motor name="drive" joint="lift" ctrllimited="true" ctrlrange="-3 4"/></actuator>
+</mujoco>"#;
+
+#[test]
+fn sizes_and_readers() {
+    let model = Model::from_xml(ARM).unwrap();
+    assert_eq!(
+        (model.nq(), model.nv(), model.nu(), model.nmocap()),
+        (2, 2, 1, 1)
+    );
+    assert_eq!((model.nbody(), model.ngeom()), (4, 2));
+    assert_eq!(model.timestep(), 0.0025);
+    let (lift, turn) = (model.joint("lift").unwrap(), model.joint("turn").unwrap());
+    assert_eq!(
+        (
+            model.joint_qpos_address(turn),
+            model.joint_dof_address(turn)
+        ),
+        (1, 1)
+    );
+    assert_eq!(model.joint_range(lift), Some([-1.0, 2.0]));
+    assert_eq!(model.joint_range(turn), None);
+    assert_eq!(
+        model.ctrl_range(model.actuator("drive").unwrap()),
+        Some([-3.0, 4.0])
+    );
+    let block = model.geom("block").unwrap();
+    assert_eq!(model.geom_group(block), 3);
+    assert_eq!(model.geom_rgba(block), [0.25, 0.5, 0.75, 1.0]);
+    assert_eq!(model.geom_size(block), [0.1, 0.2, 0.3]);
+    assert_eq!(model.geom_collision_masks(block), (2, 4));
+    let base = model.body("base").unwrap();
+    assert_eq!(model.geom_body(block), base);
+    assert!(model.body_invweight0(base)[0] > 0.0);
+    assert_eq!(model.name(base), Some("base"));
+    assert_eq!(model.warning(), None);
+}
+
+#[test]
+fn ids_are_indices() {
+    let model = Model::from_xml(ARM).unwrap();
+    assert_eq!(model.body("world").unwrap().index(), 0);
+    assert_eq!(model.body("tip").unwrap().index(), 3);
+    assert_eq!(model.mocap("target").unwrap().index(), 0);
+    assert_eq!(model.site("mark").unwrap().index(), 0);
+    assert_eq!(model.camera("top").unwrap().index(), 0);
+    assert_eq!(format!("{:?}", model.body("tip").unwrap()), "body 3");
+}
+
+#[test]
+fn an_unknown_name_lists_the_known_ones() {
+    let model = Model::from_xml(ARM).unwrap();
+    let error = model.body("tpi").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the model has no body named `tpi`; known: world, target, base, tip"
+    );
+    // the second geom has no name: it is neither listed nor found
+    let error = model.geom("").unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "the model has no geom named ``; known: block"
+    );
+    assert!(model.joint("li\0ft").is_err());
+    let error = model.mocap("tip").unwrap_err();
+    assert_eq!(
+        error,
+        ModelError::NotMocap {
+            name: "tip".into(),
+            known: vec!["target".into()]
+        }
+    );
+}
+
+#[test]
+fn includes_are_found_among_the_files() {
+    let main = br#"<mujoco><include file="part.xml"/></mujoco>"#;
+    let part = br#"<mujoco><worldbody><body name="included"/></worldbody></mujoco>"#;
+    let model = Model::from_files("main.xml", &[("part.xml", part), ("main.xml", main)]).unwrap();
+    assert!(model.body("included").is_ok());
+
+    let error = Model::from_files("main.xml", &[("main.xml", main)]).unwrap_err();
+    assert!(error.to_string().contains("part.xml"), "{error}");
+}
+
+#[test]
+fn bad_xml_carries_mujocos_message() {
+    let error = Model::from_xml("<mujoco><worldbody><bdy/></worldbody></mujoco>").unwrap_err();
+    let ModelError::Load { file, message } = &error else {
+        panic!("{error}");
+    };
+    assert_eq!(file, "model.xml");
+    assert!(
+        message.contains("bdy") && message.contains("line"),
+        "{message}"
+    );
+}
+
+#[test]
+fn errors_of_the_compiler_and_the_engine_are_values() {
+    let negative =
+        r#"<mujoco><worldbody><body><joint/><geom size="-1"/></body></worldbody></mujoco>"#;
+    let error = Model::from_xml(negative).unwrap_err();
+    assert!(error.to_string().contains("size"), "{error}");
+    let truncated = Model::from_xml("<mujoco><worldbody>").unwrap_err();
+    assert!(matches!(truncated, ModelError::Load { .. }));
+}
+
+#[test]
+fn the_main_file_must_be_given() {
+    let error = Model::from_files("main.xml", &[("part.xml", b"<mujoco/>")]).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "main file `main.xml` is not among the files given: part.xml"
+    );
+}
+
+#[test]
+fn models_load_on_several_threads_at_once() {
+    std::thread::scope(|scope| {
+        for thread in 0..4 {
+            scope.spawn(move || {
+                let xml =
+                    format!(r#"<mujoco><worldbody><body name="b{thread}"/></worldbody></mujoco>"#);
+                for _ in 0..20 {
+                    assert!(
+                        Model::from_xml(&xml)
+                            .unwrap()
+                            .body(&format!("b{thread}"))
+                            .is_ok()
+                    );
+                    assert!(Model::from_xml("<mujoco><no/></mujoco>").is_err());
+                }
+            });
+        }
+    });
+}
