@@ -1,0 +1,184 @@
+//! Minibatches in fixed chunks, in parallel, with the same bits for any number of threads.
+
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+
+use crate::Scalar;
+
+/// Chunks whose gradients are held at the same time; it bounds memory, not the batch.
+const WAVE: usize = 64;
+/// Parameters that one task of the reduction adds up: a piece that stays in the first-level cache.
+const PIECE: usize = 2048;
+
+/// Runs a minibatch in chunks of samples on the threads of the current rayon pool.
+///
+/// Every chunk writes a gradient buffer of its own and the buffers are added in chunk
+/// order, so the result does not depend on the number of threads. Buffers and workspaces are kept
+/// between calls. A workspace (activations, scratch) is lent to one chunk at a time; what
+/// a chunk computes must not depend on what an earlier one left in it.
+///
+/// ```
+/// use equivariant::Chunks;
+///
+/// // the gradient of the sum of (w s)^2 / 2 over the samples s
+/// let samples: Vec<f64> = (0..10).map(f64::from).collect();
+/// let w = 2.0;
+/// let mut chunks = Chunks::new(1, 4, || ());
+/// let mut gradient = [0.0];
+/// let losses = chunks.accumulate(samples.len(), &mut gradient, |range, _, grad| {
+///     let mut loss = 0.0;
+///     for s in &samples[range] {
+///         loss += (w * s).powi(2) / 2.0;
+///         grad[0] += w * s * s;
+///     }
+///     loss
+/// });
+/// assert_eq!(losses.len(), 3);
+/// assert_eq!(losses.iter().sum::<f64>(), 570.0);
+/// assert_eq!(gradient, [570.0]);
+/// ```
+pub struct Chunks<T, W> {
+    num_params: usize,
+    chunk_size: usize,
+    new_workspace: Box<dyn Fn() -> W + Send + Sync>,
+    workspaces: Mutex<Vec<W>>,
+    gradients: Vec<Vec<T>>,
+}
+
+impl<T: Scalar, W: Send> Chunks<T, W> {
+    /// An engine for gradients of `num_params` parameters and chunks of `chunk_size` samples.
+    ///
+    /// `new_workspace` is called once for each thread that comes to work at the same time.
+    ///
+    /// # Panics
+    /// When `chunk_size` is 0.
+    pub fn new(
+        num_params: usize,
+        chunk_size: usize,
+        new_workspace: impl Fn() -> W + Send + Sync + 'static,
+    ) -> Chunks<T, W> {
+        assert!(chunk_size > 0, "got a chunk size of 0, expected at least 1");
+        Chunks {
+            num_params,
+            chunk_size,
+            new_workspace: Box::new(new_workspace),
+            workspaces: Mutex::new(Vec::new()),
+            gradients: Vec::new(),
+        }
+    }
+
+    /// The number of samples of a chunk; the last one of a batch may be smaller.
+    pub fn chunk_size(&self) -> usize {
+        self.chunk_size
+    }
+
+    /// Adds the gradients of all chunks of `0..num_samples` to `gradient` `[num_params]`.
+    ///
+    /// `f(samples, workspace, chunk_gradient)` adds the gradient of its samples to
+    /// `chunk_gradient`, which starts at zero. Returns what `f` returned, in chunk order.
+    ///
+    /// # Panics
+    /// When `gradient` does not hold `num_params` values.
+    pub fn accumulate<S: Send>(
+        &mut self,
+        num_samples: usize,
+        gradient: &mut [T],
+        f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
+    ) -> Vec<S> {
+        assert_eq!(
+            gradient.len(),
+            self.num_params,
+            "wrong number of parameters"
+        );
+        let ranges = self.ranges(num_samples);
+        let mut buffers = std::mem::take(&mut self.gradients);
+        buffers.resize_with(buffers.len().max(ranges.len().min(WAVE)), || {
+            vec![T::ZERO; self.num_params]
+        });
+        let mut results = Vec::with_capacity(ranges.len());
+        for wave in ranges.chunks(WAVE) {
+            let one = |(range, buffer): (&Range<usize>, &mut Vec<T>)| {
+                buffer.fill(T::ZERO);
+                self.lend(|workspace| f(range.clone(), workspace, buffer))
+            };
+            results.par_extend(wave.par_iter().zip(&mut buffers).map(one));
+            add_in_order(gradient, &buffers[..wave.len()]);
+        }
+        self.gradients = buffers;
+        results
+    }
+
+    /// Runs `f(samples, workspace)` on every chunk of `0..num_samples`; results in chunk order.
+    pub fn map<S: Send>(
+        &self,
+        num_samples: usize,
+        f: impl Fn(Range<usize>, &mut W) -> S + Sync,
+    ) -> Vec<S> {
+        self.ranges(num_samples)
+            .into_par_iter()
+            .map(|range| self.lend(|workspace| f(range, workspace)))
+            .collect()
+    }
+
+    /// Runs `f(samples, workspace, rows)` on every chunk, where `rows` are the chunk's rows of `out`.
+    ///
+    /// `out` holds `width` values per sample; it is how inference returns a network's outputs.
+    ///
+    /// # Panics
+    /// When the length of `out` is not a multiple of `width`, or `width` is 0.
+    pub fn map_rows<V: Send, S: Send>(
+        &self,
+        out: &mut [V],
+        width: usize,
+        f: impl Fn(Range<usize>, &mut W, &mut [V]) -> S + Sync,
+    ) -> Vec<S> {
+        assert!(
+            width > 0 && out.len().is_multiple_of(width),
+            "got {} values, expected a multiple of the width {width}",
+            out.len()
+        );
+        let ranges = self.ranges(out.len() / width);
+        let rows = out.par_chunks_mut(width * self.chunk_size);
+        ranges
+            .into_par_iter()
+            .zip(rows)
+            .map(|(range, rows)| self.lend(|workspace| f(range, workspace, rows)))
+            .collect()
+    }
+
+    fn ranges(&self, num_samples: usize) -> Vec<Range<usize>> {
+        (0..num_samples)
+            .step_by(self.chunk_size)
+            .map(|start| start..num_samples.min(start + self.chunk_size))
+            .collect()
+    }
+
+    fn lend<S>(&self, f: impl FnOnce(&mut W) -> S) -> S {
+        let idle = self.lock().pop();
+        let mut workspace = idle.unwrap_or_else(|| (self.new_workspace)());
+        let result = f(&mut workspace);
+        self.lock().push(workspace);
+        result
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<W>> {
+        // the list is whole even when a chunk panicked: its workspace is then merely lost
+        self.workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Adds the buffers, in their order, to every entry of `sum`.
+fn add_in_order<T: Scalar>(sum: &mut [T], buffers: &[Vec<T>]) {
+    let pieces = sum.par_chunks_mut(PIECE).enumerate();
+    pieces.for_each(|(i, piece)| {
+        for buffer in buffers {
+            for (sum, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
+                *sum += value;
+            }
+        }
+    });
+}

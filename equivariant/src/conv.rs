@@ -1,0 +1,210 @@
+//! Steerable convolutions.
+
+use std::fmt;
+
+use rand::Rng;
+use symmetry::{FieldType, Irrep};
+
+use crate::blocks::{Blocks, Rows, RowsMut};
+use crate::fold::{Fold, Matrices};
+use crate::{Kernel, Layer, LayerError, Scalar, Shape};
+
+/// Output pixels that go into one matrix product; small images are batched up to it.
+const GROUP_PIXELS: usize = 144;
+
+/// A convolution that commutes with D2, with a bias on the trivial irrep.
+///
+/// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
+/// ICLR 2017). Between irreps a and b that is w(g t) = sign_(a xor b)(g) w(t): even or odd along each axis.
+/// Patches are therefore folded into even and odd parts, and output irrep b is one product of its folded
+/// columns with a matrix of parameters `[out multiplicity of b, columns]`. The columns
+/// are ordered by parity (in x, then y), tap (row-major) and channel; the four matrices come in irrep
+/// order, then the bias. Every steerable kernel on the grid is reached.
+#[derive(Clone, Debug)]
+pub struct R2Conv {
+    fold: Fold,
+    blocks: Blocks,
+    out_type: FieldType,
+}
+
+impl R2Conv {
+    /// A convolution of maps of `[height, width]` pixels.
+    ///
+    /// # Errors
+    /// When it would not commute with flips (see [`Kernel::out_size`]) or the kernel does not fit.
+    pub fn new(
+        in_type: FieldType,
+        out_type: FieldType,
+        kernel: Kernel,
+        [height, width]: [usize; 2],
+    ) -> Result<R2Conv, LayerError> {
+        let out_size = [kernel.out_size(height)?, kernel.out_size(width)?];
+        let fold = Fold::new(in_type, kernel, [height, width], out_size);
+        let blocks = Blocks::new(Irrep::ALL.map(|b| fold.cols(b)), out_type);
+        Ok(R2Conv {
+            fold,
+            blocks,
+            out_type,
+        })
+    }
+
+    pub(crate) fn fold(&self) -> &Fold {
+        &self.fold
+    }
+
+    pub(crate) fn blocks(&self) -> &Blocks {
+        &self.blocks
+    }
+
+    pub(crate) fn out_type(&self) -> FieldType {
+        self.out_type
+    }
+
+    fn shape_in(&self) -> Shape {
+        let [height, width] = self.fold.in_size();
+        Shape::image(height, width, self.fold.in_type())
+    }
+
+    fn shape_out(&self) -> Shape {
+        let [height, width] = self.fold.out_size();
+        Shape::image(height, width, self.out_type)
+    }
+
+    /// The number of samples whose pixels share a matrix product.
+    fn group(&self) -> usize {
+        (GROUP_PIXELS / self.fold.out_pixels()).max(1)
+    }
+
+    /// Cuts the scratch into the lines of the fold and the matrices of a group of samples.
+    fn parts<'a, T>(&self, scratch: &'a mut [T], samples: usize) -> (&'a mut [T], Matrices<'a, T>) {
+        let (lines, mut rest) = scratch.split_at_mut(self.fold.lines_len());
+        let rows = samples * self.fold.out_pixels();
+        let matrices = Irrep::ALL.map(|b| {
+            let (matrix, others) = std::mem::take(&mut rest).split_at_mut(rows * self.fold.cols(b));
+            rest = others;
+            matrix
+        });
+        (lines, matrices)
+    }
+
+    fn gather<T: Scalar>(&self, x: &[T], lines: &mut [T], matrices: &mut Matrices<T>) {
+        for (i, image) in x.chunks_exact(self.shape_in().len()).enumerate() {
+            let first = i * self.fold.out_pixels();
+            self.fold.gather(image, lines, matrices, first);
+        }
+    }
+
+    fn rows<'a, T>(&self, b: Irrep, matrices: &'a Matrices<T>) -> Rows<'a, T> {
+        Rows {
+            data: &*matrices[b.index()],
+            stride: self.fold.cols(b),
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for R2Conv {
+    fn in_shape(&self) -> Shape {
+        self.shape_in()
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.shape_out()
+    }
+
+    fn num_params(&self) -> usize {
+        self.blocks.num_params()
+    }
+
+    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        self.blocks.init(rng, gain, params);
+    }
+
+    fn scratch_len(&self, samples: usize) -> usize {
+        let rows = self.group().min(samples) * self.fold.out_pixels();
+        self.fold.lines_len() + rows * self.fold.all_cols()
+    }
+
+    fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        self.blocks.fill_bias(params, y);
+        let group = self.group();
+        let xs = x.chunks(group * self.shape_in().len());
+        let ys = y.chunks_mut(group * self.shape_out().len());
+        for (x, y) in xs.zip(ys) {
+            let samples = self.shape_in().samples(x.len());
+            let (lines, mut matrices) = self.parts(scratch, samples);
+            self.gather(x, lines, &mut matrices);
+            for b in Irrep::ALL {
+                self.blocks.forward(b, params, self.rows(b, &matrices), y);
+            }
+        }
+    }
+
+    fn backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        mut dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
+        self.blocks.add_bias_gradient(dy, dparams);
+        let group = self.group();
+        let (in_len, out_len) = (self.shape_in().len(), self.shape_out().len());
+        let xs = x.chunks(group * in_len);
+        for (i, (x, dy)) in xs.zip(dy.chunks(group * out_len)).enumerate() {
+            let samples = self.shape_in().samples(x.len());
+            let (lines, mut matrices) = self.parts(scratch, samples);
+            self.gather(x, lines, &mut matrices);
+            for b in Irrep::ALL {
+                let rows = self.rows(b, &matrices);
+                self.blocks.add_weight_gradient(b, rows, dy, dparams);
+            }
+            if let Some(dx) = dx.as_deref_mut() {
+                let dx = &mut dx[i * group * in_len..][..x.len()];
+                self.input_gradient(params, dy, dx, lines, &mut matrices);
+            }
+        }
+    }
+}
+
+impl R2Conv {
+    fn input_gradient<T: Scalar>(
+        &self,
+        params: &[T],
+        dy: &[T],
+        dx: &mut [T],
+        lines: &mut [T],
+        matrices: &mut Matrices<T>,
+    ) {
+        for b in Irrep::ALL {
+            let block = RowsMut {
+                data: &mut *matrices[b.index()],
+                stride: self.fold.cols(b),
+            };
+            self.blocks.input_gradient(b, params, dy, block);
+        }
+        for (i, image) in dx.chunks_exact_mut(self.shape_in().len()).enumerate() {
+            let first = i * self.fold.out_pixels();
+            self.fold.scatter(image, lines, matrices, first);
+        }
+    }
+}
+
+impl fmt::Display for R2Conv {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Kernel {
+            size,
+            stride,
+            padding,
+        } = self.fold.kernel();
+        write!(
+            f,
+            "R2Conv({} -> {}, {size} x {size} stride {stride} padding {padding} | {} parameters)",
+            self.shape_in(),
+            self.shape_out(),
+            self.blocks.num_params()
+        )
+    }
+}

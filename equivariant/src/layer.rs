@@ -1,0 +1,69 @@
+//! What a layer is.
+
+use rand::Rng;
+
+use crate::{Scalar, Shape};
+
+/// The gain of weights that are followed by a ReLU: it halves the second moment.
+const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
+
+/// An equivariant map of feature maps that owns no weights.
+///
+/// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
+/// `in_shape().len()`. Methods panic when the lengths of their slices do not agree.
+pub trait Layer<T: Scalar>: Send + Sync {
+    /// The shape of one input sample.
+    fn in_shape(&self) -> Shape;
+
+    /// The shape of one output sample.
+    fn out_shape(&self) -> Shape;
+
+    /// The number of parameters.
+    fn num_params(&self) -> usize;
+
+    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
+    ///
+    /// For inputs of unit second moment every output then has the second moment gain^2,
+    /// averaged over the weights. In a sequence, `gain` is that of the last layer with parameters;
+    /// the layers before it keep the gain of [`init`](Layer::init).
+    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]);
+
+    /// Draws the weights for a layer followed by a ReLU: gain sqrt(2).
+    ///
+    /// He et al., "Delving deep into rectifiers", ICCV 2015, equation 10.
+    fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {
+        self.init_scaled(rng, RELU_GAIN, params);
+    }
+
+    /// The length that `scratch` must at least have for this many samples.
+    fn scratch_len(&self, samples: usize) -> usize;
+
+    /// Whether `backward` reads what `forward` left in `scratch`.
+    fn keeps_scratch(&self) -> bool {
+        false
+    }
+
+    /// Writes f(x) into `y`. The contents of `scratch` on entry do not matter.
+    fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
+
+    /// Adds the gradient in the parameters to `dparams` and, where asked for, writes that in the
+    /// input into `dx`.
+    ///
+    /// `x` and `y` are those of the forward pass and `dy` is the gradient in `y`. When the
+    /// layer [keeps its scratch](Layer::keeps_scratch), `scratch` must be as `forward` of the same
+    /// samples left it.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "flat slices, each with one meaning, and no tape that would hide them"
+    )]
+    fn backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    );
+}

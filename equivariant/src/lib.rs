@@ -1,0 +1,69 @@
+//! D2-equivariant layers with explicit forward and backward passes.
+//!
+//! A layer maps a feature map of one [`FieldType`] to another and commutes with the
+//! flips of the table: f(g x) = g f(x) for every g of [`symmetry::D2`]. Features live in the irrep
+//! basis, where an equivariant linear map is block-diagonal (Schur's lemma), so
+//! the entries of the blocks are the parameters and nothing is expanded.
+//!
+//! - Layers own no weights. The parameters of a network are one flat slice, in the order of its
+//!   layers; gradients have the same layout.
+//! - Feature maps are `[N, H, W, C]`, channels last, channels irrep-major ([`FieldType::range`]);
+//!   vectors are maps of height and width 1.
+//! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw, and all
+//!   buffers belong to the caller, so a training step allocates nothing after the first.
+//! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current
+//!   rayon pool, with the same bits for any number of threads.
+//!
+//! ```
+//! use equivariant::{FieldType, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, equivariance_error};
+//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+//!
+//! let kernel = Kernel { size: 4, stride: 2, padding: 1 };
+//! let conv = R2Conv::new(FieldType::trivial(3), FieldType::regular(4), kernel, [8, 8])?;
+//! let relu = Relu::new(Layer::<f32>::out_shape(&conv))?;
+//! let net: Sequential<f32> = Sequential::new(vec![Box::new(conv), Box::new(relu)])?;
+//!
+//! let mut rng = ChaCha8Rng::seed_from_u64(1);
+//! let mut params = vec![0.0; net.num_params()];
+//! net.init(&mut rng, &mut params);
+//! assert!(equivariance_error(&net, &params, 4, &mut rng) < 1e-5);
+//! # Ok::<(), LayerError>(())
+//! ```
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
+mod blocks;
+mod butterfly;
+mod check;
+mod chunks;
+mod conv;
+mod error;
+mod expand;
+mod fold;
+mod hadamard;
+mod init;
+mod kernel;
+mod layer;
+mod linear;
+mod pool;
+mod relu;
+mod scalar;
+mod sequential;
+mod shape;
+
+pub use check::{equivariance_error, equivariance_error_of};
+pub use chunks::Chunks;
+pub use conv::R2Conv;
+pub use error::LayerError;
+pub use hadamard::hadamard;
+pub use kernel::Kernel;
+pub use layer::Layer;
+pub use linear::Linear;
+pub use pool::GroupMaxPool;
+pub use relu::Relu;
+pub use scalar::Scalar;
+pub use sequential::Sequential;
+pub use shape::Shape;
+pub use symmetry::FieldType;

@@ -1,0 +1,105 @@
+//! Equivariant linear layers on vectors.
+
+use std::fmt;
+
+use rand::Rng;
+use symmetry::{FieldType, Irrep};
+
+use crate::blocks::{Blocks, Rows, RowsMut};
+use crate::{Layer, Scalar, Shape};
+
+/// A linear map of vectors, with a bias on the trivial irrep.
+///
+/// By Schur's lemma it mixes channels of the same irrep only: y_b = W_b x_b. The parameters are W_b
+/// `[out multiplicity of b, in multiplicity of b]` in irrep order, then the bias.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    in_type: FieldType,
+    out_type: FieldType,
+    blocks: Blocks,
+}
+
+impl Linear {
+    /// The map between two types; an output irrep that the input lacks is zero.
+    pub fn new(in_type: FieldType, out_type: FieldType) -> Linear {
+        let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
+        Linear {
+            in_type,
+            out_type,
+            blocks: Blocks::new(cols, out_type),
+        }
+    }
+
+    fn block_of<'a, T>(&self, b: Irrep, x: &'a [T]) -> Rows<'a, T> {
+        Rows {
+            data: x.get(self.in_type.range(b).start..).unwrap_or_default(),
+            stride: self.in_type.dim(),
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for Linear {
+    fn in_shape(&self) -> Shape {
+        Shape::vector(self.in_type)
+    }
+
+    fn out_shape(&self) -> Shape {
+        Shape::vector(self.out_type)
+    }
+
+    fn num_params(&self) -> usize {
+        self.blocks.num_params()
+    }
+
+    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        self.blocks.init(rng, gain, params);
+    }
+
+    fn scratch_len(&self, _samples: usize) -> usize {
+        0
+    }
+
+    fn forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.blocks.fill_bias(params, y);
+        for b in Irrep::ALL {
+            self.blocks.forward(b, params, self.block_of(b, x), y);
+        }
+    }
+
+    fn backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
+        self.blocks.add_bias_gradient(dy, dparams);
+        for b in Irrep::ALL {
+            self.blocks
+                .add_weight_gradient(b, self.block_of(b, x), dy, dparams);
+        }
+        let Some(dx) = dx else { return };
+        for b in Irrep::ALL {
+            let start = self.in_type.range(b).start;
+            let block = RowsMut {
+                data: dx.get_mut(start..).unwrap_or_default(),
+                stride: self.in_type.dim(),
+            };
+            self.blocks.input_gradient(b, params, dy, block);
+        }
+    }
+}
+
+impl fmt::Display for Linear {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let weights = self.blocks.num_params();
+        write!(
+            f,
+            "Linear({} -> {} | {weights} parameters)",
+            self.in_type, self.out_type
+        )
+    }
+}

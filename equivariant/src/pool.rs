@@ -1,0 +1,143 @@
+//! Group pooling: from regular fields to invariants.
+
+use std::fmt;
+
+use rand::Rng;
+use symmetry::FieldType;
+
+use crate::hadamard::{hadamard4, quarters, quarters_mut};
+use crate::{Layer, LayerError, Scalar, Shape};
+
+/// The maximum over the group of every regular field.
+///
+/// Maps n regular fields to n trivial channels: the largest of the four values in the regular basis. On
+/// ties the gradient goes to the first group element.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupMaxPool {
+    shape: Shape,
+    fields: usize,
+}
+
+impl GroupMaxPool {
+    /// The pooling of maps of this shape.
+    ///
+    /// # Errors
+    /// When the type is not regular fields only.
+    pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
+        match shape.fields.regular_fields() {
+            Some(fields) => Ok(GroupMaxPool { shape, fields }),
+            None => Err(LayerError::Type {
+                layer: "GroupMaxPool",
+                got: shape.fields,
+                expected: "regular fields only",
+            }),
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for GroupMaxPool {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        Shape {
+            fields: FieldType::trivial(self.fields),
+            ..self.shape
+        }
+    }
+
+    fn num_params(&self) -> usize {
+        0
+    }
+
+    fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
+
+    fn scratch_len(&self, _samples: usize) -> usize {
+        0
+    }
+
+    fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        assert_eq!(x.len(), 4 * y.len(), "expected one output for four inputs");
+        let n = self.fields.max(1);
+        for (x, y) in x.chunks_exact(4 * n).zip(y.chunks_exact_mut(n)) {
+            let [a, b, c, d] = quarters(x, n);
+            for f in 0..n {
+                y[f] = first_maximum(hadamard4([a[f], b[f], c[f], d[f]])).1;
+            }
+        }
+    }
+
+    fn backward(
+        &self,
+        _params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
+        let Some(dx) = dx else { return };
+        let n = self.fields.max(1);
+        let inputs = x.chunks_exact(4 * n).zip(dy.chunks_exact(n));
+        for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(4 * n)) {
+            let [a, b, c, d] = quarters(x, n);
+            let [da, db, dc, dd] = quarters_mut(dx, n);
+            for f in 0..n {
+                let (g, _) = first_maximum(hadamard4([a[f], b[f], c[f], d[f]]));
+                let mut values = [T::ZERO; 4];
+                values[g] = dy[f];
+                [da[f], db[f], dc[f], dd[f]] = hadamard4(values);
+            }
+        }
+    }
+}
+
+fn first_maximum<T: Scalar>(values: [T; 4]) -> (usize, T) {
+    let mut best = (0, values[0]);
+    for (g, &value) in values.iter().enumerate().skip(1) {
+        if value > best.1 {
+            best = (g, value);
+        }
+    }
+    best
+}
+
+impl fmt::Display for GroupMaxPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GroupMaxPool({})", self.shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ties_go_to_the_first_element() {
+        assert_eq!(first_maximum([1.0, 3.0, 3.0, 2.0]), (1, 3.0));
+    }
+
+    #[test]
+    fn the_largest_value_of_the_regular_basis_comes_out() {
+        let pool = GroupMaxPool::new(Shape::vector(FieldType::regular(1))).unwrap();
+        let x: [f64; 4] = hadamard4([1.0, -2.0, 3.0, -4.0]);
+        let mut y = [0.0];
+        pool.forward(&[], &x, &mut y, &mut []);
+        assert_eq!(y, [3.0]);
+        let mut dx = [0.0; 4];
+        pool.backward(&[], &x, &y, &[2.0], Some(&mut dx), &mut [], &mut []);
+        assert_eq!(hadamard4(dx), [0.0, 0.0, 2.0, 0.0]);
+    }
+
+    #[test]
+    fn trivial_channels_are_refused() {
+        let shape = Shape::vector(FieldType::trivial(4));
+        let message = GroupMaxPool::new(shape).unwrap_err().to_string();
+        assert!(
+            message.contains("got the type `4 1`, expected regular"),
+            "{message}"
+        );
+    }
+}

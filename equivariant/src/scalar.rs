@@ -1,0 +1,43 @@
+//! The two floating-point types that layers compute in.
+
+use std::fmt::{Debug, Display};
+
+use faer::traits::RealField;
+
+/// `f32` for training and `f64` for gradient checks.
+pub trait Scalar:
+    RealField + Copy + Default + Debug + Display + PartialOrd + Send + Sync + 'static
+{
+    /// The number 0.
+    const ZERO: Self;
+
+    /// The nearest value of this type.
+    fn from_f64(value: f64) -> Self;
+
+    /// The value in double precision.
+    fn to_f64(self) -> f64;
+}
+
+impl Scalar for f32 {
+    const ZERO: f32 = 0.0;
+
+    fn from_f64(value: f64) -> f32 {
+        value as f32
+    }
+
+    fn to_f64(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Scalar for f64 {
+    const ZERO: f64 = 0.0;
+
+    fn from_f64(value: f64) -> f64 {
+        value
+    }
+
+    fn to_f64(self) -> f64 {
+        self
+    }
+}

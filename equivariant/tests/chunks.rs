@@ -1,0 +1,126 @@
+//! The chunked gradient engine: same bits for any number of threads.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::{forward, network, normal, params};
+use equivariant::{Chunks, Layer, Sequential};
+
+const SAMPLES: usize = 150;
+const CHUNK: usize = 2;
+
+struct Workspace {
+    y: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+fn engine(net: &Sequential<f32>) -> Chunks<f32, Workspace> {
+    let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch_len(CHUNK));
+    Chunks::new(net.num_params(), CHUNK, move || Workspace {
+        y: vec![0.0; out],
+        scratch: vec![0.0; scratch],
+    })
+}
+
+/// Gradient and losses of half the squared output, after `rounds` calls.
+fn gradient(threads: usize, rounds: usize) -> (Vec<f32>, Vec<f32>) {
+    let net = network::<f32>();
+    let params = params(&net, 1);
+    let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
+    let x = normal::<f32>(SAMPLES * in_len, 2);
+    let mut chunks = engine(&net);
+    let mut run = || {
+        let mut gradient = vec![0.0; params.len()];
+        let losses = chunks.accumulate(SAMPLES, &mut gradient, |range, workspace, grad| {
+            let x = &x[range.start * in_len..range.end * in_len];
+            let y = &mut workspace.y[..range.len() * out_len];
+            net.forward(&params, x, y, &mut workspace.scratch);
+            net.backward(&params, x, y, y, None, grad, &mut workspace.scratch);
+            y.iter().map(|y| y * y / 2.0).sum::<f32>()
+        });
+        (gradient, losses)
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .unwrap();
+    pool.install(|| (1..rounds).for_each(|_| drop(run())));
+    pool.install(run)
+}
+
+#[test]
+fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
+    let expected = gradient(1, 1);
+    assert_eq!(expected.1.len(), SAMPLES / CHUNK);
+    for threads in [1, 2, 3] {
+        for rounds in [1, 3] {
+            assert_eq!(
+                gradient(threads, rounds),
+                expected,
+                "{threads} threads, {rounds} rounds"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_sum_over_chunks_is_the_gradient_of_the_batch() {
+    let net = network::<f32>();
+    let params = params(&net, 1);
+    let x = normal::<f32>(SAMPLES * net.in_shape().len(), 2);
+    let mut scratch = vec![0.0; net.scratch_len(SAMPLES)];
+    let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
+    net.forward(&params, &x, &mut y, &mut scratch);
+    let mut whole = vec![0.0; params.len()];
+    net.backward(&params, &x, &y, &y, None, &mut whole, &mut scratch);
+    let (summed, _) = gradient(2, 1);
+    let scale = whole.iter().fold(0.0f32, |m, d| m.max(d.abs()));
+    for (a, b) in whole.iter().zip(&summed) {
+        assert!((a - b).abs() < 1e-5 * scale, "{a} {b}");
+    }
+}
+
+#[test]
+fn accumulate_adds_to_what_is_there() {
+    let mut chunks: Chunks<f64, ()> = Chunks::new(2, 3, || ());
+    let mut gradient = [10.0, 20.0];
+    let sizes = chunks.accumulate(7, &mut gradient, |range, (), grad| {
+        grad[0] += range.len() as f64;
+        range.len()
+    });
+    assert_eq!(sizes, [3, 3, 1]);
+    assert_eq!(gradient, [17.0, 20.0]);
+    assert!(
+        chunks
+            .accumulate(0, &mut gradient, |_, (), _| ())
+            .is_empty()
+    );
+}
+
+#[test]
+fn rows_of_inference_arrive_in_order() {
+    let net = network::<f32>();
+    let params = params(&net, 1);
+    let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
+    let x = normal::<f32>(7 * in_len, 2);
+    let mut y = vec![0.0; 7 * out_len];
+    let chunks = engine(&net);
+    let starts = chunks.map_rows(&mut y, out_len, |range, workspace, y| {
+        let x = &x[range.start * in_len..range.end * in_len];
+        net.forward(&params, x, y, &mut workspace.scratch);
+        range.start
+    });
+    assert_eq!(starts, [0, 2, 4, 6]);
+    for (x, y) in x.chunks(in_len).zip(y.chunks(out_len)) {
+        let alone = forward(&net, &params, x);
+        assert!(alone.iter().zip(y).all(|(a, b)| (a - b).abs() < 1e-5));
+    }
+    assert_eq!(chunks.map(3, |range, _| range), [0..2, 2..3]);
+}
+
+#[test]
+#[should_panic(expected = "got a chunk size of 0")]
+fn empty_chunks_are_refused() {
+    Chunks::<f32, ()>::new(1, 0, || ());
+}

@@ -1,0 +1,65 @@
+//! f(g x) = g f(x) for every layer, and a checker that can fail.
+
+mod common;
+
+use common::{layers, params, rng};
+use equivariant::{FieldType, Scalar, Shape, equivariance_error, equivariance_error_of};
+
+fn worst<T: Scalar>(tolerance: f64) {
+    for (name, layer) in layers::<T>() {
+        let params = params(layer.as_ref(), 4);
+        let error = equivariance_error(layer.as_ref(), &params, 5, &mut rng(5));
+        assert!(error < tolerance, "{name}: error {error}");
+    }
+}
+
+#[test]
+fn layers_are_equivariant_in_double_precision() {
+    worst::<f64>(1e-12);
+}
+
+#[test]
+fn layers_are_equivariant_in_single_precision() {
+    worst::<f32>(1e-5);
+}
+
+fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
+    let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
+    equivariance_error_of(in_shape, out_shape, copy, 3, &mut rng(0))
+}
+
+#[test]
+fn the_checker_refuses_a_wrong_action_on_channels() {
+    let right = Shape::image(2, 3, FieldType::new([1, 1, 0, 0]));
+    let wrong = Shape::image(2, 3, FieldType::new([1, 0, 1, 0]));
+    assert_eq!(identity_between(right, right), 0.0);
+    assert!(identity_between(right, wrong) > 0.1);
+}
+
+#[test]
+fn the_checker_refuses_a_wrong_action_on_pixels() {
+    let tall = Shape::image(3, 2, FieldType::trivial(1));
+    let wide = Shape::image(2, 3, FieldType::trivial(1));
+    assert!(identity_between(tall, wide) > 0.1);
+}
+
+#[test]
+fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
+    let shape = Shape::vector(FieldType::new([0, 4, 0, 0]));
+    let relu = |x: &[f32], y: &mut [f32]| {
+        for (y, &x) in y.iter_mut().zip(x) {
+            *y = x.max(0.0);
+        }
+    };
+    assert!(equivariance_error_of(shape, shape, relu, 3, &mut rng(0)) > 0.1);
+}
+
+#[test]
+fn the_checker_refuses_what_is_not_finite() {
+    let shape = Shape::vector(FieldType::trivial(2));
+    let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);
+    assert_eq!(
+        equivariance_error_of(shape, shape, nan, 1, &mut rng(0)),
+        f64::INFINITY
+    );
+}

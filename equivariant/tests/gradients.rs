@@ -1,0 +1,99 @@
+//! Backward passes against central differences, in double precision.
+
+mod common;
+
+use common::{forward, layers, normal, params};
+use equivariant::Layer;
+
+const SAMPLES: usize = 3;
+const STEP: f64 = 1e-5;
+const TOLERANCE: f64 = 1e-7;
+
+struct Gradients {
+    dx: Vec<f64>,
+    dparams: Vec<f64>,
+}
+
+/// Gradients of `dy . f(x)`.
+fn gradients(layer: &dyn Layer<f64>, params: &[f64], x: &[f64], dy: &[f64]) -> Gradients {
+    let mut y = vec![0.0; dy.len()];
+    let mut scratch = vec![f64::NAN; layer.scratch_len(SAMPLES)];
+    layer.forward(params, x, &mut y, &mut scratch);
+    let mut dx = vec![f64::NAN; x.len()];
+    // one, not zero: gradients must be added
+    let mut dparams = vec![1.0; params.len()];
+    layer.backward(params, x, &y, dy, Some(&mut dx), &mut dparams, &mut scratch);
+    dparams.iter_mut().for_each(|d| *d -= 1.0);
+    Gradients { dx, dparams }
+}
+
+/// The derivative of `f` along entry `i` of `at`.
+fn difference(at: &[f64], i: usize, f: impl Fn(&[f64]) -> f64) -> f64 {
+    let moved = |by: f64| {
+        let mut moved = at.to_vec();
+        moved[i] += by;
+        f(&moved)
+    };
+    (moved(STEP) - moved(-STEP)) / (2.0 * STEP)
+}
+
+/// The largest error of analytic gradients over the largest of them.
+fn error(analytic: &[f64], at: &[f64], f: impl Fn(&[f64]) -> f64) -> f64 {
+    let scale = analytic.iter().fold(1e-3f64, |m, d| m.max(d.abs()));
+    // a spread of entries is enough, and a wrong formula is wrong nearly everywhere
+    let stride = (at.len() / 120).max(1);
+    (0..at.len())
+        .step_by(stride)
+        .map(|i| (difference(at, i, &f) - analytic[i]).abs() / scale)
+        .fold(0.0, f64::max)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[test]
+fn backward_is_the_derivative_of_forward() {
+    for (name, layer) in layers::<f64>() {
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let x = normal(SAMPLES * layer.in_shape().len(), 2);
+        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
+        let Gradients { dx, dparams } = gradients(layer, &params, &x, &dy);
+        let in_x = error(&dx, &x, |x| dot(&dy, &forward(layer, &params, x)));
+        assert!(in_x < TOLERANCE, "{name}: error {in_x} in the input");
+        let in_params = error(&dparams, &params, |params| {
+            dot(&dy, &forward(layer, params, &x))
+        });
+        assert!(
+            in_params < TOLERANCE,
+            "{name}: error {in_params} in the parameters"
+        );
+    }
+}
+
+#[test]
+fn the_comparison_sees_a_wrong_gradient() {
+    let x = [1.0, 2.0];
+    let square = |x: &[f64]| x[0] * x[0] + x[1];
+    assert!(error(&[2.0, 1.0], &x, square) < TOLERANCE);
+    assert!(error(&[2.0, 1.01], &x, square) > 1e-3);
+}
+
+#[test]
+fn parameter_gradients_do_not_need_the_input_gradient() {
+    for (name, layer) in layers::<f64>() {
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let x = normal(SAMPLES * layer.in_shape().len(), 2);
+        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
+        let expected = gradients(layer, &params, &x, &dy).dparams;
+        let mut y = vec![0.0; dy.len()];
+        let mut scratch = vec![f64::NAN; layer.scratch_len(SAMPLES)];
+        layer.forward(&params, &x, &mut y, &mut scratch);
+        let mut dparams = vec![1.0; params.len()];
+        layer.backward(&params, &x, &y, &dy, None, &mut dparams, &mut scratch);
+        dparams.iter_mut().for_each(|d| *d -= 1.0);
+        assert_eq!(dparams, expected, "{name}");
+    }
+}

@@ -1,0 +1,176 @@
+//! Convolutions against a naive one with the expanded kernel, over random types and geometries.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::{forward, normal, params};
+use equivariant::{FieldType, Kernel, Layer, LayerError, R2Conv, hadamard};
+use proptest::prelude::*;
+use symmetry::D2;
+
+/// Ordinary cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
+fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> {
+    let (input, output) = (
+        Layer::<f64>::in_shape(layer),
+        Layer::<f64>::out_shape(layer),
+    );
+    let (c_in, c_out, k) = (input.fields.dim(), output.fields.dim(), window.size);
+    let mut y = vec![0.0; output.len()];
+    for (i, y) in y.iter_mut().enumerate() {
+        let (pixel, out) = (i / c_out, i % c_out);
+        let (oy, ox) = (pixel / output.width, pixel % output.width);
+        for (j, weight) in kernel[out * c_in * k * k..][..c_in * k * k]
+            .iter()
+            .enumerate()
+        {
+            let (c, ty, tx) = (j / (k * k), j / k % k, j % k);
+            let row = (oy * window.stride + ty).wrapping_sub(window.padding);
+            let col = (ox * window.stride + tx).wrapping_sub(window.padding);
+            if row < input.height && col < input.width {
+                *y += weight * x[(row * input.width + col) * c_in + c];
+            }
+        }
+    }
+    y
+}
+
+fn with_zero_bias(layer: &R2Conv, seed: u64) -> Vec<f64> {
+    let mut params = params::<f64>(layer, seed);
+    let trivial = Layer::<f64>::out_shape(layer)
+        .fields
+        .range(symmetry::Irrep::Trivial)
+        .len();
+    let weights = params.len() - trivial;
+    params[weights..].fill(0.0);
+    params
+}
+
+fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max)
+}
+
+fn field_types() -> impl Strategy<Value = FieldType> {
+    proptest::array::uniform4(prop_oneof![3 => 0usize..4, 1 => 4usize..24])
+        .prop_map(FieldType::new)
+        .prop_filter("at least one channel", |t| t.dim() > 0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_convolution_is_that_of_its_expanded_kernel(
+        in_type in field_types(),
+        out_type in field_types(),
+        size in 1usize..6,
+        stride in 1usize..4,
+        padding in 0usize..3,
+        height in 1usize..9,
+        width in 1usize..9,
+        seed in 0u64..1000,
+    ) {
+        let window = Kernel { size, stride, padding };
+        let layer = R2Conv::new(in_type, out_type, window, [height, width]);
+        let exact = [height, width].map(|n| {
+            n + 2 * padding >= size && (n + 2 * padding - size) % stride == 0
+        });
+        prop_assert_eq!(layer.is_ok(), exact == [true, true]);
+        let Ok(layer) = layer else { return Ok(()) };
+        let params = with_zero_bias(&layer, seed);
+        let kernel = layer.expanded_kernel(&params);
+        let len = Layer::<f64>::in_shape(&layer).len();
+        // five samples: more than a group of small images, and a group that is not full
+        let x = normal::<f64>(5 * len, seed + 1);
+        let y = forward(&layer, &params, &x);
+        let expected: Vec<f64> = x.chunks(len).flat_map(|x| naive(&layer, &kernel, window, x)).collect();
+        prop_assert!(largest_difference(&y, &expected) < 1e-11);
+    }
+}
+
+fn regular_layer() -> (R2Conv, Kernel) {
+    let window = Kernel {
+        size: 4,
+        stride: 2,
+        padding: 1,
+    };
+    let layer = R2Conv::new(FieldType::regular(2), FieldType::regular(3), window, [6, 4]).unwrap();
+    (layer, window)
+}
+
+#[test]
+fn the_regular_kernel_does_the_same_in_the_regular_basis() {
+    let (layer, window) = regular_layer();
+    let params = with_zero_bias(&layer, 7);
+    let x = normal::<f64>(Layer::<f64>::in_shape(&layer).len(), 8);
+    let mut expected = forward(&layer, &params, &x);
+    expected.chunks_mut(12).for_each(hadamard);
+    let mut regular_x = x;
+    regular_x.chunks_mut(8).for_each(hadamard);
+    let kernel = layer.expanded_regular_kernel(&params).unwrap();
+    let y = naive(&layer, &kernel, window, &regular_x);
+    assert!(largest_difference(&y, &expected) < 1e-12);
+}
+
+#[test]
+fn the_regular_kernel_obeys_the_steerability_constraint() {
+    let (layer, window) = regular_layer();
+    let kernel = layer
+        .expanded_regular_kernel(&params::<f64>(&layer, 9))
+        .unwrap();
+    let (n_in, n_out, k) = (2, 3, window.size);
+    let at = |h_out: D2, h_in: D2, out: usize, input: usize, ty: usize, tx: usize| {
+        let channel = (h_out.bits() * n_out + out) * 4 * n_in + h_in.bits() * n_in + input;
+        kernel[(channel * k + ty) * k + tx]
+    };
+    for g in D2::ALL {
+        for (h, h2) in D2::ALL.into_iter().flat_map(|h| D2::ALL.map(|h2| (h, h2))) {
+            for i in 0..n_out * n_in * k * k {
+                let (out, input, ty, tx) =
+                    (i / (n_in * k * k), i / (k * k) % n_in, i / k % k, i % k);
+                let (gy, gx) = g.apply_pixel(ty, tx, k, k);
+                let difference =
+                    at(g * h, g * h2, out, input, gy, gx) - at(h, h2, out, input, ty, tx);
+                assert!(difference.abs() < 1e-14);
+            }
+        }
+    }
+}
+
+#[test]
+fn the_parameters_span_all_steerable_kernels() {
+    let (layer, window) = regular_layer();
+    // the group acts freely on (fields x group)^2 x taps, so invariants are a quarter of the dense kernel
+    let dense = 12 * 8 * window.size.pow(2);
+    let biases = 3;
+    assert_eq!(Layer::<f64>::num_params(&layer), dense / 4 + biases);
+    let rank = (0..dense / 4).filter(|&i| {
+        let mut unit = vec![0.0f64; dense / 4 + biases];
+        unit[i] = 1.0;
+        let norm: f64 = layer.expanded_kernel(&unit).iter().map(|w| w * w).sum();
+        (norm - 1.0).abs() < 1e-14
+    });
+    assert_eq!(rank.count(), dense / 4);
+}
+
+#[test]
+fn a_type_without_a_regular_basis_is_refused() {
+    let window = Kernel {
+        size: 1,
+        stride: 1,
+        padding: 0,
+    };
+    let layer = R2Conv::new(
+        FieldType::new([1, 1, 0, 0]),
+        FieldType::regular(1),
+        window,
+        [1, 1],
+    )
+    .unwrap();
+    let refused = layer.expanded_regular_kernel(&params::<f64>(&layer, 0));
+    assert!(matches!(refused, Err(LayerError::Type { .. })));
+}

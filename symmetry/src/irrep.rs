@@ -1,0 +1,130 @@
+//! The four irreducible representations of D2.
+
+use std::fmt;
+use std::ops::Mul;
+
+use crate::D2;
+
+/// An irreducible representation of D2: a sign for each group element.
+///
+/// Irrep `a` gives the element `g` the sign (-1)^popcount(a & g), on the two bits of both
+/// (Serre, "Linear Representations of Finite Groups", section 3.1: commutative groups have one-dimensional
+/// irreps). `X` and `Y` are different irreps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Irrep {
+    /// Never changes sign.
+    Trivial,
+    /// Changes sign under flip x and the half turn, as a coordinate x does.
+    X,
+    /// Changes sign under flip y and the half turn, as a coordinate y does.
+    Y,
+    /// Changes sign under both flips, as a product x y does.
+    XY,
+}
+
+impl Irrep {
+    /// The four irreps, in the order of channel layout.
+    pub const ALL: [Irrep; 4] = [Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::XY];
+
+    /// The position in [`Irrep::ALL`], in 0..4; its bits are those of the sign formula.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The sign, 1 or -1, by which `g` acts.
+    pub const fn sign(self, g: D2) -> i8 {
+        if (self.index() & g.bits()).count_ones().is_multiple_of(2) {
+            1
+        } else {
+            -1
+        }
+    }
+}
+
+impl Mul for Irrep {
+    type Output = Irrep;
+
+    /// The tensor product of two irreps.
+    #[expect(
+        clippy::suspicious_arithmetic_impl,
+        reason = "signs multiply where bits add modulo two"
+    )]
+    fn mul(self, other: Irrep) -> Irrep {
+        Irrep::ALL[self.index() ^ other.index()]
+    }
+}
+
+impl fmt::Display for Irrep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Irrep::Trivial => "1",
+            Irrep::X => "x",
+            Irrep::Y => "y",
+            Irrep::XY => "xy",
+        })
+    }
+}
+
+/// Sorts the channels of a vector given in its natural order into irrep-major order.
+///
+/// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
+/// their order.
+///
+/// ```
+/// use symmetry::{Irrep, irrep_order};
+/// // natural order x, y, z, finger
+/// let order = irrep_order(&[Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial]);
+/// assert_eq!(order, [2, 3, 0, 1]);
+/// ```
+pub fn irrep_order(irreps: &[Irrep]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..irreps.len()).collect();
+    order.sort_by_key(|&i| irreps[i].index());
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signs_are_those_of_coordinates() {
+        for g in D2::ALL {
+            let [x, y] = g.apply_xy([1.0, 1.0]);
+            assert_eq!(f64::from(Irrep::Trivial.sign(g)), 1.0);
+            assert_eq!(f64::from(Irrep::X.sign(g)), x);
+            assert_eq!(f64::from(Irrep::Y.sign(g)), y);
+            assert_eq!(f64::from(Irrep::XY.sign(g)), x * y);
+        }
+    }
+
+    #[test]
+    fn signs_are_homomorphisms_of_the_group_and_of_the_irreps() {
+        for a in Irrep::ALL {
+            for g in D2::ALL {
+                for h in D2::ALL {
+                    assert_eq!(a.sign(g * h), a.sign(g) * a.sign(h));
+                }
+                for b in Irrep::ALL {
+                    assert_eq!((a * b).sign(g), a.sign(g) * b.sign(g));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn different_irreps_are_orthogonal() {
+        for a in Irrep::ALL {
+            for b in Irrep::ALL {
+                let product: i8 = D2::ALL.iter().map(|&g| a.sign(g) * b.sign(g)).sum();
+                assert_eq!(product, if a == b { 4 } else { 0 });
+            }
+        }
+    }
+
+    #[test]
+    fn the_order_is_stable_within_an_irrep() {
+        use Irrep::*;
+        let order = irrep_order(&[XY, Y, Trivial, Y, X, Trivial]);
+        assert_eq!(order, [2, 5, 4, 1, 3, 0]);
+    }
+}
