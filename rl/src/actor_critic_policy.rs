@@ -1,0 +1,230 @@
+//! The equivariant Gaussian policy: a network with its parameters.
+
+use std::fmt;
+use std::sync::Arc;
+
+use equivariant::Chunks;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::env::{EnvSpec, Observations};
+use crate::error::{RlError, check_finite, check_len};
+use crate::gaussian::{log_prob, standard_normals};
+use crate::network::ActorCritic;
+use crate::network_settings::NetworkSettings;
+use crate::pass::Workspace;
+use crate::policy::{Decisions, Policy};
+
+/// Samples of one inference chunk: a batch of 20 environments then occupies several threads.
+const INFERENCE_CHUNK: usize = 4;
+
+/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly D2-equivariant.
+///
+/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed chunks on the current
+/// rayon pool; actions, values and features have the same bits for any number of threads.
+pub struct ActorCriticPolicy {
+    network: Arc<ActorCritic<f32>>,
+    params: Vec<f32>,
+    chunks: Chunks<f32, Workspace<f32>>,
+    outputs: Vec<f64>,
+    noise: Vec<f32>,
+}
+
+impl ActorCriticPolicy {
+    /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
+    ///
+    /// # Errors
+    /// Those of [`ActorCritic::new`].
+    pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
+        let network = ActorCritic::new(settings, spec)?;
+        let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
+        Ok(Self::assemble(Arc::new(network), params))
+    }
+
+    /// Builds the network for `spec` with the given flat parameters, as [`ActorCriticPolicy::params`] returned them.
+    ///
+    /// # Errors
+    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs and
+    /// [`RlError::NotFinite`] when one is infinite or not a number.
+    pub fn with_params(
+        settings: &NetworkSettings,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<Self, RlError> {
+        let network = ActorCritic::new(settings, spec)?;
+        let (got, expected) = (params.len(), network.num_params());
+        if got != expected {
+            return Err(RlError::Parameters { got, expected });
+        }
+        // a ReLU may hide a NaN from the loss for ever
+        params
+            .iter()
+            .try_for_each(|&p| check_finite("a parameter", f64::from(p)))?;
+        Ok(Self::assemble(Arc::new(network), params))
+    }
+
+    fn assemble(network: Arc<ActorCritic<f32>>, params: Vec<f32>) -> Self {
+        let builder = Arc::clone(&network);
+        let chunks = Chunks::new(0, INFERENCE_CHUNK, move || {
+            builder.workspace(INFERENCE_CHUNK)
+        });
+        Self {
+            network,
+            params,
+            chunks,
+            outputs: Vec::new(),
+            noise: Vec::new(),
+        }
+    }
+
+    /// The network.
+    pub fn network(&self) -> &Arc<ActorCritic<f32>> {
+        &self.network
+    }
+
+    /// All parameters, in the network's layout.
+    pub fn params(&self) -> &[f32] {
+        &self.params
+    }
+
+    /// All parameters, for an optimiser or a checkpoint to write.
+    pub fn params_mut(&mut self) -> &mut [f32] {
+        &mut self.params
+    }
+
+    /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every state.
+    pub fn log_std(&self) -> &[f32] {
+        &self.params[self.params.len() - self.network.spec().action.len()..]
+    }
+
+    /// N, when both arrays hold N observations of the network's sizes.
+    fn samples(&self, observations: &Observations) -> Result<usize, RlError> {
+        let spec = self.network.spec();
+        let samples = observations.vectors.len() / spec.vector.len();
+        observations.check(spec, samples)?;
+        Ok(samples)
+    }
+
+    /// Fills `outputs` `[N, A + 1]` with means and values; returns N.
+    fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
+        let samples = self.samples(observations)?;
+        let width = self.network.spec().action.len();
+        self.outputs.resize(samples * (width + 1), 0.0);
+        let (network, params) = (&self.network, &self.params);
+        self.chunks
+            .map_rows(&mut self.outputs, width + 1, |range, workspace, rows| {
+                let n = load(network, observations, range, workspace);
+                network.forward(params, n, workspace);
+                for (i, row) in rows.chunks_exact_mut(width + 1).enumerate() {
+                    row[..width].copy_from_slice(&workspace.mean[i * width..(i + 1) * width]);
+                    row[width] = workspace.value[i];
+                }
+            });
+        Ok(samples)
+    }
+}
+
+/// Copies a range of observations into the slots 0..n of a workspace; returns n.
+fn load(
+    network: &ActorCritic<f32>,
+    observations: &Observations,
+    range: std::ops::Range<usize>,
+    workspace: &mut Workspace<f32>,
+) -> usize {
+    let n = range.len();
+    for (slot, i) in range.enumerate() {
+        let (image, vector) = observations.sample(network.spec(), i);
+        network.load(slot, image, vector, workspace);
+    }
+    n
+}
+
+impl Policy for ActorCriticPolicy {
+    fn feature_dim(&self) -> usize {
+        self.network.feature_dim()
+    }
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let width = self.network.spec().action.len();
+        let samples = self.run(observations)?;
+        check_len("actions", "[N, A]", out.actions.len(), samples * width)?;
+        check_len("log_probs", "[N]", out.log_probs.len(), samples)?;
+        check_len("values", "[N]", out.values.len(), samples)?;
+        self.noise.resize(samples * width, 0.0);
+        standard_normals(rng, &mut self.noise);
+        let log_std: Vec<f64> = self.log_std().iter().map(|&s| f64::from(s)).collect();
+        let mut taken = vec![0.0; width];
+        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
+            for j in 0..width {
+                let action = output[j] + log_std[j].exp() * f64::from(self.noise[i * width + j]);
+                // the density belongs to the number that is executed, so round first
+                out.actions[i * width + j] = action as f32;
+                taken[j] = f64::from(out.actions[i * width + j]);
+            }
+            out.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
+            out.values[i] = output[width] as f32;
+        }
+        Ok(())
+    }
+
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let width = self.network.spec().action.len();
+        let samples = self.run(observations)?;
+        check_len("mean actions", "[N, A]", out.len(), samples * width)?;
+        for (mean, output) in out
+            .chunks_exact_mut(width)
+            .zip(self.outputs.chunks_exact(width + 1))
+        {
+            mean.iter_mut()
+                .zip(output)
+                .for_each(|(m, &o)| *m = o as f32);
+        }
+        Ok(())
+    }
+
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        let width = self.network.spec().action.len();
+        let samples = self.run(observations)?;
+        check_len("values", "[N]", out.len(), samples)?;
+        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
+            *value = output[width] as f32;
+        }
+        Ok(())
+    }
+
+    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        let (samples, width) = (self.samples(observations)?, self.feature_dim());
+        check_len("features", "[N, F]", out.len(), samples * width)?;
+        let (network, params) = (&self.network, &self.params);
+        self.chunks.map_rows(out, width, |range, workspace, rows| {
+            let n = load(network, observations, range, workspace);
+            network.forward_features(params, n, workspace);
+            rows.copy_from_slice(&workspace.features()[..n * width]);
+        });
+        Ok(())
+    }
+}
+
+impl Clone for ActorCriticPolicy {
+    fn clone(&self) -> Self {
+        Self::assemble(Arc::clone(&self.network), self.params.clone())
+    }
+}
+
+impl fmt::Debug for ActorCriticPolicy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("ActorCriticPolicy")
+            .field("settings", self.network.settings())
+            .field("num_params", &self.params.len())
+            .finish_non_exhaustive()
+    }
+}

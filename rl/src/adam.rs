@@ -1,0 +1,170 @@
+//! Adam on one flat parameter vector, with a learning rate per range.
+
+use std::ops::Range;
+
+/// A range of the parameter vector and the learning rate it is trained with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParamGroup {
+    /// Positions in the flat parameter vector.
+    pub range: Range<usize>,
+    /// Step size, above 0.
+    pub learning_rate: f32,
+}
+
+/// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The fields are the whole
+/// state: saving them and building the struct again continues to the same bits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adam {
+    /// Decay of the first moment, in [0, 1).
+    pub beta1: f32,
+    /// Decay of the second moment, in [0, 1).
+    pub beta2: f32,
+    /// Added to the root of the second moment, above 0.
+    pub epsilon: f32,
+    /// Number of steps taken.
+    pub steps: u64,
+    /// Running mean of the gradient, one value a parameter.
+    pub first_moment: Vec<f32>,
+    /// Running mean of the squared gradient, one value a parameter.
+    pub second_moment: Vec<f32>,
+}
+
+impl Adam {
+    /// Fresh moments for `num_params` parameters; beta 0.9 and 0.999.
+    pub fn new(num_params: usize, epsilon: f32) -> Self {
+        Self {
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon,
+            steps: 0,
+            first_moment: vec![0.0; num_params],
+            second_moment: vec![0.0; num_params],
+        }
+    }
+
+    /// Takes one descent step. Parameters outside every group stay as they are.
+    ///
+    /// # Panics
+    /// When `params` or `gradient` have another length than the moments, or a group reaches beyond them.
+    pub fn step(&mut self, groups: &[ParamGroup], params: &mut [f32], gradient: &[f32]) {
+        assert_eq!(
+            [params.len(), gradient.len()],
+            [self.first_moment.len(); 2],
+            "parameters of another network"
+        );
+        self.steps += 1;
+        for group in groups {
+            self.step_group(group, params, gradient);
+        }
+    }
+
+    fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {
+        let range = group.range.clone();
+        let (beta1, beta2, epsilon) = (self.beta1, self.beta2, self.epsilon);
+        let rate = group.learning_rate / bias_correction(beta1, self.steps);
+        let root = bias_correction(beta2, self.steps).sqrt();
+        let first = &mut self.first_moment[range.clone()];
+        let second = &mut self.second_moment[range.clone()];
+        for (((p, g), m), v) in params[range.clone()]
+            .iter_mut()
+            .zip(&gradient[range])
+            .zip(first)
+            .zip(second)
+        {
+            *m = beta1 * *m + (1.0 - beta1) * g;
+            *v = beta2 * *v + (1.0 - beta2) * g * g;
+            *p -= rate * *m / (v.sqrt() / root + epsilon);
+        }
+    }
+}
+
+/// 1 - beta^t.
+fn bias_correction(beta: f32, steps: u64) -> f32 {
+    (1.0 - f64::from(beta).powf(steps as f64)) as f32
+}
+
+/// Scales `gradient` so that its Euclidean norm is at most `max_norm`; returns the norm before.
+///
+/// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013), algorithm 1. The sum runs in
+/// order, in f64: the same bits on any number of threads.
+pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
+    let norm = gradient
+        .iter()
+        .map(|&g| f64::from(g).powi(2))
+        .sum::<f64>()
+        .sqrt();
+    if norm > f64::from(max_norm) {
+        let scale = (f64::from(max_norm) / norm) as f32;
+        gradient.iter_mut().for_each(|g| *g *= scale);
+    }
+    norm
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn group(range: Range<usize>, learning_rate: f32) -> ParamGroup {
+        ParamGroup {
+            range,
+            learning_rate,
+        }
+    }
+
+    /// Golden numbers, from this Python script (no library):
+    /// ```text
+    /// p = [1.0, -2.0]; m = [0, 0]; v = [0, 0]; lr = [0.1, 0.01]
+    /// for t, g in enumerate([(0.5, -1.0), (0.25, 3.0), (-1.0, 0.0)], 1):
+    ///     for i in range(2):
+    ///         m[i] = 0.9 * m[i] + 0.1 * g[i]; v[i] = 0.999 * v[i] + 0.001 * g[i] ** 2
+    ///         p[i] -= lr[i] * (m[i] / (1 - 0.9 ** t)) / ((v[i] / (1 - 0.999 ** t)) ** 0.5 + 1e-5)
+    ///     print(p)
+    /// ```
+    #[test]
+    fn three_steps_by_hand() {
+        let golden = [
+            [0.900_002, -1.9900001],
+            [0.8067864, -1.994_942],
+            [0.8274218, -1.9987621],
+        ];
+        let mut adam = Adam::new(2, 1e-5);
+        let mut params = [1.0, -2.0];
+        let groups = [group(0..1, 0.1), group(1..2, 0.01)];
+        for (gradient, expected) in [[0.5, -1.0], [0.25, 3.0], [-1.0, 0.0]].iter().zip(golden) {
+            adam.step(&groups, &mut params, gradient);
+            for (p, e) in params.iter().zip(expected) {
+                assert!((p - e).abs() < 1e-5, "{params:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_step_is_the_learning_rate_and_ungrouped_parameters_stay() {
+        let mut adam = Adam::new(3, 1e-12);
+        let mut params = [0.0; 3];
+        adam.step(&[group(0..2, 0.1)], &mut params, &[7.0, -0.01, 1.0]);
+        assert!((params[0] + 0.1).abs() < 1e-6 && (params[1] - 0.1).abs() < 1e-6);
+        assert_eq!(params[2], 0.0);
+    }
+
+    #[test]
+    fn a_saved_state_continues_to_the_same_bits() {
+        let groups = [group(0..1, 0.1)];
+        let mut one = Adam::new(1, 1e-5);
+        let mut p = [0.3];
+        one.step(&groups, &mut p, &[0.7]);
+        let (mut two, mut q) = (one.clone(), p);
+        one.step(&groups, &mut p, &[0.1]);
+        two.step(&groups, &mut q, &[0.1]);
+        assert_eq!(p[0].to_bits(), q[0].to_bits());
+    }
+
+    #[test]
+    fn clipping_keeps_the_direction() {
+        let mut gradient = [3.0, -4.0];
+        assert_eq!(clip_global_norm(&mut gradient, 0.5), 5.0);
+        assert!((gradient[0] - 0.3).abs() < 1e-6 && (gradient[1] + 0.4).abs() < 1e-6);
+        assert!((clip_global_norm(&mut gradient, 0.6) - 0.5).abs() < 1e-6);
+        assert!((gradient[0] - 0.3).abs() < 1e-6);
+    }
+}

@@ -1,0 +1,237 @@
+//! Vectorised environments as the learner sees them: slices in, slices out, no tensor and no task.
+
+use symmetry::Irrep;
+
+use crate::error::{RlError, check_len};
+
+/// Sizes and symmetry types of a [`VectorEnv`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EnvSpec {
+    /// N, the number of environments that step together, at least 1.
+    pub num_envs: usize,
+    /// Height, width (pixels) and channels of an image. Every channel is of trivial type: a group element moves the
+    /// pixels and leaves the colours alone.
+    pub image: [usize; 3],
+    /// Irreducible representation of every component of the observation vector, in its natural order; length D.
+    pub vector: Vec<Irrep>,
+    /// Irreducible representation of every component of the action, in its natural order; length A.
+    pub action: Vec<Irrep>,
+}
+
+impl EnvSpec {
+    /// Number of bytes of one image, H * W * C.
+    pub fn image_len(&self) -> usize {
+        self.image.iter().product()
+    }
+
+    /// Refuses specs with an empty dimension.
+    ///
+    /// # Errors
+    /// [`RlError::EmptySpec`] names the field.
+    pub fn check(&self) -> Result<(), RlError> {
+        let sizes = [
+            ("num_envs", self.num_envs),
+            ("image", self.image_len()),
+            ("vector", self.vector.len()),
+            ("action", self.action.len()),
+        ];
+        match sizes.iter().find(|(_, size)| *size == 0) {
+            Some(&(field, _)) => Err(RlError::EmptySpec { field }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// One observation of each of N environments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observations {
+    /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
+    pub images: Vec<u8>,
+    /// Vectors `[N, D]` in their natural order, of order 1.
+    pub vectors: Vec<f32>,
+}
+
+impl Observations {
+    /// Zeros in the shapes of `spec`.
+    pub fn new(spec: &EnvSpec) -> Self {
+        Self {
+            images: vec![0; spec.num_envs * spec.image_len()],
+            vectors: vec![0.0; spec.num_envs * spec.vector.len()],
+        }
+    }
+
+    /// Checks that both arrays hold `samples` observations of the sizes of `spec`.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] names the array, what it holds and what it should hold.
+    pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
+        check_len(
+            "images",
+            "[N, H, W, C]",
+            self.images.len(),
+            samples * spec.image_len(),
+        )?;
+        check_len(
+            "vectors",
+            "[N, D]",
+            self.vectors.len(),
+            samples * spec.vector.len(),
+        )
+    }
+
+    /// Image `[H, W, C]` and vector `[D]` of sample `i`.
+    ///
+    /// # Panics
+    /// When there is no such sample.
+    pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
+        let (image, vector) = (spec.image_len(), spec.vector.len());
+        (
+            &self.images[i * image..(i + 1) * image],
+            &self.vectors[i * vector..(i + 1) * vector],
+        )
+    }
+}
+
+/// How an episode stands after a step. Two ends, because they mean different things: nothing follows a termination,
+/// whereas after a time-out the world goes on and merely nobody looks at it any more.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Outcome {
+    /// The episode goes on.
+    #[default]
+    Running,
+    /// The task ended the episode: the value of what follows is zero.
+    Terminated,
+    /// A time limit cut the episode: what follows is worth the value of the final observation.
+    Truncated,
+}
+
+impl Outcome {
+    /// Whether the episode is over, for either reason.
+    pub fn ended(self) -> bool {
+        self != Self::Running
+    }
+}
+
+/// What one step of N environments returns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Transition {
+    /// Next observations: where an episode ended, the first one of the next episode.
+    pub observations: Observations,
+    /// Last observations of the episodes that ended; rows of running episodes have no meaning.
+    pub final_observations: Observations,
+    /// Rewards `[N]`.
+    pub rewards: Vec<f32>,
+    /// Outcomes `[N]`.
+    pub outcomes: Vec<Outcome>,
+    /// Whether the success condition held at this step, `[N]`.
+    pub success: Vec<bool>,
+}
+
+impl Transition {
+    /// Zeros, running, without success, in the shapes of `spec`.
+    pub fn new(spec: &EnvSpec) -> Self {
+        Self {
+            observations: Observations::new(spec),
+            final_observations: Observations::new(spec),
+            rewards: vec![0.0; spec.num_envs],
+            outcomes: vec![Outcome::Running; spec.num_envs],
+            success: vec![false; spec.num_envs],
+        }
+    }
+
+    /// Checks every array against `spec`.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] names the first array that does not fit.
+    pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.observations.check(spec, spec.num_envs)?;
+        self.final_observations.check(spec, spec.num_envs)?;
+        check_len("rewards", "[N]", self.rewards.len(), spec.num_envs)?;
+        check_len("outcomes", "[N]", self.outcomes.len(), spec.num_envs)?;
+        check_len("success", "[N]", self.success.len(), spec.num_envs)
+    }
+}
+
+/// N environments that step together and restart by themselves.
+pub trait VectorEnv {
+    /// What the environment fails with.
+    type Error: std::error::Error + Send + Sync + 'static;
+
+    /// Sizes and types, constant for the life of the environment.
+    fn spec(&self) -> &EnvSpec;
+
+    /// Starts an episode in every environment and writes its first observations.
+    ///
+    /// # Errors
+    /// Whatever the environment cannot do.
+    fn reset(&mut self, out: &mut Observations) -> Result<(), Self::Error>;
+
+    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not clipped: an environment
+    /// with bounds clips them itself.
+    ///
+    /// # Errors
+    /// Whatever the environment cannot do.
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Self::Error>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spec() -> EnvSpec {
+        EnvSpec {
+            num_envs: 3,
+            image: [4, 4, 2],
+            vector: vec![Irrep::X, Irrep::Y],
+            action: vec![Irrep::X],
+        }
+    }
+
+    #[test]
+    fn new_arrays_fit_their_spec() {
+        assert!(Transition::new(&spec()).check(&spec()).is_ok());
+        assert_eq!(Observations::new(&spec()).images.len(), 3 * 32);
+    }
+
+    #[test]
+    fn a_short_array_is_refused_with_both_numbers() {
+        let mut observations = Observations::new(&spec());
+        observations.vectors.pop();
+        let message = observations.check(&spec(), 3).unwrap_err().to_string();
+        assert!(
+            message.contains("vectors: got 5 values, expected 6 ([N, D])"),
+            "{message}"
+        );
+        let mut transition = Transition::new(&spec());
+        transition.rewards.push(0.0);
+        assert!(matches!(
+            transition.check(&spec()),
+            Err(RlError::Shape {
+                what: "rewards",
+                got: 4,
+                expected: 3,
+                ..
+            })
+        ));
+    }
+
+    #[test]
+    fn an_empty_spec_is_refused() {
+        let empty = EnvSpec {
+            action: vec![],
+            ..spec()
+        };
+        assert!(matches!(
+            empty.check(),
+            Err(RlError::EmptySpec { field: "action" })
+        ));
+        assert!(spec().check().is_ok());
+    }
+
+    #[test]
+    fn both_ends_end() {
+        assert!(
+            !Outcome::Running.ended() && Outcome::Terminated.ended() && Outcome::Truncated.ended()
+        );
+    }
+}

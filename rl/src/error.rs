@@ -1,0 +1,154 @@
+//! The errors of this crate.
+
+use equivariant::LayerError;
+use thiserror::Error;
+
+/// What can go wrong while networks are built, rollouts are collected and policies are updated.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RlError {
+    /// A slice has another length than its shape demands.
+    #[error(
+        "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that takes the same EnvSpec"
+    )]
+    Shape {
+        /// Name of the array.
+        what: &'static str,
+        /// The shape that the array should have, in words.
+        shape: &'static str,
+        /// Number of values found.
+        got: usize,
+        /// Number of values required.
+        expected: usize,
+    },
+    /// An environment describes itself with a size of zero.
+    #[error(
+        "EnvSpec::{field} is empty; a policy needs at least one environment, one pixel, one vector and one action component"
+    )]
+    EmptySpec {
+        /// The offending field.
+        field: &'static str,
+    },
+    /// A setting lies outside its range.
+    #[error("{name} = {value}: expected {expected}; change it in the settings")]
+    Setting {
+        /// Name of the field.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range allowed, in words.
+        expected: &'static str,
+    },
+    /// A rollout buffer of T steps was given a step more.
+    #[error(
+        "the rollout buffer already holds its {steps} steps; call `clear` before the next rollout"
+    )]
+    BufferFull {
+        /// T, the number of steps that fit.
+        steps: usize,
+    },
+    /// A rollout buffer was read before its T steps were pushed.
+    #[error(
+        "the rollout buffer holds {got} of {steps} steps; fill it and call `finish` before an update"
+    )]
+    BufferNotFinished {
+        /// Steps pushed so far.
+        got: usize,
+        /// T, the number of steps that fit.
+        steps: usize,
+    },
+    /// The network cannot be built for these images.
+    #[error(
+        "images of {height} x {width} pixels do not fit {convs} convolutions of stride 2: height and width must be multiples of {multiple}, at least {multiple}; resize the images or change NetworkSettings::conv_fields"
+    )]
+    ImageSize {
+        /// Height of the images in pixels.
+        height: usize,
+        /// Width of the images in pixels.
+        width: usize,
+        /// Number of strided convolutions.
+        convs: usize,
+        /// 2 to the power of `convs`.
+        multiple: usize,
+        /// What the layer itself says.
+        source: Box<LayerError>,
+    },
+    /// The last layer of the encoder has a square window, so images must be square.
+    #[error(
+        "images of {height} x {width} pixels: expected a square; crop or resize them to equal height and width"
+    )]
+    NotSquare {
+        /// Height of the images in pixels.
+        height: usize,
+        /// Width of the images in pixels.
+        width: usize,
+    },
+    /// Two things that work together were made for different environments.
+    #[error(
+        "the {field} types of the policy and of the rollout buffer differ; build both from the same EnvSpec"
+    )]
+    SpecMismatch {
+        /// The field of [`crate::EnvSpec`] that differs.
+        field: &'static str,
+    },
+    /// A layer refuses its types or sizes.
+    #[error(transparent)]
+    Layer(Box<LayerError>),
+    /// A parameter vector belongs to another network.
+    #[error(
+        "got {got} parameters, expected {expected}; build the policy with the settings and the spec that the parameters were saved with"
+    )]
+    Parameters {
+        /// Number of parameters given.
+        got: usize,
+        /// Number of parameters of the network.
+        expected: usize,
+    },
+    /// A quantity became infinite or not a number.
+    #[error(
+        "{what} is {value}, expected a finite number; check the environment's observations and rewards, then lower the learning rates"
+    )]
+    NotFinite {
+        /// Name of the quantity.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The environment failed.
+    #[error("the environment failed: {0}")]
+    Environment(#[source] Box<dyn std::error::Error + Send + Sync + 'static>),
+}
+
+impl From<LayerError> for RlError {
+    fn from(error: LayerError) -> Self {
+        Self::Layer(Box::new(error))
+    }
+}
+
+/// Refuses a slice whose length is not `expected`.
+pub(crate) fn check_len(
+    what: &'static str,
+    shape: &'static str,
+    got: usize,
+    expected: usize,
+) -> Result<(), RlError> {
+    if got == expected {
+        Ok(())
+    } else {
+        Err(RlError::Shape {
+            what,
+            shape,
+            got,
+            expected,
+        })
+    }
+}
+
+/// Refuses infinities and NaN.
+pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(RlError::NotFinite { what, value })
+    }
+}

@@ -1,0 +1,168 @@
+//! Generalised advantage estimation.
+
+use crate::env::Outcome;
+
+/// What generalised advantage estimation reads: T steps of N environments, time-major.
+#[derive(Clone, Copy, Debug)]
+pub struct GaeInputs<'a> {
+    /// Rewards `[T, N]`.
+    pub rewards: &'a [f32],
+    /// V(s_t) `[T, N]`.
+    pub values: &'a [f32],
+    /// How each step ended, `[T, N]`.
+    pub outcomes: &'a [Outcome],
+    /// V of the final observation where a step was truncated, `[T, N]`; read nowhere else.
+    pub final_values: &'a [f32],
+    /// V of the observations after the last step, `[N]`.
+    pub last_values: &'a [f32],
+}
+
+/// Writes advantages and returns (advantage + value), both `[T, N]`.
+///
+/// Schulman et al., "High-dimensional continuous control using generalized advantage estimation" (ICLR 2016),
+/// equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with delta_t = r_t + gamma V_(t+1) - V_t. Ends
+/// follow Pardo et al., "Time limits in reinforcement learning" (ICML 2018): a termination bootstraps zero, a
+/// truncation the value of the final observation, and neither lets the next episode into the sum.
+/// `gamma` and `lambda` are in [0, 1].
+///
+/// # Panics
+/// When the lengths are not those of one T and N; [`crate::RolloutBuffer`] guarantees them.
+pub fn gae(
+    inputs: &GaeInputs,
+    gamma: f32,
+    lambda: f32,
+    advantages: &mut [f32],
+    returns: &mut [f32],
+) {
+    let (n, len) = (inputs.last_values.len(), inputs.rewards.len());
+    assert!(
+        n > 0 && len.is_multiple_of(n),
+        "{len} rewards are not [T, {n}]"
+    );
+    assert!(
+        [
+            inputs.values.len(),
+            inputs.outcomes.len(),
+            inputs.final_values.len()
+        ] == [len; 3]
+    );
+    assert!(advantages.len() == len && returns.len() == len);
+    for i in (0..len).rev() {
+        let following = if i + n < len { Some(i + n) } else { None };
+        let (bootstrap, tail) = match inputs.outcomes[i] {
+            Outcome::Running => (
+                following.map_or(inputs.last_values[i % n], |j| inputs.values[j]),
+                following.map_or(0.0, |j| advantages[j]),
+            ),
+            Outcome::Terminated => (0.0, 0.0),
+            Outcome::Truncated => (inputs.final_values[i], 0.0),
+        };
+        let delta = inputs.rewards[i] + gamma * bootstrap - inputs.values[i];
+        advantages[i] = delta + gamma * lambda * tail;
+        returns[i] = advantages[i] + inputs.values[i];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    const STEPS: usize = 23;
+    const ENVS: usize = 3;
+
+    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of the episode.
+    fn slow(inputs: &GaeInputs, gamma: f64, lambda: f64) -> Vec<f64> {
+        let delta = |t: usize, e: usize| {
+            let i = t * ENVS + e;
+            let next = match inputs.outcomes[i] {
+                Outcome::Terminated => 0.0,
+                Outcome::Truncated => inputs.final_values[i],
+                Outcome::Running if t + 1 == STEPS => inputs.last_values[e],
+                Outcome::Running => inputs.values[i + ENVS],
+            };
+            f64::from(inputs.rewards[i]) + gamma * f64::from(next) - f64::from(inputs.values[i])
+        };
+        let mut all = Vec::new();
+        for t in 0..STEPS {
+            for e in 0..ENVS {
+                let end = (t..STEPS)
+                    .find(|&s| inputs.outcomes[s * ENVS + e].ended())
+                    .unwrap_or(STEPS - 1);
+                all.push(
+                    (t..=end)
+                        .map(|s| (gamma * lambda).powi((s - t) as i32) * delta(s, e))
+                        .sum(),
+                );
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn recurrence_equals_double_sum() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut random = |n: usize| {
+            (0..n)
+                .map(|_| rng.random_range(-1.0f32..1.0))
+                .collect::<Vec<_>>()
+        };
+        let len = STEPS * ENVS;
+        let (rewards, values, final_values, last_values) =
+            (random(len), random(len), random(len), random(ENVS));
+        let kinds = [
+            Outcome::Running,
+            Outcome::Running,
+            Outcome::Terminated,
+            Outcome::Running,
+            Outcome::Truncated,
+        ];
+        let outcomes: Vec<_> = (0..len).map(|i| kinds[(i * i + i / 7) % 5]).collect();
+        assert!(outcomes.contains(&Outcome::Terminated) && outcomes.contains(&Outcome::Truncated));
+        let inputs = GaeInputs {
+            rewards: &rewards,
+            values: &values,
+            outcomes: &outcomes,
+            final_values: &final_values,
+            last_values: &last_values,
+        };
+        let (mut advantages, mut returns) = (vec![0.0; len], vec![0.0; len]);
+        gae(&inputs, 0.99, 0.95, &mut advantages, &mut returns);
+        for (i, expected) in slow(&inputs, 0.99, 0.95).into_iter().enumerate() {
+            assert!(
+                (f64::from(advantages[i]) - expected).abs() < 1e-5,
+                "{i}: {} {expected}",
+                advantages[i]
+            );
+            assert!((returns[i] - advantages[i] - values[i]).abs() < 1e-6);
+        }
+    }
+
+    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand: the second step has
+    /// delta = 1 + 0.5 * 4 - 2 = 1.
+    fn first_advantage(outcome: Outcome) -> f32 {
+        let inputs = GaeInputs {
+            rewards: &[1.0, 1.0],
+            values: &[0.0, 2.0],
+            outcomes: &[outcome, Outcome::Running],
+            final_values: &[10.0, -100.0],
+            last_values: &[4.0],
+        };
+        let (mut advantages, mut returns) = ([0.0; 2], [0.0; 2]);
+        gae(&inputs, 0.5, 1.0, &mut advantages, &mut returns);
+        assert_eq!(advantages[1], 1.0);
+        advantages[0]
+    }
+
+    #[test]
+    fn the_three_outcomes_bootstrap_differently() {
+        assert_eq!(
+            first_advantage(Outcome::Running),
+            1.0 + 0.5 * 2.0 + 0.5 * 1.0
+        );
+        assert_eq!(first_advantage(Outcome::Terminated), 1.0);
+        assert_eq!(first_advantage(Outcome::Truncated), 1.0 + 0.5 * 10.0);
+    }
+}

@@ -1,0 +1,103 @@
+//! Proximal policy optimisation for equivariant actor-critics, knowing no task.
+//!
+//! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] runs a [`Policy`] in it and fills a
+//! [`RolloutBuffer`]; [`Ppo::update`] improves an [`ActorCriticPolicy`] from the buffer. The policy is exactly
+//! D2-equivariant: mirror the table and its mean action is the mirrored one, its value and features are the same.
+//!
+//! - The end of an episode has two kinds, [`Outcome::Terminated`] and [`Outcome::Truncated`], all the way to [`gae`]:
+//!   a time-out bootstraps the value of the final observation.
+//! - Every random number comes from a generator that the caller passes. The same inputs give the same bits on any
+//!   number of threads of the current rayon pool.
+//! - All parameters of a policy are one flat slice, all state of its optimiser is in public fields ([`Adam`]).
+//!
+//! The README lists every detail of the algorithm with its source and the function that implements it.
+//!
+//! ```
+//! use std::convert::Infallible;
+//!
+//! use rl::{
+//!     ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError, RolloutBuffer,
+//!     RolloutState, Transition, VectorEnv, collect,
+//! };
+//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+//! use symmetry::Irrep;
+//!
+//! /// Two points on a line that are paid for moving towards its centre.
+//! struct Line(EnvSpec, Vec<f32>);
+//!
+//! impl VectorEnv for Line {
+//!     type Error = Infallible;
+//!
+//!     fn spec(&self) -> &EnvSpec {
+//!         &self.0
+//!     }
+//!
+//!     fn reset(&mut self, out: &mut Observations) -> Result<(), Infallible> {
+//!         out.vectors.copy_from_slice(&self.1);
+//!         Ok(())
+//!     }
+//!
+//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Infallible> {
+//!         for (i, x) in self.1.iter_mut().enumerate() {
+//!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
+//!             out.rewards[i] = 1.0 - x.abs();
+//!             out.outcomes[i] = Outcome::Running;
+//!         }
+//!         out.observations.vectors.copy_from_slice(&self.1);
+//!         Ok(())
+//!     }
+//! }
+//!
+//! let spec = EnvSpec { num_envs: 2, image: [4, 4, 1], vector: vec![Irrep::X], action: vec![Irrep::X] };
+//! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
+//! let network = NetworkSettings { conv_fields: vec![2], ..NetworkSettings::default() };
+//! let mut policy = ActorCriticPolicy::new(&network, &spec, 0)?;
+//! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
+//! let mut buffer = RolloutBuffer::new(&spec, 16)?;
+//! let mut rng = ChaCha8Rng::seed_from_u64(0);
+//! let mut state = RolloutState::reset(&mut env)?;
+//! for _ in 0..2 {
+//!     let rollout = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
+//!     let update = ppo.update(&mut policy, &buffer, &mut rng)?;
+//!     assert_eq!(rollout.decisions, 32);
+//!     assert!(update.approx_kl < 0.1);
+//! }
+//! # Ok::<(), RlError>(())
+//! ```
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
+mod actor_critic_policy;
+mod adam;
+mod buffer;
+mod env;
+mod error;
+mod evaluation;
+mod gae;
+mod gaussian;
+mod loss;
+mod minibatch;
+mod network;
+mod network_settings;
+mod pass;
+mod policy;
+mod ppo;
+mod ppo_settings;
+mod rollout;
+
+pub use actor_critic_policy::ActorCriticPolicy;
+pub use adam::{Adam, ParamGroup, clip_global_norm};
+pub use buffer::RolloutBuffer;
+pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+pub use error::RlError;
+pub use evaluation::evaluate;
+pub use gae::{GaeInputs, gae};
+pub use network::ActorCritic;
+pub use network_settings::NetworkSettings;
+pub use pass::Workspace;
+pub use policy::{Decisions, Policy};
+pub use ppo::{Ppo, UpdateStats};
+pub use ppo_settings::PpoSettings;
+pub use rollout::{Episode, RolloutState, RolloutStats, collect};

@@ -1,0 +1,262 @@
+//! Loss and gradient of one minibatch, computed chunk by chunk.
+
+use std::ops::Range;
+
+use equivariant::Scalar;
+
+use crate::buffer::RolloutBuffer;
+use crate::loss::{LossSums, LossWeights, Output, Sample, sample_loss};
+use crate::network::ActorCritic;
+use crate::pass::Workspace;
+
+/// A minibatch of B decisions of a rollout.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Minibatch<'a> {
+    pub buffer: &'a RolloutBuffer,
+    /// Actions of the whole rollout, `[T, N, A]`.
+    pub actions: &'a [f64],
+    /// Returns of the whole rollout, `[T, N]`.
+    pub returns: &'a [f32],
+    /// Which decisions belong to the minibatch, `[B]`.
+    pub indices: &'a [usize],
+    /// Their normalised advantages, `[B]`.
+    pub advantages: &'a [f64],
+    pub weights: LossWeights,
+}
+
+impl Minibatch<'_> {
+    /// Runs the samples at positions `range` of the minibatch forward and backward. Adds their share of the gradient of
+    /// the mean loss to `gradient` and returns the sums of their loss terms.
+    pub fn chunk<T: Scalar>(
+        &self,
+        network: &ActorCritic<T>,
+        params: &[T],
+        range: Range<usize>,
+        workspace: &mut Workspace<T>,
+        gradient: &mut [T],
+    ) -> LossSums {
+        for (slot, &i) in self.indices[range.clone()].iter().enumerate() {
+            let (image, vector) = self.buffer.observations().sample(self.buffer.spec(), i);
+            network.load(slot, image, vector, workspace);
+        }
+        network.forward(params, range.len(), workspace);
+        let sums = self.loss(range.clone(), workspace);
+        network.backward(params, range.len(), workspace, gradient);
+        sums
+    }
+
+    /// Sums the loss terms of a chunk and leaves their gradients in the workspace.
+    fn loss<T>(&self, range: Range<usize>, w: &mut Workspace<T>) -> LossSums {
+        let width = w.log_std.len();
+        let scale = 1.0 / self.indices.len() as f64;
+        let mut sums = LossSums::default();
+        w.d_log_std.fill(0.0);
+        for (slot, position) in range.enumerate() {
+            let i = self.indices[position];
+            let sample = Sample {
+                action: &self.actions[i * width..(i + 1) * width],
+                log_prob: f64::from(self.buffer.decisions().log_probs[i]),
+                advantage: self.advantages[position],
+                target: f64::from(self.returns[i]),
+            };
+            let own = slot * width..(slot + 1) * width;
+            let output = Output {
+                mean: &w.mean[own.clone()],
+                log_std: &w.log_std,
+                value: w.value[slot],
+            };
+            let (terms, d_value) = sample_loss(
+                &self.weights,
+                &sample,
+                &output,
+                scale,
+                &mut w.d_mean[own],
+                &mut w.d_log_std,
+            );
+            w.d_value[slot] = d_value;
+            sums.add(&terms);
+        }
+        sums
+    }
+}
+
+/// Writes the advantages at `indices`, shifted and scaled to mean 0 and sample standard deviation 1.
+///
+/// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation details of PPO" (Huang
+/// et al., ICLR blog track 2022).
+pub(crate) fn normalised_advantages(advantages: &[f32], indices: &[usize], out: &mut Vec<f64>) {
+    out.clear();
+    out.extend(indices.iter().map(|&i| f64::from(advantages[i])));
+    let count = out.len() as f64;
+    let mean = out.iter().sum::<f64>() / count;
+    let squares = out.iter().map(|a| (a - mean).powi(2)).sum::<f64>();
+    let std = (squares / (count - 1.0).max(1.0)).sqrt();
+    out.iter_mut().for_each(|a| *a = (*a - mean) / (std + 1e-8));
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{Rng, RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use symmetry::Irrep;
+
+    use super::*;
+    use crate::env::{EnvSpec, Observations, Transition};
+    use crate::gaussian::log_prob;
+    use crate::network_settings::NetworkSettings;
+    use crate::policy::Decisions;
+
+    const B: usize = 5;
+    const WEIGHTS: LossWeights = LossWeights {
+        clip: 0.2,
+        value: 0.5,
+        entropy: 0.01,
+    };
+
+    fn spec() -> EnvSpec {
+        EnvSpec {
+            num_envs: B,
+            image: [8, 8, 2],
+            vector: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+            action: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        }
+    }
+
+    fn network() -> ActorCritic<f64> {
+        let settings = NetworkSettings {
+            conv_fields: vec![2],
+            top_fields: 3,
+            vector_fields: 2,
+            actor_fields: 2,
+            critic_width: 3,
+            vector_scale: 1.5,
+            action_gain: 1.0,
+            ..NetworkSettings::default()
+        };
+        ActorCritic::new(&settings, &spec()).unwrap()
+    }
+
+    fn uniform(rng: &mut impl Rng, len: usize) -> Vec<f32> {
+        (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
+    }
+
+    /// One random step, with log-probabilities that are `shift` times a random number off.
+    fn rollout(
+        network: &ActorCritic<f64>,
+        params: &[f64],
+        shift: f32,
+        rng: &mut ChaCha8Rng,
+    ) -> RolloutBuffer {
+        let mut observations = Observations::new(&spec());
+        observations.images.fill_with(|| rng.random());
+        observations.vectors = uniform(rng, B * 3);
+        let mut decisions = Decisions::new(&spec());
+        decisions.actions = uniform(rng, B * 3);
+        let mut workspace = network.workspace(B);
+        for i in 0..B {
+            let (image, vector) = observations.sample(&spec(), i);
+            network.load(i, image, vector, &mut workspace);
+        }
+        network.forward(params, B, &mut workspace);
+        for i in 0..B {
+            let action: Vec<f64> = decisions.actions[i * 3..i * 3 + 3]
+                .iter()
+                .map(|&a| f64::from(a))
+                .collect();
+            let now = log_prob(
+                &workspace.mean[i * 3..i * 3 + 3],
+                &workspace.log_std,
+                &action,
+            );
+            decisions.log_probs[i] = now as f32 + shift * rng.random_range(-1.0f32..1.0);
+        }
+        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+        buffer
+            .push(
+                &observations,
+                &decisions,
+                &Transition::new(&spec()),
+                &[0.0; B],
+            )
+            .unwrap();
+        buffer
+    }
+
+    /// Loss sums and gradient of the whole buffer in two chunks of one workspace.
+    fn loss(
+        network: &ActorCritic<f64>,
+        params: &[f64],
+        buffer: &RolloutBuffer,
+        returns: &[f32],
+    ) -> (LossSums, Vec<f64>) {
+        let actions: Vec<f64> = buffer
+            .decisions()
+            .actions
+            .iter()
+            .map(|&a| f64::from(a))
+            .collect();
+        let minibatch = Minibatch {
+            buffer,
+            actions: &actions,
+            returns,
+            indices: &[3, 1, 4, 0, 2],
+            advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
+            weights: WEIGHTS,
+        };
+        let mut gradient = vec![0.0; params.len()];
+        let mut workspace = network.workspace(3);
+        let mut sums = minibatch.chunk(network, params, 0..3, &mut workspace, &mut gradient);
+        sums.add(&minibatch.chunk(network, params, 3..B, &mut workspace, &mut gradient));
+        (sums, gradient)
+    }
+
+    #[test]
+    fn gradient_of_the_whole_loss_equals_finite_differences() {
+        let (network, mut rng) = (network(), ChaCha8Rng::seed_from_u64(3));
+        let mut params = network.init(&mut rng);
+        let buffer = rollout(&network, &params, 0.5, &mut rng);
+        let returns = uniform(&mut rng, B);
+        let (sums, gradient) = loss(&network, &params, &buffer, &returns);
+        assert!(sums.clipped > 0.0 && sums.clipped < B as f64, "{sums:?}");
+        let scale = gradient.iter().fold(0.0, |m: f64, g| m.max(g.abs()));
+        for i in 0..params.len() {
+            let centre = params[i];
+            let mut at = |h: f64| {
+                params[i] = centre + h;
+                loss(&network, &params, &buffer, &returns).0.total(&WEIGHTS) / B as f64
+            };
+            let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+            params[i] = centre;
+            assert!(
+                (slope - gradient[i]).abs() < 1e-7 * scale.max(1.0),
+                "{i}: {} {slope}",
+                gradient[i]
+            );
+        }
+        assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 2);
+    }
+
+    #[test]
+    fn before_the_first_step_the_ratio_is_one() {
+        let (network, mut rng) = (network(), ChaCha8Rng::seed_from_u64(4));
+        let params = network.init(&mut rng);
+        let buffer = rollout(&network, &params, 0.0, &mut rng);
+        let (sums, _) = loss(&network, &params, &buffer, &[0.0; B]);
+        // with a ratio of one, the surrogate is the negated sum of the advantages, here 0
+        assert!(
+            sums.policy.abs() < 1e-6 && sums.kl.abs() < 1e-12 && sums.clipped == 0.0,
+            "{sums:?}"
+        );
+    }
+
+    #[test]
+    fn advantages_are_normalised_within_the_minibatch() {
+        let mut out = Vec::new();
+        normalised_advantages(&[9.0, 1.0, 3.0, 5.0], &[1, 2, 3], &mut out);
+        for (a, expected) in out.iter().zip([-1.0, 0.0, 1.0]) {
+            assert!((a - expected).abs() < 1e-7);
+        }
+        normalised_advantages(&[9.0], &[0], &mut out);
+        assert_eq!(out, [0.0]);
+    }
+}

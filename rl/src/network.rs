@@ -1,0 +1,287 @@
+//! The paper's policy network: equivariant actor, invariant critic, shared equivariant features.
+
+use std::ops::Range;
+
+use equivariant::{
+    FieldType, GroupMaxPool, Kernel, Layer, Linear, R2Conv, Relu, Scalar, Sequential, Shape,
+};
+use rand::Rng;
+use symmetry::irrep_order;
+
+use crate::env::EnvSpec;
+use crate::error::RlError;
+use crate::network_settings::NetworkSettings;
+
+/// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
+const HALVING: Kernel = Kernel {
+    size: 4,
+    stride: 2,
+    padding: 1,
+};
+
+/// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network architecture").
+///
+/// ```text
+/// image  [H, W, C] -> (R2Conv 4x4 stride 2, ReLU)* -> R2Conv to 1 x 1, ReLU -+
+/// vector [D]       -> Linear, ReLU ------------------------------------------+-> h, regular fields
+/// h -> Linear, ReLU, Linear -> mean action [A], of the action's type
+/// h -> GroupMaxPool -> features [F], invariant -> Linear, ReLU, Linear -> value
+/// log_std [A]: parameters of their own, the same for every state
+/// ```
+///
+/// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the critic and the features
+/// see each input up to a symmetry of its own: how the vector lies relative to the image reaches only the actor.
+///
+/// It owns no weights: the parameters are one flat slice, the image encoder's first ([`ActorCritic::encoder`]), then
+/// the others ([`ActorCritic::heads`]), of which the last A are log_std.
+pub struct ActorCritic<T> {
+    pub(crate) image: Sequential<T>,
+    pub(crate) vector: Sequential<T>,
+    pub(crate) actor: Sequential<T>,
+    pub(crate) pool: GroupMaxPool,
+    pub(crate) critic: Sequential<T>,
+    /// Natural index of every irrep-major component of the vector and of the action.
+    pub(crate) vector_order: Vec<usize>,
+    pub(crate) action_order: Vec<usize>,
+    settings: NetworkSettings,
+    spec: EnvSpec,
+}
+
+/// Where the parameters of each part lie in the flat slice.
+pub(crate) struct Parts {
+    pub image: Range<usize>,
+    pub vector: Range<usize>,
+    pub actor: Range<usize>,
+    pub critic: Range<usize>,
+    pub log_std: Range<usize>,
+}
+
+impl<T: Scalar> ActorCritic<T> {
+    /// The network for the images, vectors and actions of `spec`; its number of environments does not matter.
+    ///
+    /// # Errors
+    /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot treat exactly,
+    /// [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
+    pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        settings.check()?;
+        spec.check()?;
+        let (vector, action) = (
+            FieldType::from_irreps(&spec.vector),
+            FieldType::from_irreps(&spec.action),
+        );
+        let fields = settings.top_fields + settings.vector_fields;
+        let hidden = FieldType::regular(fields);
+        let pool = GroupMaxPool::new(Shape::vector(hidden))?;
+        Ok(Self {
+            image: encoder(settings, spec)?,
+            vector: Sequential::new(lift(vector, FieldType::regular(settings.vector_fields))?)?,
+            actor: head(hidden, FieldType::regular(settings.actor_fields), action)?,
+            critic: head(
+                FieldType::trivial(fields),
+                FieldType::trivial(settings.critic_width),
+                FieldType::trivial(1),
+            )?,
+            pool,
+            vector_order: irrep_order(&spec.vector),
+            action_order: irrep_order(&spec.action),
+            settings: settings.clone(),
+            spec: spec.clone(),
+        })
+    }
+
+    /// Length of the flat parameter slice.
+    pub fn num_params(&self) -> usize {
+        self.parts().log_std.end
+    }
+
+    /// Where the parameters of the image encoder lie.
+    pub fn encoder(&self) -> Range<usize> {
+        self.parts().image
+    }
+
+    /// Where all the other parameters lie.
+    pub fn heads(&self) -> Range<usize> {
+        self.encoder().end..self.num_params()
+    }
+
+    /// F, the length of the invariant features: one per regular field.
+    pub fn feature_dim(&self) -> usize {
+        Layer::<T>::out_shape(&self.pool).len()
+    }
+
+    /// The settings that the network was built with.
+    pub fn settings(&self) -> &NetworkSettings {
+        &self.settings
+    }
+
+    /// The spec that the network was built for.
+    pub fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with their own gain,
+    /// zero biases, log_std as set.
+    pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
+        let (parts, settings) = (self.parts(), &self.settings);
+        let mut params = vec![T::ZERO; self.num_params()];
+        self.image.init(rng, &mut params[parts.image]);
+        self.vector.init(rng, &mut params[parts.vector]);
+        self.actor
+            .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
+        self.critic
+            .init_scaled(rng, settings.value_gain.into(), &mut params[parts.critic]);
+        params[parts.log_std].fill(T::from_f64(settings.log_std.into()));
+        params
+    }
+
+    pub(crate) fn parts(&self) -> Parts {
+        let mut end = 0;
+        let mut next = |len: usize| {
+            end += len;
+            end - len..end
+        };
+        Parts {
+            image: next(self.image.num_params()),
+            vector: next(self.vector.num_params()),
+            actor: next(self.actor.num_params()),
+            critic: next(self.critic.num_params()),
+            log_std: next(self.action_order.len()),
+        }
+    }
+}
+
+/// Halving convolutions, then one whose window is all that is left.
+fn encoder<T: Scalar>(
+    settings: &NetworkSettings,
+    spec: &EnvSpec,
+) -> Result<Sequential<T>, RlError> {
+    let [height, width, channels] = spec.image;
+    if height != width {
+        return Err(RlError::NotSquare { height, width });
+    }
+    let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
+    let mut shape = Shape::image(height, width, FieldType::trivial(channels));
+    for (i, &fields) in settings
+        .conv_fields
+        .iter()
+        .chain([&settings.top_fields])
+        .enumerate()
+    {
+        let last = i == settings.conv_fields.len();
+        let kernel = if last {
+            Kernel {
+                size: shape.height,
+                stride: 1,
+                padding: 0,
+            }
+        } else {
+            HALVING
+        };
+        let conv = R2Conv::new(
+            shape.fields,
+            FieldType::regular(fields),
+            kernel,
+            [shape.height, shape.width],
+        )
+        .map_err(|source| image_size(settings, spec, source))?;
+        shape = Layer::<T>::out_shape(&conv);
+        layers.push(Box::new(conv));
+        layers.push(Box::new(Relu::new(shape)?));
+    }
+    Ok(Sequential::new(layers)?)
+}
+
+fn image_size(
+    settings: &NetworkSettings,
+    spec: &EnvSpec,
+    source: equivariant::LayerError,
+) -> RlError {
+    let [height, width, _] = spec.image;
+    RlError::ImageSize {
+        height,
+        width,
+        convs: settings.conv_fields.len(),
+        multiple: settings.image_multiple(),
+        source: Box::new(source),
+    }
+}
+
+fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
+    Ok(vec![
+        Box::new(Linear::new(from, to)),
+        Box::new(Relu::new(Shape::vector(to))?),
+    ])
+}
+
+fn head<T: Scalar>(
+    from: FieldType,
+    hidden: FieldType,
+    to: FieldType,
+) -> Result<Sequential<T>, RlError> {
+    let mut layers = lift(from, hidden)?;
+    layers.push(Box::new(Linear::new(hidden, to)));
+    Ok(Sequential::new(layers)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use symmetry::Irrep;
+
+    use super::*;
+
+    fn spec(image: [usize; 3]) -> EnvSpec {
+        let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+        EnvSpec {
+            num_envs: 1,
+            image,
+            action: vector.clone(),
+            vector,
+        }
+    }
+
+    #[test]
+    fn parts_cover_the_parameters_and_start_as_set() {
+        let network =
+            ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 48, 6])).unwrap();
+        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        assert_eq!(params.len(), network.num_params());
+        assert_eq!(
+            (network.encoder().start, network.encoder().end),
+            (0, network.heads().start)
+        );
+        assert_eq!(
+            (network.heads().end, network.feature_dim()),
+            (params.len(), 64)
+        );
+        assert_eq!(params[params.len() - 4..], [-0.5; 4]);
+        let actor_out = &params[network.parts().actor.end - 4 * 32..network.parts().actor.end];
+        assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
+    }
+
+    #[test]
+    fn image_sizes_that_break_exactness_are_refused_with_the_sizes_that_work() {
+        let new = |image| {
+            ActorCritic::<f32>::new(&NetworkSettings::default(), &spec(image))
+                .err()
+                .unwrap()
+        };
+        for side in [50, 8] {
+            let error = new([side, side, 6]);
+            assert!(matches!(error, RlError::ImageSize { multiple: 16, .. }));
+            assert!(
+                error.to_string().contains("must be multiples of 16"),
+                "{error}"
+            );
+            assert!(std::error::Error::source(&error).is_some());
+        }
+        assert!(matches!(
+            new([48, 64, 6]),
+            RlError::NotSquare {
+                height: 48,
+                width: 64
+            }
+        ));
+    }
+}

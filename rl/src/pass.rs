@@ -1,0 +1,280 @@
+//! Forward and backward passes of the actor-critic for a chunk of samples.
+
+use std::slice::{ChunksExact, ChunksExactMut};
+
+use equivariant::{Layer, Scalar};
+
+use crate::network::ActorCritic;
+
+/// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
+///
+/// What the loss reads and writes is in f64 and in natural order; the rest is the network's own.
+#[derive(Clone, Debug)]
+pub struct Workspace<T> {
+    /// Mean actions `[n, A]` of the last forward pass.
+    pub mean: Vec<f64>,
+    /// Values `[n]` of the last forward pass.
+    pub value: Vec<f64>,
+    /// Logarithms of the standard deviations `[A]` of the last forward pass.
+    pub log_std: Vec<f64>,
+    /// Gradient of the loss with respect to `mean`, `[n, A]`: set it before the backward pass.
+    pub d_mean: Vec<f64>,
+    /// Gradient of the loss with respect to `value`, `[n]`: set it before the backward pass.
+    pub d_value: Vec<f64>,
+    /// Gradient of the loss with respect to `log_std`, `[A]`: set it before the backward pass.
+    pub d_log_std: Vec<f64>,
+    image: Stage<T>,
+    vector: Stage<T>,
+    actor: Stage<T>,
+    pool: Stage<T>,
+    critic: Stage<T>,
+}
+
+/// Buffers of one layer: input and output with their gradients, and its scratch.
+#[derive(Clone, Debug)]
+struct Stage<T> {
+    x: Vec<T>,
+    y: Vec<T>,
+    dx: Vec<T>,
+    dy: Vec<T>,
+    scratch: Vec<T>,
+}
+
+impl<T: Scalar> Stage<T> {
+    fn new(layer: &impl Layer<T>, samples: usize) -> Self {
+        let zeros = |len| vec![T::ZERO; len];
+        let (input, output) = (
+            samples * layer.in_shape().len(),
+            samples * layer.out_shape().len(),
+        );
+        Self {
+            x: zeros(input),
+            y: zeros(output),
+            dx: zeros(input),
+            dy: zeros(output),
+            scratch: zeros(layer.scratch_len(samples)),
+        }
+    }
+
+    fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) {
+        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        layer.forward(
+            params,
+            &self.x[..input],
+            &mut self.y[..output],
+            &mut self.scratch,
+        );
+    }
+
+    fn backward(
+        &mut self,
+        layer: &impl Layer<T>,
+        params: &[T],
+        n: usize,
+        dparams: &mut [T],
+        input_too: bool,
+    ) {
+        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        let dx = input_too.then_some(&mut self.dx[..input]);
+        let (x, y, dy) = (&self.x[..input], &self.y[..output], &self.dy[..output]);
+        layer.backward(params, x, y, dy, dx, dparams, &mut self.scratch);
+    }
+}
+
+impl<T: Scalar> Workspace<T> {
+    /// The invariant features `[n, F]` of the last forward pass.
+    pub fn features(&self) -> &[T] {
+        &self.pool.y
+    }
+}
+
+impl<T: Scalar> ActorCritic<T> {
+    /// A workspace for chunks of up to `capacity` samples.
+    pub fn workspace(&self, capacity: usize) -> Workspace<T> {
+        let action = self.action_order.len();
+        Workspace {
+            mean: vec![0.0; capacity * action],
+            value: vec![0.0; capacity],
+            log_std: vec![0.0; action],
+            d_mean: vec![0.0; capacity * action],
+            d_value: vec![0.0; capacity],
+            d_log_std: vec![0.0; action],
+            image: Stage::new(&self.image, capacity),
+            vector: Stage::new(&self.vector, capacity),
+            actor: Stage::new(&self.actor, capacity),
+            pool: Stage::new(&self.pool, capacity),
+            critic: Stage::new(&self.critic, capacity),
+        }
+    }
+
+    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, scaled and
+    /// put into irrep-major order.
+    ///
+    /// # Panics
+    /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.
+    pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
+        let pixels = &mut workspace.image.x[slot * image.len()..(slot + 1) * image.len()];
+        let scale = T::from_f64(1.0 / 255.0);
+        let centre = T::from_f64(0.5);
+        for (x, &byte) in pixels.iter_mut().zip(image) {
+            *x = T::from_f64(f64::from(byte)) * scale - centre;
+        }
+        let components = &mut workspace.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
+        for (x, &i) in components.iter_mut().zip(&self.vector_order) {
+            *x = T::from_f64(f64::from(vector[i] * self.settings().vector_scale));
+        }
+    }
+
+    /// Runs the samples in slots 0..n: fills `mean`, `value`, `log_std` and the features.
+    ///
+    /// # Panics
+    /// When `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
+    pub fn forward(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
+        let (parts, w) = (self.parts(), workspace);
+        self.forward_features(params, n, w);
+        w.actor.forward(&self.actor, &params[parts.actor], n);
+        w.critic.x.copy_from_slice(&w.pool.y);
+        w.critic.forward(&self.critic, &params[parts.critic], n);
+        let width = self.action_order.len();
+        for (mean, y) in w
+            .mean
+            .chunks_exact_mut(width)
+            .zip(w.actor.y.chunks_exact(width))
+            .take(n)
+        {
+            for (&i, y) in self.action_order.iter().zip(y) {
+                mean[i] = y.to_f64();
+            }
+        }
+        to_f64(&w.critic.y[..n], &mut w.value);
+        to_f64(&params[parts.log_std], &mut w.log_std);
+    }
+
+    /// Runs the samples in slots 0..n up to the features.
+    ///
+    /// # Panics
+    /// As [`ActorCritic::forward`].
+    pub fn forward_features(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
+        let (parts, w) = (self.parts(), workspace);
+        w.image.forward(&self.image, &params[parts.image], n);
+        w.vector.forward(&self.vector, &params[parts.vector], n);
+        let (image, vector) = self.fields();
+        concat(
+            &mut w.pool.x,
+            w.image.y.chunks_exact(image),
+            w.vector.y.chunks_exact(vector),
+        );
+        w.actor.x.copy_from_slice(&w.pool.x);
+        w.pool.forward(&self.pool, &[], n);
+    }
+
+    /// Adds the gradient of the loss to `dparams`, for the n samples of the last forward pass, from `d_mean`,
+    /// `d_value` and `d_log_std`.
+    ///
+    /// # Panics
+    /// As [`ActorCritic::forward`].
+    pub fn backward(
+        &self,
+        params: &[T],
+        n: usize,
+        workspace: &mut Workspace<T>,
+        dparams: &mut [T],
+    ) {
+        let (parts, w) = (self.parts(), workspace);
+        self.load_output_gradients(n, w);
+        w.actor.backward(
+            &self.actor,
+            &params[parts.actor.clone()],
+            n,
+            &mut dparams[parts.actor],
+            true,
+        );
+        w.critic.backward(
+            &self.critic,
+            &params[parts.critic.clone()],
+            n,
+            &mut dparams[parts.critic],
+            true,
+        );
+        w.pool.dy.copy_from_slice(&w.critic.dx);
+        w.pool.backward(&self.pool, &[], n, &mut [], true);
+        for (sum, d) in w.pool.dx.iter_mut().zip(&w.actor.dx) {
+            *sum += *d;
+        }
+        let (image, vector) = self.fields();
+        split(
+            &w.pool.dx,
+            w.image.dy.chunks_exact_mut(image),
+            w.vector.dy.chunks_exact_mut(vector),
+        );
+        w.image.backward(
+            &self.image,
+            &params[parts.image.clone()],
+            n,
+            &mut dparams[parts.image],
+            false,
+        );
+        w.vector.backward(
+            &self.vector,
+            &params[parts.vector.clone()],
+            n,
+            &mut dparams[parts.vector],
+            false,
+        );
+        for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
+            *sum += T::from_f64(*d);
+        }
+    }
+
+    fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {
+        let width = self.action_order.len();
+        for (dy, d) in w
+            .actor
+            .dy
+            .chunks_exact_mut(width)
+            .zip(w.d_mean.chunks_exact(width))
+            .take(n)
+        {
+            for (dy, &i) in dy.iter_mut().zip(&self.action_order) {
+                *dy = T::from_f64(d[i]);
+            }
+        }
+        for (dy, &d) in w.critic.dy.iter_mut().zip(&w.d_value[..n]) {
+            *dy = T::from_f64(d);
+        }
+    }
+
+    /// Regular fields of the image's and of the vector's features.
+    fn fields(&self) -> (usize, usize) {
+        (self.settings().top_fields, self.settings().vector_fields)
+    }
+}
+
+/// Concatenates two maps of regular fields. Such a field has one channel of every irrep, so the direct sum
+/// interleaves blocks of `a` and `b` channels: one pair of blocks for every sample and irrep.
+fn concat<'a, T: Copy + 'a>(sum: &mut [T], a: ChunksExact<'a, T>, b: ChunksExact<'a, T>) {
+    let mut rest = sum;
+    for (a, b) in a.zip(b) {
+        let (pair, next) = rest.split_at_mut(a.len() + b.len());
+        pair[..a.len()].copy_from_slice(a);
+        pair[a.len()..].copy_from_slice(b);
+        rest = next;
+    }
+}
+
+/// Undoes [`concat`].
+fn split<T: Copy>(sum: &[T], a: ChunksExactMut<T>, b: ChunksExactMut<T>) {
+    let mut rest = sum;
+    for (a, b) in a.zip(b) {
+        let (pair, next) = rest.split_at(a.len() + b.len());
+        a.copy_from_slice(&pair[..a.len()]);
+        b.copy_from_slice(&pair[a.len()..]);
+        rest = next;
+    }
+}
+
+fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = from.to_f64();
+    }
+}

@@ -1,0 +1,166 @@
+//! The contract of the equivariant policy, for all four elements of D2.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Policy};
+use symmetry::{D2, Irrep};
+
+const SAMPLES: usize = 6;
+const TOLERANCE: f32 = 1e-5;
+
+/// Components in an order that is not irrep-major, so that the reordering is tested, too.
+fn spec() -> EnvSpec {
+    let vector = vec![
+        Irrep::X,
+        Irrep::Y,
+        Irrep::Trivial,
+        Irrep::Trivial,
+        Irrep::XY,
+        Irrep::X,
+        Irrep::Y,
+    ];
+    EnvSpec {
+        num_envs: SAMPLES,
+        image: [32, 32, 6],
+        action: vector[..5].to_vec(),
+        vector,
+    }
+}
+
+fn policy() -> ActorCriticPolicy {
+    let settings = NetworkSettings {
+        action_gain: 1.0,
+        ..NetworkSettings::default()
+    };
+    ActorCriticPolicy::new(&settings, &spec(), 5).unwrap()
+}
+
+fn observations() -> Observations {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut out = Observations::new(&spec());
+    out.images.fill_with(|| rng.random());
+    out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
+    out
+}
+
+/// The observations with pixels moved by `pixels` and vectors changed by `vectors`: the group action when both agree.
+fn transformed(from: &Observations, pixels: D2, vectors: D2) -> Observations {
+    let [h, w, c] = spec().image;
+    let images = from
+        .images
+        .chunks(h * w * c)
+        .flat_map(|image| pixels.transform_image(image, h, w, c));
+    Observations {
+        images: images.collect(),
+        vectors: signed(&from.vectors, &spec().vector, vectors),
+    }
+}
+
+/// Rows of components in natural order, each multiplied by its irrep's sign.
+fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+    rows.iter()
+        .zip(irreps.iter().cycle())
+        .map(|(x, irrep)| x * f32::from(irrep.sign(g)))
+        .collect()
+}
+
+/// Mean actions, values and features.
+fn outputs(policy: &mut ActorCriticPolicy, observations: &Observations) -> [Vec<f32>; 3] {
+    let mut out = [5, 1, policy.feature_dim()].map(|width| vec![0.0; SAMPLES * width]);
+    policy.mean_actions(observations, &mut out[0]).unwrap();
+    policy.values(observations, &mut out[1]).unwrap();
+    policy.features(observations, &mut out[2]).unwrap();
+    out
+}
+
+/// Largest difference relative to the largest entry.
+fn error(a: &[f32], b: &[f32]) -> f32 {
+    let size = b.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+    assert!(size > 0.0, "an output that is all zero proves nothing");
+    a.iter()
+        .zip(b)
+        .fold(0.0, |m: f32, (x, y)| m.max((x - y).abs()))
+        / size
+}
+
+/// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the mean by `action`.
+fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
+    let mut policy = policy();
+    let [mean, value, features] = outputs(&mut policy, &observations());
+    let moved = outputs(&mut policy, &transformed(&observations(), pixels, vectors));
+    let mean = signed(&mean, &spec().action, action);
+    [
+        error(&moved[0], &mean),
+        error(&moved[1], &value),
+        error(&moved[2], &features),
+    ]
+}
+
+#[test]
+fn mean_is_equivariant_and_value_and_features_are_invariant() {
+    for g in D2::ALL {
+        for (what, error) in ["mean", "value", "features"]
+            .into_iter()
+            .zip(errors(g, g, g))
+        {
+            assert!(error < TOLERANCE, "{g}: {what} is off by {error}");
+        }
+    }
+}
+
+#[test]
+fn the_check_of_the_mean_fails_for_a_wrong_group_action() {
+    for g in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
+        for wrong in D2::ALL.into_iter().filter(|&wrong| wrong != g) {
+            let [images, vectors, action] = [
+                errors(wrong, g, g)[0],
+                errors(g, wrong, g)[0],
+                errors(g, g, wrong)[0],
+            ];
+            assert!(
+                images > 100.0 * TOLERANCE,
+                "images {wrong} for {g}: {images}"
+            );
+            assert!(
+                vectors > 100.0 * TOLERANCE,
+                "vectors {wrong} for {g}: {vectors}"
+            );
+            assert!(
+                action > 100.0 * TOLERANCE,
+                "action {wrong} for {g}: {action}"
+            );
+        }
+    }
+}
+
+/// Pooling comes right after the concatenation, so value and features do not notice a wrong element of D2 in one
+/// input; they must notice what is no symmetry: rows exchanged with columns, or x with y.
+#[test]
+fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
+    let mut policy = policy();
+    let [_, value, features] = outputs(&mut policy, &observations());
+    let [h, w, c] = spec().image;
+    let original = observations().images;
+    let mut transposed = observations();
+    for (i, pixel) in transposed.images.chunks_mut(c).enumerate() {
+        let (image, row, column) = (i / (h * w), i / w % h, i % w);
+        pixel.copy_from_slice(&original[((image * h + column) * w + row) * c..][..c]);
+    }
+    let mut swapped = observations();
+    swapped
+        .vectors
+        .chunks_mut(spec().vector.len())
+        .for_each(|v| v.swap(0, 1));
+    for wrong in [transposed, swapped] {
+        let moved = outputs(&mut policy, &wrong);
+        assert!(error(&moved[1], &value) > 100.0 * TOLERANCE);
+        assert!(error(&moved[2], &features) > 100.0 * TOLERANCE);
+    }
+}
+
+#[test]
+fn the_standard_deviation_does_not_depend_on_the_state() {
+    assert_eq!(policy().log_std(), [-0.5; 5]);
+}

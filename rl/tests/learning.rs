@@ -1,0 +1,56 @@
+//! PPO learns a toy task from pixels within seconds, and a frozen policy does not pass the same threshold.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::{EPISODE, PointReach};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState, VectorEnv,
+    collect,
+};
+
+const ROLLOUTS: usize = 25;
+/// Of at most 10 an episode.
+const THRESHOLD: f64 = 7.5;
+
+/// Mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
+fn last_return(learn: bool) -> f64 {
+    let mut env = PointReach::new(32, 1);
+    let network = NetworkSettings {
+        conv_fields: vec![4],
+        top_fields: 8,
+        vector_fields: 8,
+        actor_fields: 8,
+        critic_width: 32,
+        ..NetworkSettings::default()
+    };
+    let settings = PpoSettings {
+        encoder_learning_rate: 1e-3,
+        gamma: 0.9,
+        ..PpoSettings::measured()
+    };
+    let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let mut ppo = Ppo::new(settings, &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut last = 0.0;
+    for _ in 0..ROLLOUTS {
+        let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+        last = stats.mean_return().unwrap();
+        if learn {
+            ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+        }
+    }
+    last
+}
+
+#[test]
+fn learning_reaches_a_return_that_a_frozen_policy_does_not() {
+    let (learned, frozen) = (last_return(true), last_return(false));
+    assert!(learned > THRESHOLD, "learned {learned}");
+    assert!(frozen < THRESHOLD - 1.5, "frozen {frozen}");
+}

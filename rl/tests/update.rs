@@ -1,0 +1,263 @@
+//! One update: first-minibatch identities, reproducibility on any number of threads, and refusals.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::{EPISODE, PointReach};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, Decisions, EnvSpec, NetworkSettings, Policy, Ppo, PpoSettings, RlError,
+    RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
+};
+
+const ENVS: usize = 9;
+
+struct Run {
+    policy: ActorCriticPolicy,
+    buffer: RolloutBuffer,
+    stats: RolloutStats,
+    rng: ChaCha8Rng,
+}
+
+fn settings() -> NetworkSettings {
+    NetworkSettings {
+        conv_fields: vec![3, 4],
+        top_fields: 6,
+        ..NetworkSettings::default()
+    }
+}
+
+/// One rollout of a fresh policy.
+fn rollout() -> Run {
+    let mut env = PointReach::new(ENVS, 1);
+    let mut policy = ActorCriticPolicy::new(&settings(), env.spec(), 2).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env).unwrap();
+    let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+    Run {
+        policy,
+        buffer,
+        stats,
+        rng,
+    }
+}
+
+fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
+    let Run {
+        mut policy,
+        buffer,
+        mut rng,
+        ..
+    } = rollout();
+    let mut ppo = Ppo::new(settings, &policy).unwrap();
+    let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    (policy.params().to_vec(), stats)
+}
+
+#[test]
+fn a_rollout_reports_the_episodes_that_ended() {
+    let stats = rollout().stats;
+    assert_eq!(
+        (stats.decisions, stats.episodes.len()),
+        (ENVS * (EPISODE + 3), ENVS)
+    );
+    assert!(stats.episodes.iter().all(|e| e.length == EPISODE));
+    let mean = stats.episodes.iter().map(|e| e.total_reward).sum::<f64>() / ENVS as f64;
+    assert_eq!(stats.mean_return(), Some(mean));
+    assert!(stats.success_at_end_rate() <= stats.success_rate());
+}
+
+#[test]
+fn an_evaluation_runs_whole_episodes_with_the_mean_action() {
+    let mut policy = rollout().policy;
+    let mut run = || evaluate(&mut PointReach::new(ENVS, 4), &mut policy, 2).unwrap();
+    let stats = run();
+    assert_eq!(
+        (stats.decisions, stats.episodes.len()),
+        (2 * ENVS * EPISODE, 2 * ENVS)
+    );
+    assert!(stats.episodes.iter().all(|e| e.length == EPISODE));
+    assert_eq!(stats, run(), "no noise, hence the same episodes");
+}
+
+/// Steps of size almost zero leave the ratio at 1 in every minibatch.
+#[test]
+fn the_ratio_starts_at_one() {
+    let still = PpoSettings {
+        head_learning_rate: 1e-30,
+        encoder_learning_rate: 1e-30,
+        ..PpoSettings::default()
+    };
+    let (params, stats) = updated(still);
+    let start = rollout().policy;
+    assert!(
+        params
+            .iter()
+            .zip(start.params())
+            .all(|(a, b)| (a - b).abs() < 1e-20)
+    );
+    assert!(
+        stats.approx_kl.abs() < 1e-9 && stats.clip_fraction == 0.0,
+        "{stats:?}"
+    );
+    assert!(stats.policy_loss.abs() < 1e-4, "{stats:?}");
+    assert_eq!(stats.epochs, 8);
+}
+
+#[test]
+fn the_divergence_limit_stops_the_update() {
+    let fast = PpoSettings {
+        head_learning_rate: 0.1,
+        ..PpoSettings::default()
+    };
+    let (_, stats) = updated(fast);
+    assert!(stats.epochs < 8, "{stats:?}");
+    let (_, patient) = updated(PpoSettings {
+        max_kl: 1e9,
+        head_learning_rate: 0.1,
+        ..PpoSettings::default()
+    });
+    assert_eq!(patient.epochs, 8);
+    assert!(
+        patient.approx_kl > 0.075 && patient.clip_fraction > 0.0,
+        "{patient:?}"
+    );
+}
+
+#[test]
+fn one_and_two_threads_give_the_same_bits() {
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| updated(PpoSettings::default()))
+    };
+    let ((one, one_stats), (two, two_stats)) = (on(1), on(2));
+    assert_eq!(one_stats, two_stats);
+    assert!(
+        one.iter()
+            .zip(&two)
+            .all(|(a, b)| a.to_bits() == b.to_bits())
+    );
+    assert_ne!(one, rollout().policy.params());
+}
+
+#[test]
+fn a_saved_optimiser_continues_to_the_same_bits() {
+    let Run {
+        mut policy,
+        buffer,
+        rng,
+        ..
+    } = rollout();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap();
+    let mut restored =
+        ActorCriticPolicy::with_params(&settings(), buffer.spec(), policy.params().to_vec())
+            .unwrap();
+    let mut resumed =
+        Ppo::resume(PpoSettings::default(), &restored, ppo.optimiser().clone()).unwrap();
+    ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap();
+    resumed
+        .update(&mut restored, &buffer, &mut rng.clone())
+        .unwrap();
+    assert_eq!(policy.params(), restored.params());
+}
+
+#[test]
+fn log_probabilities_are_those_of_the_actions_taken() {
+    let Run {
+        mut policy, buffer, ..
+    } = rollout();
+    let mut means = vec![0.0; 2 * buffer.samples()];
+    policy
+        .mean_actions(buffer.observations(), &mut means)
+        .unwrap();
+    let decisions = buffer.decisions();
+    for i in 0..buffer.samples() {
+        let density: f32 = (2 * i..2 * i + 2)
+            .map(|j| {
+                let z = (decisions.actions[j] - means[j]) / (-0.5f32).exp();
+                -0.5 * z * z + 0.5 - 0.5 * std::f32::consts::TAU.ln()
+            })
+            .sum();
+        assert!((density - decisions.log_probs[i]).abs() < 1e-4, "{i}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let Run {
+        mut policy,
+        mut buffer,
+        mut rng,
+        ..
+    } = rollout();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let mut short = Decisions {
+        actions: vec![0.0; 3],
+        ..Decisions::new(buffer.spec())
+    };
+    let observations = rl::Observations::new(buffer.spec());
+    let result = policy.act(&observations, &mut rng, &mut short);
+    assert!(matches!(
+        result,
+        Err(RlError::Shape {
+            what: "actions",
+            got: 3,
+            expected: 18,
+            ..
+        })
+    ));
+    buffer.clear();
+    let result = ppo.update(&mut policy, &buffer, &mut rng);
+    assert!(matches!(
+        result,
+        Err(RlError::BufferNotFinished { got: 0, .. })
+    ));
+    let other = EnvSpec {
+        image: [16, 16, 2],
+        ..buffer.spec().clone()
+    };
+    let mut stranger = ActorCriticPolicy::new(&settings(), &other, 0).unwrap();
+    assert!(matches!(
+        ppo.update(&mut stranger, &buffer, &mut rng),
+        Err(RlError::Parameters { .. })
+    ));
+    let foreign = RolloutBuffer::new(&other, 1).unwrap();
+    let result = ppo.update(&mut policy, &foreign, &mut rng);
+    assert!(matches!(
+        result,
+        Err(RlError::SpecMismatch { field: "image" })
+    ));
+}
+
+#[test]
+fn a_network_that_diverged_is_reported() {
+    let Run {
+        mut policy,
+        buffer,
+        mut rng,
+        ..
+    } = rollout();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let value_bias = policy.params().len() - 3;
+    policy.params_mut()[value_bias] = f32::NAN;
+    assert!(matches!(
+        ppo.update(&mut policy, &buffer, &mut rng),
+        Err(RlError::NotFinite { .. })
+    ));
+    let saved = policy.params().to_vec();
+    let loaded = ActorCriticPolicy::with_params(&settings(), buffer.spec(), saved);
+    assert!(matches!(
+        loaded,
+        Err(RlError::NotFinite {
+            what: "a parameter",
+            ..
+        })
+    ));
+}
