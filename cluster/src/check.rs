@@ -1,0 +1,55 @@
+//! Checks of input that several modules share.
+
+use crate::ClusterError;
+
+/// Checks that `values` is a non-empty list of whole rows of `row` finite values; returns the
+/// number of rows.
+pub(crate) fn rows(
+    what: &'static str,
+    values: &[f32],
+    row: usize,
+    unit: &'static str,
+) -> Result<usize, ClusterError> {
+    if values.is_empty() {
+        return Err(ClusterError::Empty { what });
+    }
+    if !values.len().is_multiple_of(row) {
+        let len = values.len();
+        return Err(ClusterError::Ragged {
+            what,
+            len,
+            row,
+            unit,
+        });
+    }
+    match values.iter().position(|v| !v.is_finite()) {
+        Some(index) => {
+            let value = f64::from(values[index]);
+            Err(ClusterError::NonFinite { what, index, value })
+        }
+        None => Ok(values.len() / row),
+    }
+}
+
+/// Checks that a size is at least one.
+pub(crate) fn positive(name: &'static str, value: usize) -> Result<(), ClusterError> {
+    at_least(name, value, 1, "at least 1")
+}
+
+/// Checks that a size is at least `least`, which `expected` says in words.
+pub(crate) fn at_least(
+    name: &'static str,
+    value: usize,
+    least: usize,
+    expected: &'static str,
+) -> Result<(), ClusterError> {
+    if value >= least {
+        return Ok(());
+    }
+    let value = value as f64;
+    Err(ClusterError::OutOfRange {
+        name,
+        value,
+        expected,
+    })
+}

@@ -1,0 +1,174 @@
+//! The errors of this crate.
+
+/// Why a distance could not be computed or an assignment could not be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClusterError {
+    /// A list that must hold something is empty.
+    #[error("{what} is empty: expected at least one value")]
+    Empty {
+        /// What was being read, for instance `x` or `cost`.
+        what: &'static str,
+    },
+    /// A size or a setting lies outside its range.
+    #[error("{name} is {value}: expected {expected}")]
+    OutOfRange {
+        /// Name of the size or setting.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// The range in words.
+        expected: &'static str,
+    },
+    /// A flat list does not divide into whole rows.
+    #[error("{what} has {len} values, which is not a multiple of {row} (the length of one {unit})")]
+    Ragged {
+        /// What was being read.
+        what: &'static str,
+        /// Number of values given.
+        len: usize,
+        /// Number of values in one row.
+        row: usize,
+        /// What one row is, for instance `point`.
+        unit: &'static str,
+    },
+    /// A value is NaN or infinite.
+    #[error("{what}[{index}] is {value}: expected a finite number")]
+    NonFinite {
+        /// What was being read.
+        what: &'static str,
+        /// Position in the flat list.
+        index: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// A cost is so large that sums of costs could overflow.
+    #[error(
+        "cost[{index}] is {value:e}: expected at most {limit:e} in magnitude; rescale the costs"
+    )]
+    CostTooLarge {
+        /// Position in the flat row-major matrix.
+        index: usize,
+        /// The value found.
+        value: f64,
+        /// The largest magnitude accepted.
+        limit: f64,
+    },
+    /// The length of a cost matrix disagrees with its numbers of rows and columns.
+    #[error("cost has {len} entries: expected sources x sinks = {sources} x {sinks}")]
+    CostShape {
+        /// Number of entries given.
+        len: usize,
+        /// Number of rows.
+        sources: usize,
+        /// Number of columns.
+        sinks: usize,
+    },
+    /// The solver used up its bound on augmentations.
+    #[error(
+        "the transport solver stopped after {augmentations} augmentations with {left} units unsent"
+    )]
+    Stalled {
+        /// Augmentations made, which is also the bound.
+        augmentations: usize,
+        /// Units of mass that were still to be sent.
+        left: usize,
+    },
+    /// A plan has other numbers of sources, sinks or potentials than the cost matrix.
+    #[error("the plan's {what} has length {got}: expected {expected}")]
+    PlanShape {
+        /// Which part of the plan.
+        what: &'static str,
+        /// The length found.
+        got: usize,
+        /// The length that the cost matrix asks for.
+        expected: usize,
+    },
+    /// An entry of a plan points outside the cost matrix.
+    #[error(
+        "a plan entry sends from source {source_index} of {sources} to sink {sink_index} of {sinks}"
+    )]
+    EntryOutOfRange {
+        /// Row index of the entry.
+        source_index: usize,
+        /// Number of rows.
+        sources: usize,
+        /// Column index of the entry.
+        sink_index: usize,
+        /// Number of columns.
+        sinks: usize,
+    },
+    /// A row or column of a plan carries the wrong mass: the plan is not primal feasible.
+    #[error("{side} {index} carries {got} units of mass: expected {expected}")]
+    Marginal {
+        /// `source` or `sink`.
+        side: &'static str,
+        /// Index of the source or sink.
+        index: usize,
+        /// Units carried.
+        got: usize,
+        /// Units that uniform weights ask for.
+        expected: usize,
+    },
+    /// Two potentials add up to more than a cost: the potentials are not dual feasible.
+    #[error(
+        "reduced cost {slack:e} at source {source_index}, sink {sink_index}: \
+         expected at least -{tolerance:e}"
+    )]
+    DualInfeasible {
+        /// Row index.
+        source_index: usize,
+        /// Column index.
+        sink_index: usize,
+        /// Cost minus both potentials.
+        slack: f64,
+        /// Rounding allowance.
+        tolerance: f64,
+    },
+    /// The cost of a plan and the value of its potentials differ: optimality is not proven.
+    #[error("primal cost {primal:e} and dual value {dual:e} differ by more than {tolerance:e}")]
+    DualityGap {
+        /// Cost of the plan.
+        primal: f64,
+        /// Lower bound that the potentials prove.
+        dual: f64,
+        /// Rounding allowance.
+        tolerance: f64,
+    },
+    /// The two clouds of a candidate cannot be compared.
+    #[error(
+        "candidate {candidate}: {what} is {buffer} in the buffer and {rollout} in the rollout, \
+         expected the same"
+    )]
+    CandidateMismatch {
+        /// Index of the candidate.
+        candidate: usize,
+        /// Name of the size that differs.
+        what: &'static str,
+        /// Its value in the buffer.
+        buffer: usize,
+        /// Its value in the rollout.
+        rollout: usize,
+    },
+    /// The rollout holds too few episodes for the calibrated rule, whatever the buffers hold.
+    #[error(
+        "the rollout has {episodes} episodes: the calibrated rule expects at least {needed}; \
+         collect more episodes before assigning, or use the fixed rule"
+    )]
+    RolloutTooSmall {
+        /// Episodes in the rollout.
+        episodes: usize,
+        /// Episodes that the settings ask for.
+        needed: usize,
+    },
+    /// A reservoir was restored from parts that no run could have left.
+    #[error("a reservoir of capacity {capacity} that has seen {seen} episodes cannot hold {held}")]
+    ReservoirParts {
+        /// The capacity given.
+        capacity: usize,
+        /// The number of episodes offered so far.
+        seen: u64,
+        /// The number of episodes given.
+        held: usize,
+    },
+}

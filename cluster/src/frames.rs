@@ -1,0 +1,106 @@
+//! Feature vectors of the first frames of episodes.
+
+use crate::ClusterError;
+use crate::check::{positive, rows};
+
+/// Feature vectors of whole episodes, `[episodes, frames_per_episode, dim]`, all values finite.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frames {
+    features: Vec<f32>,
+    frames_per_episode: usize,
+    dim: usize,
+}
+
+impl Frames {
+    /// Takes the features `[episodes, frames_per_episode, dim]` of at least one episode.
+    ///
+    /// # Errors
+    /// No episode, a partial episode, a zero size, or a value that is not finite.
+    pub fn new(
+        features: Vec<f32>,
+        frames_per_episode: usize,
+        dim: usize,
+    ) -> Result<Self, ClusterError> {
+        positive("frames_per_episode", frames_per_episode)?;
+        positive("dim", dim)?;
+        rows(
+            "features",
+            &features,
+            frames_per_episode.saturating_mul(dim),
+            "episode",
+        )?;
+        Ok(Self {
+            features,
+            frames_per_episode,
+            dim,
+        })
+    }
+
+    /// Returns all features, `[episodes, frames_per_episode, dim]`.
+    pub fn features(&self) -> &[f32] {
+        &self.features
+    }
+
+    /// Returns the number of episodes, at least 1.
+    pub fn episodes(&self) -> usize {
+        self.features.len() / self.episode_len()
+    }
+
+    /// Returns the number of frames an episode (the paper's `k`).
+    pub fn frames_per_episode(&self) -> usize {
+        self.frames_per_episode
+    }
+
+    /// Returns the number of features a frame.
+    pub fn dim(&self) -> usize {
+        self.dim
+    }
+
+    /// Returns the features of one episode, `[frames_per_episode, dim]`.
+    ///
+    /// # Panics
+    /// If `index` is not below [`episodes`](Self::episodes).
+    pub fn episode(&self, index: usize) -> &[f32] {
+        &self.features[index * self.episode_len()..][..self.episode_len()]
+    }
+
+    fn episode_len(&self) -> usize {
+        self.frames_per_episode * self.dim
+    }
+}
+
+/// What one policy of the collection sees: its own data buffer and the new rollout, through its own
+/// extractor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// The policy's buffer `B_j`.
+    pub buffer: Frames,
+    /// The rollout buffer `O`.
+    pub rollout: Frames,
+}
+
+impl Candidate {
+    /// Checks that both clouds live in the same space; `index` names the candidate in the message.
+    pub(crate) fn check(&self, index: usize) -> Result<(), ClusterError> {
+        let (b, o) = (&self.buffer, &self.rollout);
+        let sizes = [
+            ("dim", b.dim, o.dim),
+            (
+                "frames_per_episode",
+                b.frames_per_episode,
+                o.frames_per_episode,
+            ),
+        ];
+        for (what, buffer, rollout) in sizes {
+            if buffer != rollout {
+                return Err(ClusterError::CandidateMismatch {
+                    candidate: index,
+                    what,
+                    buffer,
+                    rollout,
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+//! Exact 1-Wasserstein distances between point clouds, and the policy assigner built on them.
+//!
+//! The crate sees only points: it knows no task, network or policy. It answers three questions.
+//!
+//! - How far apart are two clouds? [`wasserstein1`] is the exact 1-Wasserstein distance with
+//!   Euclidean ground cost and uniform weights; [`transport`] solves the same problem on a given
+//!   cost matrix. Each answer carries potentials that prove it optimal, and [`certify`] checks the
+//!   proof before the answer is returned.
+//! - Which policy's group does a rollout belong to? [`Assigner`] compares the first frames of the
+//!   new episodes with the buffer of each policy, in that policy's own feature space, and names one
+//!   or none, with all its evidence.
+//! - What does a policy remember of its group? [`Reservoir`] keeps a bounded uniform sample of
+//!   episodes.
+//!
+//! # Definitions
+//!
+//! For clouds `X` of `n` and `Y` of `m` points, with `M_il = ||X_i - Y_l||_2`,
+//!
+//! ```text
+//! W1(X, Y) = min <gamma, M>_F   subject to   gamma 1 = 1/n,  gamma^T 1 = 1/m,  gamma >= 0.
+//! ```
+//!
+//! This equation and the fixed rule (`W1 <= d_epsilon = 1.0`, nearest policy first) are those of
+//! Liu et al., "Continual Vision-based Reinforcement Learning with Group Symmetries" (CoRL 2023),
+//! section 4.3 and Algorithm 1. The default rule compares `W1` with its distribution over random
+//! splits of the pooled episodes,
+//!
+//! ```text
+//! score = (W1 - mean) / sd,    ratio = W1 / max,
+//! ```
+//!
+//! and therefore depends neither on the scale of a network's features nor on the spread of its
+//! group; see [`Calibrated`].
+//!
+//! # Example
+//!
+//! ```
+//! use cluster::{Assigner, Candidate, Decision, Frames};
+//! use rand::{RngExt, SeedableRng};
+//! use rand_chacha::ChaCha8Rng;
+//!
+//! let mut rng = ChaCha8Rng::seed_from_u64(1);
+//! // 20 episodes of 4 frames in 8 dimensions, around a centre
+//! let mut episodes = |centre: f32| {
+//!     let features = (0..20 * 4 * 8).map(|_| centre + rng.random_range(-1.0..1.0)).collect();
+//!     Frames::new(features, 4, 8)
+//! };
+//! let far = Candidate { buffer: episodes(5.0)?, rollout: episodes(0.0)? };
+//! let near = Candidate { buffer: episodes(0.0)?, rollout: episodes(0.0)? };
+//!
+//! let assignment = Assigner::default().assign(&[far, near], &mut rng)?;
+//! assert_eq!(assignment.decision, Decision::Existing(1));
+//! assert!(assignment.evidence[0].ratio() > assignment.evidence[1].ratio());
+//! # Ok::<(), cluster::ClusterError>(())
+//! ```
+
+mod assigner;
+mod augmenting;
+mod certificate;
+mod check;
+mod distance;
+mod error;
+mod frames;
+mod permutation;
+mod reservoir;
+mod settings;
+mod transport;
+
+pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement};
+pub use certificate::{RELATIVE_TOLERANCE, certify};
+pub use distance::{euclidean_costs, wasserstein1};
+pub use error::ClusterError;
+pub use frames::{Candidate, Frames};
+pub use permutation::PermutationTest;
+pub use reservoir::Reservoir;
+pub use settings::{AssignerSettings, Calibrated, Rule};
+pub use transport::{Entry, MAX_COST, TransportPlan, transport};
+
+/// Compiles and runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

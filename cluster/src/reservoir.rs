@@ -1,0 +1,86 @@
+//! A bounded, uniform sample of a stream of episodes.
+
+use rand::{Rng, RngExt};
+
+use crate::ClusterError;
+use crate::check::positive;
+
+/// A uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
+///
+/// Algorithm R of J. S. Vitter, "Random sampling with a reservoir", ACM Transactions on
+/// Mathematical Software 11 (1985): the episode of rank `t > capacity` is kept with probability
+/// `capacity / t`, in place of one held at random. What an episode is, is up to the caller; one
+/// that stores raw frames can embed them afresh at each use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reservoir<E> {
+    capacity: usize,
+    seen: u64,
+    episodes: Vec<E>,
+}
+
+impl<E> Reservoir<E> {
+    /// Makes an empty reservoir for at most `capacity` episodes, at least 1.
+    ///
+    /// # Errors
+    /// A capacity of zero.
+    pub fn new(capacity: usize) -> Result<Self, ClusterError> {
+        Self::from_parts(capacity, 0, Vec::new())
+    }
+
+    /// Restores a reservoir from what [`capacity`](Self::capacity), [`seen`](Self::seen) and
+    /// [`into_episodes`](Self::into_episodes) gave.
+    ///
+    /// # Errors
+    /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
+    pub fn from_parts(capacity: usize, seen: u64, episodes: Vec<E>) -> Result<Self, ClusterError> {
+        positive("capacity", capacity)?;
+        if episodes.len() as u64 != seen.min(capacity as u64) {
+            let held = episodes.len();
+            return Err(ClusterError::ReservoirParts {
+                capacity,
+                seen,
+                held,
+            });
+        }
+        Ok(Self {
+            capacity,
+            seen,
+            episodes,
+        })
+    }
+
+    /// Offers an episode; returns the one that goes: none while there is room, else a held one or
+    /// the offered one.
+    pub fn offer<R: Rng + ?Sized>(&mut self, episode: E, rng: &mut R) -> Option<E> {
+        self.seen += 1;
+        if self.episodes.len() < self.capacity {
+            self.episodes.push(episode);
+            return None;
+        }
+        let place = usize::try_from(rng.random_range(0..self.seen)).ok();
+        match place.and_then(|place| self.episodes.get_mut(place)) {
+            Some(held) => Some(std::mem::replace(held, episode)),
+            None => Some(episode),
+        }
+    }
+
+    /// Returns the episodes held, in no meaningful order.
+    pub fn episodes(&self) -> &[E] {
+        &self.episodes
+    }
+
+    /// Gives up the episodes held.
+    pub fn into_episodes(self) -> Vec<E> {
+        self.episodes
+    }
+
+    /// Returns the number of episodes offered so far.
+    pub fn seen(&self) -> u64 {
+        self.seen
+    }
+
+    /// Returns the largest number of episodes held.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+}

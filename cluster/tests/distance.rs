@@ -1,0 +1,170 @@
+//! Distances against closed forms, brute force and replication; hostile input.
+
+// lints know tests, but not the helpers that tests call
+#![allow(clippy::expect_used)]
+
+mod common;
+
+use cluster::{ClusterError, euclidean_costs, wasserstein1};
+use common::normals;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// `W1` on the line: the area between the two distribution functions.
+fn area_between_cdfs(x: &[f32], y: &[f32]) -> f64 {
+    let mut steps: Vec<(f64, f64)> = Vec::new();
+    steps.extend(x.iter().map(|&p| (f64::from(p), 1.0 / x.len() as f64)));
+    steps.extend(y.iter().map(|&p| (f64::from(p), -1.0 / y.len() as f64)));
+    steps.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (mut height, mut area) = (0.0_f64, 0.0);
+    for pair in steps.windows(2) {
+        height += pair[0].1;
+        area += height.abs() * (pair[1].0 - pair[0].0);
+    }
+    area
+}
+
+/// Smallest total cost of a perfect matching of the remaining rows with the unused columns.
+fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -> f64 {
+    if row == n {
+        return 0.0;
+    }
+    let mut best = f64::INFINITY;
+    for column in 0..n {
+        if !used[column] {
+            used[column] = true;
+            best = best.min(cost[row * n + column] + cheapest_matching(cost, n, row + 1, used));
+            used[column] = false;
+        }
+    }
+    best
+}
+
+fn brute_force(x: &[f32], y: &[f32], dim: usize) -> f64 {
+    let n = x.len() / dim;
+    let cost = euclidean_costs(x, y, dim).expect("finite clouds");
+    cheapest_matching(&cost, n, 0, &mut vec![false; n]) / n as f64
+}
+
+/// Repeats each point `times` times, which leaves the distribution as it is.
+fn replicated(x: &[f32], dim: usize, times: usize) -> Vec<f32> {
+    x.chunks_exact(dim).flat_map(|p| p.repeat(times)).collect()
+}
+
+#[track_caller]
+fn assert_close(got: f64, expected: f64) {
+    assert!(
+        (got - expected).abs() <= 1e-9 * expected.max(1.0),
+        "got {got}, expected {expected}"
+    );
+}
+
+#[test]
+fn agrees_with_the_closed_form_on_the_line() {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    for (n, m) in [
+        (1, 1),
+        (1, 9),
+        (7, 7),
+        (12, 5),
+        (40, 40),
+        (40, 80),
+        (30, 31),
+        (64, 3),
+    ] {
+        let (x, y) = (normals(&mut rng, n), normals(&mut rng, m));
+        assert_close(wasserstein1(&x, &y, 1).unwrap(), area_between_cdfs(&x, &y));
+    }
+}
+
+#[test]
+fn agrees_with_all_permutations() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for n in 1..=7 {
+        for dim in [1, 2, 3, 64] {
+            let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, n * dim));
+            assert_close(wasserstein1(&x, &y, dim).unwrap(), brute_force(&x, &y, dim));
+        }
+    }
+}
+
+#[test]
+fn agrees_with_all_permutations_of_replicated_points() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for (n, m, lcm) in [
+        (2, 3, 6),
+        (3, 2, 6),
+        (1, 7, 7),
+        (2, 4, 4),
+        (2, 6, 6),
+        (6, 3, 6),
+    ] {
+        let (x, y) = (normals(&mut rng, n * 2), normals(&mut rng, m * 2));
+        let expected = brute_force(&replicated(&x, 2, lcm / n), &replicated(&y, 2, lcm / m), 2);
+        assert_close(wasserstein1(&x, &y, 2).unwrap(), expected);
+    }
+}
+
+#[test]
+fn unequal_sizes_agree_with_replication() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    for (n, m, lcm) in [
+        (6, 9, 18),
+        (8, 12, 24),
+        (20, 15, 60),
+        (10, 7, 70),
+        (40, 80, 80),
+    ] {
+        let (x, y) = (normals(&mut rng, n * 5), normals(&mut rng, m * 5));
+        let (xs, ys) = (replicated(&x, 5, lcm / n), replicated(&y, 5, lcm / m));
+        assert_close(
+            wasserstein1(&x, &y, 5).unwrap(),
+            wasserstein1(&xs, &ys, 5).unwrap(),
+        );
+    }
+}
+
+#[test]
+fn integer_grids_full_of_ties_agree_with_brute_force() {
+    let grid = |step: usize| -> Vec<f32> { (0..14).map(|i| ((i * step) % 3) as f32).collect() };
+    for (a, b) in [(1, 2), (2, 5), (4, 7)] {
+        let (x, y) = (grid(a), grid(b));
+        assert_close(wasserstein1(&x, &y, 2).unwrap(), brute_force(&x, &y, 2));
+    }
+}
+
+#[test]
+fn the_largest_and_smallest_finite_features_are_accepted() {
+    let far = wasserstein1(&[f32::MAX; 64], &[f32::MIN; 64], 64).unwrap();
+    assert_close(far / f64::from(f32::MAX), 16.0);
+    let near = wasserstein1(&[f32::from_bits(1)], &[0.0], 1).unwrap();
+    assert_eq!(near, f64::from(f32::from_bits(1)));
+}
+
+#[test]
+fn hostile_input_is_refused_with_its_values() {
+    let message = |x: &[f32], y: &[f32], dim| wasserstein1(x, y, dim).unwrap_err().to_string();
+    assert_eq!(
+        message(&[], &[1.0], 1),
+        "x is empty: expected at least one value"
+    );
+    assert_eq!(
+        message(&[1.0], &[], 1),
+        "y is empty: expected at least one value"
+    );
+    assert_eq!(message(&[1.0], &[1.0], 0), "dim is 0: expected at least 1");
+    let ragged = "y has 3 values, which is not a multiple of 2 (the length of one point)";
+    assert_eq!(message(&[1.0, 2.0], &[1.0, 2.0, 3.0], 2), ragged);
+    assert_eq!(
+        message(&[1.0, f32::NAN], &[1.0], 1),
+        "x[1] is NaN: expected a finite number"
+    );
+    assert_eq!(
+        message(&[1.0], &[f32::NEG_INFINITY], 1),
+        "y[0] is -inf: expected a finite number"
+    );
+    assert!(matches!(
+        euclidean_costs(&[1.0], &[], 1),
+        Err(ClusterError::Empty { what: "y" })
+    ));
+}
