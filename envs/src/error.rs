@@ -1,0 +1,98 @@
+//! What can go wrong in this crate.
+
+use crate::task::TaskGroup;
+
+/// Error of building or stepping an environment.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum EnvError {
+    /// A task name that no group has.
+    #[error(
+        "unknown task `{name}`: expected one of goal-reach, button-press, drawer-close, plate-slide"
+    )]
+    UnknownTask {
+        /// The name given.
+        name: String,
+    },
+    /// An embodiment's name that none has.
+    #[error("unknown embodiment `{name}`: expected sawyer or hand")]
+    UnknownEmbodiment {
+        /// The name given.
+        name: String,
+    },
+    /// An embodiment that this version cannot simulate.
+    #[error("the embodiment `{name}` is not built yet: use `sawyer`")]
+    EmbodimentNotBuilt {
+        /// The embodiment asked for.
+        name: &'static str,
+    },
+    /// A setting outside its range.
+    #[error("setting `{name}` is {value}, expected {expected}")]
+    Setting {
+        /// Name of the setting.
+        name: &'static str,
+        /// The value given.
+        value: String,
+        /// What would be accepted.
+        expected: &'static str,
+    },
+    /// An action that is not a number.
+    #[error(
+        "action of environment {env}, component {component} is {value}, expected a finite number (it is clipped to [-1, 1])"
+    )]
+    NonFiniteAction {
+        /// Index of the environment.
+        env: usize,
+        /// Index of the component, 0..4.
+        component: usize,
+        /// The value given.
+        value: f32,
+    },
+    /// A slice of the wrong length.
+    #[error("`{what}` has {got} elements, expected {expected}")]
+    Length {
+        /// What the slice holds.
+        what: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length that the settings ask for.
+        expected: usize,
+    },
+    /// An environment was stepped before its first reset.
+    #[error("environment {env} was stepped before a reset: call `reset` first")]
+    NotReset {
+        /// Index of the environment.
+        env: usize,
+    },
+    /// No variants to draw from.
+    #[error("no variants of {group} to draw from: name at least one element of D2")]
+    NoVariants {
+        /// The group.
+        group: TaskGroup,
+    },
+    /// A worker thread ended without an answer.
+    #[error("worker thread {worker} of the vector environment panicked: {message}")]
+    WorkerLost {
+        /// Index of the worker.
+        worker: usize,
+        /// What it said.
+        message: String,
+    },
+    /// A worker thread could not be started.
+    #[error("cannot start worker thread {worker}: {source}")]
+    Spawn {
+        /// Index of the worker.
+        worker: usize,
+        /// The operating system's reason.
+        source: std::io::Error,
+    },
+    /// A scene that MuJoCo does not take, or that lacks a name.
+    #[error(transparent)]
+    Model(#[from] mujoco::ModelError),
+    /// A simulation that diverged or was given bad values.
+    #[error(transparent)]
+    Simulation(#[from] mujoco::SimError),
+    /// Off-screen rendering.
+    #[error(transparent)]
+    Render(#[from] mujoco::RenderError),
+}

@@ -1,0 +1,54 @@
+//! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
+
+use mujoco::{RenderOptions, Renderer};
+use std::sync::Arc;
+
+use crate::EnvError;
+use crate::scene::Scene;
+use crate::tabletop::TableTop;
+
+/// Colour channels of one picture.
+pub const RGB: usize = 3;
+/// Channels of an observation's image: the current picture and the episode's first.
+pub const IMAGE_CHANNELS: usize = 2 * RGB;
+
+/// Renders one scene from its camera; lives on the thread that made it.
+pub struct Painter {
+    scene: Arc<Scene>,
+    renderer: Renderer,
+}
+
+impl Painter {
+    /// A renderer for `scene`.
+    ///
+    /// # Errors
+    /// [`EnvError::Render`] where no off-screen OpenGL can be had.
+    pub fn new(scene: Arc<Scene>) -> Result<Self, EnvError> {
+        let size = scene.camera.size;
+        // the default draws tables and objects, not the arm (group 3), collision shapes (4) or marks (5)
+        let options = RenderOptions::default();
+        let renderer = Renderer::new(Arc::clone(&scene.model), size, size, options)?;
+        Ok(Self { scene, renderer })
+    }
+
+    /// Paints what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y, column 0 the smallest x.
+    ///
+    /// # Errors
+    /// [`EnvError::Render`].
+    pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
+        self.renderer
+            .render(table.data_mut(), self.scene.camera_id, rgb)?;
+        let camera = &self.scene.camera;
+        camera.draw_disc(table.hand(), camera.disc_color, rgb);
+        Ok(())
+    }
+}
+
+/// Interleaves the current and the first picture `[size, size, 3]` to an observation's image `[size, size, 6]`.
+pub(crate) fn stack(current: &[u8], first: &[u8], image: &mut [u8]) {
+    let pixels = current.chunks_exact(RGB).zip(first.chunks_exact(RGB));
+    for (out, (now, before)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
+        out[..RGB].copy_from_slice(now);
+        out[RGB..].copy_from_slice(before);
+    }
+}

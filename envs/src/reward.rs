@@ -1,0 +1,57 @@
+//! The reward vocabulary: tolerances in `[0, 1]` and their Hamacher product.
+//!
+//! Source: dm_control's `tolerance` as Meta-World's rewards use it.
+
+/// One inside `distance <= bound`, then the long tail `1 / (9 d^2 + 1)` with `d = (distance - bound) / margin`: 0.1 at `d = 1`.
+///
+/// `distance`, `bound` and `margin` are in metres. Outside the bound a margin of zero gives zero.
+pub fn long_tail(distance: f64, bound: f64, margin: f64) -> f64 {
+    tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
+}
+
+/// One inside `distance <= bound`, then the Gaussian `0.1^(d^2)` with `d = (distance - bound) / margin`.
+pub fn gaussian(distance: f64, bound: f64, margin: f64) -> f64 {
+    tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
+}
+
+fn tolerance(distance: f64, bound: f64, margin: f64, tail: impl Fn(f64) -> f64) -> f64 {
+    if distance <= bound {
+        1.0
+    } else if margin == 0.0 {
+        0.0
+    } else {
+        tail((distance - bound) / margin)
+    }
+}
+
+/// Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`: a soft "and"; zero where the denominator is.
+pub fn hamacher(a: f64, b: f64) -> f64 {
+    let denominator = a + b - a * b;
+    if denominator > 0.0 {
+        a * b / denominator
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tolerances_are_one_inside_and_a_tenth_at_the_margin() {
+        for f in [long_tail, gaussian] {
+            assert_eq!(f(0.05, 0.05, 0.2), 1.0);
+            assert!((f(0.25, 0.05, 0.2) - 0.1).abs() < 1e-12);
+            assert_eq!(f(0.06, 0.05, 0.0), 0.0);
+        }
+    }
+
+    #[test]
+    fn hamacher_has_one_as_unit_and_zero_as_absorber() {
+        assert_eq!(hamacher(0.3, 1.0), 0.3);
+        assert_eq!(hamacher(0.0, 0.7), 0.0);
+        assert_eq!(hamacher(0.0, 0.0), 0.0);
+        assert!((hamacher(0.5, 0.5) - 1.0 / 3.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,335 @@
+//! One environment without its picture: reset, step, reward.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use mujoco::Data;
+use rand_chacha::ChaCha8Rng;
+use symmetry::{D2, Irrep};
+
+use crate::EnvError;
+use crate::scene::{HAND_START, Scene};
+use crate::task::{ExpertCommand, Measurement, Placement, TaskVariant};
+
+/// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
+pub const ACTION_DIM: usize = 4;
+/// Irreps of the action's components.
+pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+/// Components of the vector observation: hand x, y, z (metres from the centre), aperture in `[0, 1]`, goal x, y, z (metres; zero where hidden).
+pub const VECTOR_DIM: usize = 7;
+/// Irreps of the vector observation's components.
+pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
+    Irrep::X,
+    Irrep::Y,
+    Irrep::Trivial,
+    Irrep::Trivial,
+    Irrep::X,
+    Irrep::Y,
+    Irrep::Trivial,
+];
+
+/// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
+const PHYSICS_STEPS: usize = 5;
+/// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
+const REWARD_SCALE: f64 = 0.1;
+/// Bounds of the hand's target (metres): wider along y than the hand needs, so that a blocked hand can push.
+const TARGET_LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.05);
+const TARGET_HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.35);
+/// Claw distance of an open gripper (metres).
+const OPEN_APERTURE: f64 = 0.1;
+
+/// How actions become motion and how long an episode lasts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dynamics {
+    /// Control steps that one action is held for.
+    pub action_repeat: usize,
+    /// Displacement of the hand's target by a full action, per decision (metres).
+    pub displacement: f64,
+    /// Control steps in an episode; a multiple of `action_repeat`.
+    pub horizon: usize,
+}
+
+impl Default for Dynamics {
+    fn default() -> Self {
+        Self {
+            action_repeat: 10,
+            displacement: 0.04,
+            horizon: 500,
+        }
+    }
+}
+
+impl Dynamics {
+    /// Decisions in an episode.
+    pub fn decisions(&self) -> usize {
+        self.horizon / self.action_repeat
+    }
+
+    pub(crate) fn check(&self) -> Result<(), EnvError> {
+        let setting = |name, value: String, expected| EnvError::Setting {
+            name,
+            value,
+            expected,
+        };
+        if self.action_repeat == 0 || self.horizon == 0 || self.horizon % self.action_repeat != 0 {
+            let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
+            return Err(setting(
+                "horizon",
+                value,
+                "a positive multiple of the action repeat",
+            ));
+        }
+        if !(self.displacement > 0.0 && self.displacement.is_finite()) {
+            let value = self.displacement.to_string();
+            return Err(setting(
+                "displacement",
+                value,
+                "a positive length in metres",
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// What one decision brought.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Mean over the control steps of Meta-World's reward / 10: in `[0, 1]`.
+    pub reward: f64,
+    /// Whether the success condition held at any control step.
+    pub success: bool,
+    /// Whether the time limit is reached.
+    pub truncated: bool,
+}
+
+struct Episode {
+    variant: TaskVariant,
+    placement: Placement,
+    start: Measurement,
+    target: DVec3,
+    decisions: usize,
+}
+
+/// A table-top environment without a camera. All lengths in metres, world frame.
+pub struct TableTop {
+    scene: Arc<Scene>,
+    dynamics: Dynamics,
+    data: Data,
+    episode: Option<Episode>,
+}
+
+impl TableTop {
+    /// An environment on `scene`; it must be reset before its first step.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`] for impossible dynamics.
+    pub fn new(scene: Arc<Scene>, dynamics: Dynamics) -> Result<Self, EnvError> {
+        dynamics.check()?;
+        let data = Data::new(Arc::clone(&scene.model));
+        Ok(Self {
+            scene,
+            dynamics,
+            data,
+            episode: None,
+        })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The simulation, for a renderer.
+    pub(crate) fn data_mut(&mut self) -> &mut Data {
+        &mut self.data
+    }
+
+    /// Starts an episode of the variant `element` at a placement drawn from `rng`.
+    ///
+    /// # Errors
+    /// What MuJoCo says of the state.
+    pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
+        let placement = self.scene.group.task().place(rng);
+        self.reset_to(element, placement)
+    }
+
+    /// Starts an episode of the variant `element` at a given placement (canonical frame).
+    ///
+    /// # Errors
+    /// What MuJoCo says of the state.
+    pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
+        let scene = &self.scene;
+        self.data.restore(&scene.settled)?;
+        for (body, position) in [
+            (scene.object, placement.object),
+            (scene.goal, placement.goal),
+        ] {
+            if let Some(body) = body {
+                let position = map(element, position).to_array();
+                self.data.set_mocap_position(body, position)?;
+                self.data.set_mocap_quat(body, facing(element))?;
+            }
+        }
+        for &(address, position) in &scene.start_joints {
+            self.data.qpos_mut()[address] = position;
+        }
+        self.data.forward_kinematics()?;
+        let start = self.measure(element, &placement);
+        self.episode = Some(Episode {
+            variant: TaskVariant {
+                group: scene.group,
+                element,
+            },
+            placement,
+            start,
+            target: HAND_START,
+            decisions: 0,
+        });
+        Ok(())
+    }
+
+    /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
+    ///
+    /// # Errors
+    /// [`EnvError::NonFiniteAction`], [`EnvError::NotReset`], or a diverged simulation. `env` numbers the environment in messages.
+    pub fn step(&mut self, env: usize, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
+        let action = clip(env, action)?;
+        let repeat = self.dynamics.action_repeat;
+        let move_by = DVec3::new(action[0], action[1], action[2]) * self.dynamics.displacement
+            / repeat as f64;
+        let (mut reward, mut success) = (0.0, false);
+        for _ in 0..repeat {
+            let episode = self.episode.as_mut().ok_or(EnvError::NotReset { env })?;
+            episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
+            self.data
+                .set_mocap_position(self.scene.hand_target, episode.target.to_array())?;
+            self.data.set_ctrl(&[action[3], -action[3]])?;
+            self.data.step(PHYSICS_STEPS)?;
+            self.data.forward_kinematics()?;
+            let (variant, placement, start) = (episode.variant, episode.placement, episode.start);
+            let now = self.measure(variant.element, &placement);
+            let step = variant
+                .group
+                .task()
+                .evaluate(&placement, &start, &now, action[3]);
+            reward += step.reward * REWARD_SCALE / repeat as f64;
+            success |= step.success;
+        }
+        let episode = self.episode.as_mut().ok_or(EnvError::NotReset { env })?;
+        episode.decisions += 1;
+        let truncated = episode.decisions == self.dynamics.decisions();
+        Ok(Step {
+            reward,
+            success,
+            truncated,
+        })
+    }
+
+    /// The variant of the running episode.
+    pub fn variant(&self) -> Option<TaskVariant> {
+        self.episode.as_ref().map(|episode| episode.variant)
+    }
+
+    /// Position of the hand (metres, world frame).
+    pub fn hand(&self) -> DVec3 {
+        DVec3::from_array(self.data.body_position(self.scene.hand))
+    }
+
+    /// The goal (metres, world frame), in tasks that tell it to the learner.
+    pub fn revealed_goal(&self) -> Option<DVec3> {
+        let (task, episode) = (self.scene.group.task(), self.episode.as_ref()?);
+        let target = map(episode.variant.element, task.target(&episode.placement));
+        task.reveals_target().then_some(target)
+    }
+
+    /// Writes the vector observation `[VECTOR_DIM]` (see [`VECTOR_IRREPS`]).
+    pub fn observe(&self, out: &mut [f32]) {
+        let (hand, goal) = (self.hand(), self.revealed_goal().unwrap_or(DVec3::ZERO));
+        let values = [
+            hand.x,
+            hand.y,
+            hand.z,
+            self.aperture(),
+            goal.x,
+            goal.y,
+            goal.z,
+        ];
+        for (out, value) in out.iter_mut().zip(values) {
+            *out = value as f32;
+        }
+    }
+
+    /// The scripted expert's action for the present state, world frame.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset { env: 0 })?;
+        let now = self.measure(episode.variant.element, &episode.placement);
+        let ExpertCommand { hand, finger } =
+            self.scene.group.task().expert(&episode.placement, &now);
+        let wanted = map(episode.variant.element, hand - now.hand) / self.dynamics.displacement;
+        let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
+        Ok([
+            bounded.x as f32,
+            bounded.y as f32,
+            bounded.z as f32,
+            finger as f32,
+        ])
+    }
+
+    fn aperture(&self) -> f64 {
+        let [right, left] = self
+            .scene
+            .claws
+            .map(|body| DVec3::from_array(self.data.body_position(body)));
+        (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0)
+    }
+
+    fn measure(&self, element: D2, placement: &Placement) -> Measurement {
+        let task = self.scene.group.task();
+        let [right, left] = self
+            .scene
+            .tips
+            .map(|site| DVec3::from_array(self.data.site_position(site)));
+        let object = match self.scene.object_body {
+            Some(body) => map(element, DVec3::from_array(self.data.body_position(body))),
+            None => placement.object,
+        };
+        Measurement {
+            hand: map(element, self.hand()),
+            tcp: map(element, (right + left) / 2.0),
+            aperture: self.aperture(),
+            object: object + task.object_offset(),
+        }
+    }
+}
+
+/// Maps a point between the canonical and the world frame; every element is its own inverse.
+fn map(element: D2, point: DVec3) -> DVec3 {
+    let [x, y] = element.apply_xy([point.x, point.y]);
+    DVec3::new(x, y, point.z)
+}
+
+/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn instead of mirroring it,
+/// which is the same for objects that are their own mirror image along x.
+fn facing(element: D2) -> [f64; 4] {
+    if element.flips_y() {
+        [0.0, 0.0, 0.0, 1.0]
+    } else {
+        [1.0, 0.0, 0.0, 0.0]
+    }
+}
+
+fn clip(env: usize, action: &[f32; ACTION_DIM]) -> Result<[f64; ACTION_DIM], EnvError> {
+    for (component, &value) in action.iter().enumerate() {
+        if !value.is_finite() {
+            return Err(EnvError::NonFiniteAction {
+                env,
+                component,
+                value,
+            });
+        }
+    }
+    Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
+}

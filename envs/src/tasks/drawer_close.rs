@@ -1,0 +1,104 @@
+//! Drawer Close: push an open drawer shut along +y.
+
+use glam::DVec3;
+use rand_chacha::ChaCha8Rng;
+
+use super::{CANONICAL_X, uniform};
+use crate::reward::{gaussian, hamacher, long_tail};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+
+const CASE_Y: f64 = 0.3;
+/// Joint position of the open drawer (metres); zero is shut.
+const OPEN: f64 = -0.15;
+/// From the drawer body's origin to the point above its handle.
+const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.05);
+/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances never vanish.
+const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
+/// Distances to the target at full reward and at success (metres).
+const BOUND: f64 = 0.05;
+const SUCCESS: f64 = 0.065;
+/// Fingertips this near to the handle count as there (metres).
+const NEAR: f64 = 0.005;
+
+/// The drawer task.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawerClose;
+
+impl Task for DrawerClose {
+    fn scene(&self) -> Option<(&'static str, &'static str)> {
+        Some((
+            "drawer_close.xml",
+            include_str!("../../../assets/mjcf/drawer_close.xml"),
+        ))
+    }
+
+    fn object_body(&self) -> Option<&'static str> {
+        Some("drawer")
+    }
+
+    fn object_offset(&self) -> DVec3 {
+        HANDLE
+    }
+
+    fn start_joints(&self) -> &'static [(&'static str, f64)] {
+        &[("slide", OPEN)]
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
+        Placement {
+            object,
+            goal: object + SHUT,
+        }
+    }
+
+    fn target(&self, placement: &Placement) -> DVec3 {
+        placement.goal
+    }
+
+    fn reveals_target(&self) -> bool {
+        false
+    }
+
+    fn evaluate(
+        &self,
+        placement: &Placement,
+        start: &Measurement,
+        now: &Measurement,
+        finger: f64,
+    ) -> Evaluation {
+        let remaining = now.object.distance(placement.goal);
+        let at_start = start.object.distance(placement.goal);
+        let shut = long_tail(remaining, BOUND, (at_start - BOUND).abs());
+        let way = (start.object.distance(start.tcp) - NEAR).abs();
+        let reached = gaussian(now.object.distance(now.tcp), NEAR, way);
+        let success = remaining <= SUCCESS;
+        let pushing = hamacher(reached, finger.clamp(0.0, 1.0));
+        Evaluation {
+            reward: if success {
+                10.0
+            } else {
+                10.0 * hamacher(pushing, shut)
+            },
+            success,
+        }
+    }
+
+    /// Up and over to the near side of the handle, down, then push.
+    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+        let aim = now.object + DVec3::new(0.0, 0.0, -0.02);
+        let near_side = aim + DVec3::new(0.0, -0.075, 0.0);
+        let hand = if now.hand.y > aim.y - 0.05 && (now.hand.z - aim.z) > 0.04 {
+            if now.hand.z < aim.z + 0.10 {
+                now.hand + DVec3::new(0.0, -0.02, 0.5)
+            } else {
+                near_side + DVec3::new(0.0, 0.0, 0.13)
+            }
+        } else if (now.hand.z - aim.z).abs() > 0.04 {
+            near_side
+        } else {
+            aim + DVec3::new(0.0, 0.05, 0.0)
+        };
+        ExpertCommand { hand, finger: 1.0 }
+    }
+}

@@ -1,0 +1,23 @@
+//! The four tasks, one file each: figures at the top, then where things go, what is rewarded, and how an expert does it.
+
+mod button_press;
+mod drawer_close;
+mod goal_reach;
+mod plate_slide;
+
+pub use button_press::ButtonPress;
+pub use drawer_close::DrawerClose;
+pub use goal_reach::GoalReach;
+pub use plate_slide::PlateSlide;
+
+use std::ops::Range;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+/// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives a different task.
+const CANONICAL_X: Range<f64> = 0.08..0.20;
+
+fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {
+    range.start + (range.end - range.start) * rng.random::<f64>()
+}

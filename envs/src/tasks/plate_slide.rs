@@ -1,0 +1,95 @@
+//! Plate Slide: push a puck from the centre into a goal cage that opens to -y.
+
+use glam::DVec3;
+use rand_chacha::ChaCha8Rng;
+
+use super::{CANONICAL_X, uniform};
+use crate::reward::{hamacher, long_tail};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+
+const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
+const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
+/// Meta-World measures the way from the puck's start on the table's surface, not from its centre.
+const START_ON_TABLE: DVec3 = DVec3::ZERO;
+/// Distances to the goal at full reward and at success (metres).
+const BOUND: f64 = 0.05;
+const SUCCESS: f64 = 0.07;
+
+/// The plate task.
+#[derive(Clone, Copy, Debug)]
+pub struct PlateSlide;
+
+impl Task for PlateSlide {
+    fn scene(&self) -> Option<(&'static str, &'static str)> {
+        Some((
+            "plate_slide.xml",
+            include_str!("../../../assets/mjcf/plate_slide.xml"),
+        ))
+    }
+
+    fn object_body(&self) -> Option<&'static str> {
+        Some("puck")
+    }
+
+    fn object_offset(&self) -> DVec3 {
+        DVec3::ZERO
+    }
+
+    fn start_joints(&self) -> &'static [(&'static str, f64)] {
+        &[]
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        Placement {
+            object: PUCK_START,
+            goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
+        }
+    }
+
+    fn target(&self, placement: &Placement) -> DVec3 {
+        placement.goal
+    }
+
+    fn reveals_target(&self) -> bool {
+        false
+    }
+
+    fn evaluate(
+        &self,
+        placement: &Placement,
+        start: &Measurement,
+        now: &Measurement,
+        _: f64,
+    ) -> Evaluation {
+        let remaining = now.object.distance(placement.goal);
+        let margin = START_ON_TABLE.distance(placement.goal);
+        let placed = long_tail(remaining, BOUND, margin);
+        let touching = long_tail(
+            now.tcp.distance(now.object),
+            BOUND,
+            start.tcp.distance(START_ON_TABLE),
+        );
+        Evaluation {
+            reward: if remaining < BOUND {
+                10.0
+            } else {
+                8.0 * hamacher(touching, placed)
+            },
+            success: remaining <= SUCCESS,
+        }
+    }
+
+    /// Behind the puck on the line from the goal, down, then push towards the goal.
+    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        let aim = now.object + DVec3::new(0.0, -0.055, 0.03);
+        let off = (now.hand - aim).truncate().length();
+        let hand = if off > 0.03 {
+            aim + DVec3::new(0.0, 0.0, 0.1)
+        } else if (now.hand.z - aim.z).abs() > 0.04 {
+            aim
+        } else {
+            DVec3::new(placement.goal.x, placement.goal.y, aim.z)
+        };
+        ExpertCommand { hand, finger: -1.0 }
+    }
+}

@@ -1,0 +1,270 @@
+//! Many environments stepped together by worker threads, each thread with its own off-screen renderer.
+
+use symmetry::D2;
+
+use crate::EnvError;
+use crate::camera::Camera;
+use crate::picture::IMAGE_CHANNELS;
+use crate::scene::Embodiment;
+use crate::tabletop::{ACTION_DIM, Dynamics, VECTOR_DIM};
+use crate::task::TaskGroup;
+use crate::worker::{Command, Rows, Worker};
+
+/// Settings of a [`VecEnv`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VecEnvSettings {
+    /// Number of environments, N.
+    pub num_envs: usize,
+    /// Number of worker threads; results do not depend on it.
+    pub threads: usize,
+    /// What carries the gripper.
+    pub embodiment: Embodiment,
+    /// The camera over the table.
+    pub camera: Camera,
+    /// Actions and time.
+    pub dynamics: Dynamics,
+    /// Seed of all placements and variant draws.
+    pub seed: u64,
+}
+
+impl Default for VecEnvSettings {
+    fn default() -> Self {
+        Self {
+            num_envs: 20,
+            threads: 2,
+            embodiment: Embodiment::default(),
+            camera: Camera::default(),
+            dynamics: Dynamics::default(),
+            seed: 0,
+        }
+    }
+}
+
+impl VecEnvSettings {
+    /// Length of one environment's image, size x size x 6.
+    pub fn image_len(&self) -> usize {
+        self.camera.size * self.camera.size * IMAGE_CHANNELS
+    }
+
+    fn check(&self) -> Result<(), EnvError> {
+        for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
+            if value == 0 {
+                return Err(EnvError::Setting {
+                    name,
+                    value: value.to_string(),
+                    expected: "at least 1",
+                });
+            }
+        }
+        self.camera.check()?;
+        self.dynamics.check()
+    }
+}
+
+/// Borrowed buffers for the observations of N environments.
+#[derive(Debug)]
+pub struct ObservationsMut<'a> {
+    /// `[N, size, size, 6]`: current and first RGB picture of the episode.
+    pub images: &'a mut [u8],
+    /// `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
+    pub vectors: &'a mut [f32],
+}
+
+/// Borrowed buffers for the outcome of one step of N environments.
+#[derive(Debug)]
+pub struct StepMut<'a> {
+    /// What the next action should be chosen from: of the next episode where one ended.
+    pub observations: ObservationsMut<'a>,
+    /// The last observation of an episode; rows are written only where `truncated`.
+    pub final_observations: ObservationsMut<'a>,
+    /// `[N]`, in `[0, 1]`.
+    pub rewards: &'a mut [f32],
+    /// `[N]`: the success condition held during the step.
+    pub success: &'a mut [bool],
+    /// `[N]`: the episode reached its time limit; tasks never end otherwise.
+    pub truncated: &'a mut [bool],
+}
+
+/// N environments of one task group; where an episode ends, the next begins at once with a variant drawn anew.
+///
+/// Environment i draws from its own random stream, so results depend on the seed alone.
+pub struct VecEnv {
+    settings: VecEnvSettings,
+    workers: Vec<Worker>,
+    rows: Vec<Rows>,
+}
+
+impl VecEnv {
+    /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`], [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
+    pub fn new(
+        settings: VecEnvSettings,
+        group: TaskGroup,
+        elements: &[D2],
+    ) -> Result<Self, EnvError> {
+        settings.check()?;
+        let share = settings.num_envs.div_ceil(settings.threads);
+        let workers = (0..settings.num_envs)
+            .step_by(share)
+            .enumerate()
+            .map(|(index, first)| {
+                let envs = first..(first + share).min(settings.num_envs);
+                Worker::spawn(index, envs, settings)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut vec_env = Self {
+            settings,
+            workers,
+            rows: Vec::new(),
+        };
+        vec_env.set_tasks(group, elements)?;
+        Ok(vec_env)
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &VecEnvSettings {
+        &self.settings
+    }
+
+    /// Switches every environment to `group`, with variants drawn uniformly from `elements`; call [`VecEnv::reset`] next.
+    ///
+    /// A group's models are compiled when it is first named.
+    ///
+    /// # Errors
+    /// [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
+    pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
+        if elements.is_empty() {
+            return Err(EnvError::NoVariants { group });
+        }
+        for worker in &self.workers {
+            worker.send(Command::SetTasks(group, elements.to_vec()));
+        }
+        self.receive()
+    }
+
+    /// Starts a new episode in every environment.
+    ///
+    /// # Errors
+    /// [`EnvError::Length`] for buffers of another size, or what MuJoCo or OpenGL says.
+    pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<(), EnvError> {
+        self.check_observations(&out)?;
+        self.send(Command::Reset);
+        self.receive()?;
+        self.copy_observations(out);
+        Ok(())
+    }
+
+    /// Holds `actions` `[N, 4]` for one decision in every environment.
+    ///
+    /// # Errors
+    /// [`EnvError::Length`], [`EnvError::NonFiniteAction`], a diverged simulation, or lost rendering.
+    /// After an error of a simulation, [`VecEnv::reset`] starts afresh.
+    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<(), EnvError> {
+        self.check_step(actions, &out)?;
+        self.prepare_rows();
+        for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
+            let range = worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM;
+            rows.actions.copy_from_slice(&actions[range]);
+        }
+        self.send(Command::Step);
+        self.receive()?;
+        self.copy_finals(out.final_observations);
+        for (rows, worker) in self.rows.iter().zip(&self.workers) {
+            let envs = worker.envs.clone();
+            out.rewards[envs.clone()].copy_from_slice(&rows.rewards);
+            out.success[envs.clone()].copy_from_slice(&rows.success);
+            out.truncated[envs].copy_from_slice(&rows.truncated);
+        }
+        self.copy_observations(out.observations);
+        Ok(())
+    }
+
+    /// Makes one set of rows a worker; after an error some were lost.
+    fn prepare_rows(&mut self) {
+        if self.rows.len() != self.workers.len() {
+            let image = self.settings.image_len();
+            let rows = |worker: &Worker| Rows::new(worker.envs.len(), image);
+            self.rows = self.workers.iter().map(rows).collect();
+        }
+    }
+
+    fn send(&mut self, command: fn(Rows) -> Command) {
+        self.prepare_rows();
+        for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
+            worker.send(command(rows));
+        }
+    }
+
+    /// Waits for every worker, then reports the first error, so that questions and answers stay paired.
+    fn receive(&mut self) -> Result<(), EnvError> {
+        let mut first_error = None;
+        for worker in &mut self.workers {
+            match worker.receive() {
+                Ok(rows) => self.rows.extend(rows),
+                Err(error) => first_error = first_error.or(Some(error)),
+            }
+        }
+        first_error.map_or(Ok(()), Err)
+    }
+
+    fn copy_observations(&self, out: ObservationsMut<'_>) {
+        let image = self.settings.image_len();
+        for (rows, worker) in self.rows.iter().zip(&self.workers) {
+            let (start, end) = (worker.envs.start, worker.envs.end);
+            out.images[start * image..end * image].copy_from_slice(&rows.images);
+            out.vectors[start * VECTOR_DIM..end * VECTOR_DIM].copy_from_slice(&rows.vectors);
+        }
+    }
+
+    fn copy_finals(&self, out: ObservationsMut<'_>) {
+        let image = self.settings.image_len();
+        for (rows, worker) in self.rows.iter().zip(&self.workers) {
+            for (row, env) in worker.envs.clone().enumerate() {
+                if rows.truncated[row] {
+                    copy_row(&rows.final_images, row, out.images, env, image);
+                    copy_row(&rows.final_vectors, row, out.vectors, env, VECTOR_DIM);
+                }
+            }
+        }
+    }
+
+    fn check_observations(&self, out: &ObservationsMut<'_>) -> Result<(), EnvError> {
+        let n = self.settings.num_envs;
+        check_len("images", out.images.len(), n * self.settings.image_len())?;
+        check_len("vectors", out.vectors.len(), n * VECTOR_DIM)
+    }
+
+    fn check_step(&self, actions: &[f32], out: &StepMut<'_>) -> Result<(), EnvError> {
+        let n = self.settings.num_envs;
+        check_len("actions", actions.len(), n * ACTION_DIM)?;
+        if let Some(index) = actions.iter().position(|value| !value.is_finite()) {
+            return Err(EnvError::NonFiniteAction {
+                env: index / ACTION_DIM,
+                component: index % ACTION_DIM,
+                value: actions[index],
+            });
+        }
+        self.check_observations(&out.observations)?;
+        self.check_observations(&out.final_observations)?;
+        check_len("rewards", out.rewards.len(), n)?;
+        check_len("success", out.success.len(), n)?;
+        check_len("truncated", out.truncated.len(), n)
+    }
+}
+
+fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvError> {
+    if got == expected {
+        return Ok(());
+    }
+    Err(EnvError::Length {
+        what,
+        got,
+        expected,
+    })
+}
+
+fn copy_row<T: Copy>(from: &[T], row: usize, to: &mut [T], to_row: usize, len: usize) {
+    to[to_row * len..(to_row + 1) * len].copy_from_slice(&from[row * len..(row + 1) * len]);
+}

@@ -1,0 +1,130 @@
+//! What the learner sees: orientation, symmetry, and that the variants differ.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use envs::{Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+const SIZES: [usize; 2] = [48, 64];
+
+/// The first pictures `[size, size, 3]` of the four variants of `group`, at one placement.
+fn first_pictures(group: TaskGroup, size: usize, seed: u64) -> Vec<Vec<u8>> {
+    let camera = Camera {
+        size,
+        ..Camera::default()
+    };
+    let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
+    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+    let mut painter = Painter::new(scene).unwrap();
+    let placement = group.task().place(&mut ChaCha8Rng::seed_from_u64(seed));
+    let picture = |element| {
+        let mut rgb = vec![0; size * size * RGB];
+        table.reset_to(element, placement).unwrap();
+        painter.paint(&mut table, &mut rgb).unwrap();
+        rgb
+    };
+    D2::ALL.map(picture).to_vec()
+}
+
+#[test]
+fn variants_are_mirror_images_bit_for_bit() {
+    for group in TaskGroup::ALL {
+        for (size, seed) in SIZES
+            .into_iter()
+            .flat_map(|size| (0..6).map(move |seed| (size, seed)))
+        {
+            let pictures = first_pictures(group, size, seed);
+            for (element, picture) in D2::ALL.into_iter().zip(&pictures) {
+                let mirrored = element.transform_image(&pictures[0], size, size, RGB);
+                let differing = picture
+                    .iter()
+                    .zip(&mirrored)
+                    .filter(|(a, b)| a != b)
+                    .count();
+                assert_eq!(
+                    differing, 0,
+                    "{group} {element} at {size} pixels, seed {seed}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn every_variant_with_objects_looks_different() {
+    // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper over the centre.
+    let groups = TaskGroup::ALL
+        .into_iter()
+        .filter(|&group| group != TaskGroup::GoalReach);
+    let pictures: HashSet<Vec<u8>> = groups
+        .flat_map(|group| first_pictures(group, 48, 4))
+        .collect();
+    assert_eq!(pictures.len(), 12);
+}
+
+/// A scene whose objects stand at positive x and y must show them right of and above the middle.
+#[test]
+fn the_canonical_drawer_is_up_and_to_the_right() {
+    let size = 48;
+    let picture = &first_pictures(TaskGroup::DrawerClose, size, 4)[0];
+    let green = picture
+        .chunks_exact(RGB)
+        .enumerate()
+        .filter(|(_, pixel)| pixel[1] > pixel[0].saturating_add(20) && pixel[1] > pixel[2]);
+    let (mut rows, mut columns, mut count) = (0, 0, 0);
+    for (index, _) in green {
+        rows += index / size;
+        columns += index % size;
+        count += 1;
+    }
+    assert!(count > 50, "only {count} green pixels");
+    assert!(rows / count < size / 2, "mean row {}", rows / count);
+    assert!(
+        columns / count > size / 2,
+        "mean column {}",
+        columns / count
+    );
+}
+
+#[test]
+fn a_point_projects_to_its_pixel() {
+    // the puck's centre, dark on the table, against the camera's own projection
+    let camera = Camera {
+        size: 96,
+        disc_radius: 0.0,
+        ..Camera::default()
+    };
+    let scene = Arc::new(Scene::new(TaskGroup::ButtonPress, Embodiment::Sawyer, camera).unwrap());
+    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+    let mut painter = Painter::new(scene).unwrap();
+    let placement = TaskGroup::ButtonPress
+        .task()
+        .place(&mut ChaCha8Rng::seed_from_u64(1));
+    let cap = placement.object + glam::DVec3::new(0.0, -0.1764, 0.0425);
+    for element in D2::ALL {
+        let mut rgb = vec![0; 96 * 96 * RGB];
+        table.reset_to(element, placement).unwrap();
+        painter.paint(&mut table, &mut rgb).unwrap();
+        let [x, y] = element.apply_xy([cap.x, cap.y]);
+        let [u, v] = camera.project(glam::DVec3::new(x, y, cap.z));
+        let (row, column) = ((48.0 - v) as usize, (48.0 + u) as usize);
+        let pixel = &rgb[(row * 96 + column) * RGB..][..RGB];
+        assert!(
+            pixel[0] > 60 && pixel[1] < 20 && pixel[2] < 20,
+            "{element}: {pixel:?} is not the red cap"
+        );
+    }
+}
+
+#[test]
+fn odd_sizes_are_refused() {
+    let camera = Camera {
+        size: 47,
+        ..Camera::default()
+    };
+    let error = Scene::new(TaskGroup::GoalReach, Embodiment::Sawyer, camera).unwrap_err();
+    assert!(error.to_string().contains("image size` is 47"));
+}

@@ -1,0 +1,228 @@
+//! The vector environment: the same for any number of threads, honest about ends, clear about errors.
+
+use envs::{
+    ACTION_DIM, Camera, Dynamics, EnvError, ObservationsMut, StepMut, TaskGroup, VECTOR_DIM,
+    VecEnv, VecEnvSettings,
+};
+use symmetry::D2;
+
+const N: usize = 3;
+
+struct Buffers {
+    images: Vec<u8>,
+    vectors: Vec<f32>,
+    final_images: Vec<u8>,
+    final_vectors: Vec<f32>,
+    rewards: Vec<f32>,
+    success: Vec<bool>,
+    truncated: Vec<bool>,
+}
+
+impl Buffers {
+    fn new(settings: &VecEnvSettings) -> Self {
+        let (n, image) = (settings.num_envs, settings.image_len());
+        Self {
+            images: vec![0; n * image],
+            vectors: vec![0.0; n * VECTOR_DIM],
+            final_images: vec![0; n * image],
+            final_vectors: vec![0.0; n * VECTOR_DIM],
+            rewards: vec![0.0; n],
+            success: vec![false; n],
+            truncated: vec![false; n],
+        }
+    }
+
+    fn observations(&mut self) -> ObservationsMut<'_> {
+        ObservationsMut {
+            images: &mut self.images,
+            vectors: &mut self.vectors,
+        }
+    }
+
+    fn step(&mut self) -> StepMut<'_> {
+        StepMut {
+            observations: ObservationsMut {
+                images: &mut self.images,
+                vectors: &mut self.vectors,
+            },
+            final_observations: ObservationsMut {
+                images: &mut self.final_images,
+                vectors: &mut self.final_vectors,
+            },
+            rewards: &mut self.rewards,
+            success: &mut self.success,
+            truncated: &mut self.truncated,
+        }
+    }
+}
+
+fn settings(threads: usize) -> VecEnvSettings {
+    VecEnvSettings {
+        num_envs: N,
+        threads,
+        camera: Camera {
+            size: 16,
+            ..Camera::default()
+        },
+        dynamics: Dynamics {
+            horizon: 60,
+            ..Dynamics::default()
+        },
+        seed: 11,
+        ..VecEnvSettings::default()
+    }
+}
+
+fn action(step: usize) -> Vec<f32> {
+    (0..N * ACTION_DIM)
+        .map(|i| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0)
+        .collect()
+}
+
+/// Everything that 15 steps over a switch of groups show, in one list of numbers.
+fn trace(threads: usize) -> Vec<u32> {
+    let settings = settings(threads);
+    let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap();
+    let mut buffers = Buffers::new(&settings);
+    let mut trace = Vec::new();
+    for group in [
+        TaskGroup::DrawerClose,
+        TaskGroup::PlateSlide,
+        TaskGroup::DrawerClose,
+    ] {
+        env.set_tasks(group, &D2::ALL).unwrap();
+        env.reset(buffers.observations()).unwrap();
+        for step in 0..7 {
+            env.step(&action(step), buffers.step()).unwrap();
+            trace.extend(buffers.images.iter().map(|&v| u32::from(v)));
+            trace.extend(buffers.vectors.iter().map(|v| v.to_bits()));
+            trace.extend(buffers.rewards.iter().map(|v| v.to_bits()));
+            trace.extend(buffers.final_vectors.iter().map(|v| v.to_bits()));
+        }
+    }
+    trace
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same_bits() {
+    let one = trace(1);
+    for threads in [2, 3, 8] {
+        assert_eq!(trace(threads), one, "{threads} threads");
+    }
+}
+
+#[test]
+fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
+    let settings = settings(2);
+    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut buffers = Buffers::new(&settings);
+    env.reset(buffers.observations()).unwrap();
+    let start = buffers.vectors.clone();
+    for step in 1..=settings.dynamics.decisions() {
+        assert!(
+            buffers.truncated.iter().all(|&end| !end),
+            "before step {step}"
+        );
+        env.step(&[1.0; N * ACTION_DIM], buffers.step()).unwrap();
+    }
+    assert!(buffers.truncated.iter().all(|&end| end));
+    for env in 0..N {
+        let row = env * VECTOR_DIM..env * VECTOR_DIM + 3;
+        assert_eq!(
+            buffers.vectors[row.clone()],
+            start[row.clone()],
+            "a new episode starts at rest"
+        );
+        let moved = buffers.final_vectors[row.start] - start[row.start];
+        assert!(
+            moved > 0.1,
+            "environment {env} moved {moved} m in its episode"
+        );
+    }
+    // the second half of the channels is the episode's first picture, which is also the current one now
+    for pixel in buffers.images.chunks_exact(6) {
+        assert_eq!(pixel[..3], pixel[3..]);
+    }
+    assert!(
+        buffers
+            .final_images
+            .chunks_exact(6)
+            .any(|pixel| pixel[..3] != pixel[3..])
+    );
+}
+
+#[test]
+fn variants_are_drawn_from_the_elements_given() {
+    let settings = VecEnvSettings {
+        num_envs: 12,
+        ..settings(2)
+    };
+    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &[D2::FlipX]).unwrap();
+    let mut buffers = Buffers::new(&settings);
+    env.reset(buffers.observations()).unwrap();
+    let goals = |buffers: &Buffers| -> Vec<(bool, bool)> {
+        let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
+        rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
+    };
+    assert!(
+        goals(&buffers)
+            .iter()
+            .all(|&quadrant| quadrant == (true, false))
+    );
+    env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
+    env.reset(buffers.observations()).unwrap();
+    let quadrants: std::collections::HashSet<_> = goals(&buffers).into_iter().collect();
+    assert!(quadrants.len() > 1);
+}
+
+#[test]
+fn bad_input_is_refused_and_changes_nothing() {
+    let settings = settings(2);
+    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut buffers = Buffers::new(&settings);
+    let early = env.step(&action(0), buffers.step()).unwrap_err();
+    assert!(matches!(early, EnvError::NotReset { .. }), "{early}");
+    env.reset(buffers.observations()).unwrap();
+    let short = env.step(&[0.0; 3], buffers.step()).unwrap_err();
+    assert!(
+        short
+            .to_string()
+            .contains("`actions` has 3 elements, expected 12")
+    );
+    let mut bad = action(0);
+    bad[6] = f32::INFINITY;
+    let message = env.step(&bad, buffers.step()).unwrap_err().to_string();
+    assert!(
+        message.contains("environment 1, component 2 is inf"),
+        "{message}"
+    );
+    let none = env.set_tasks(TaskGroup::GoalReach, &[]).unwrap_err();
+    assert!(none.to_string().contains("no variants of goal-reach"));
+    env.step(&action(0), buffers.step()).unwrap();
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    for broken in [
+        VecEnvSettings {
+            num_envs: 0,
+            ..settings(1)
+        },
+        VecEnvSettings {
+            threads: 0,
+            ..settings(1)
+        },
+        VecEnvSettings {
+            camera: Camera {
+                size: 15,
+                ..Camera::default()
+            },
+            ..settings(1)
+        },
+    ] {
+        let error = VecEnv::new(broken, TaskGroup::GoalReach, &D2::ALL)
+            .err()
+            .unwrap();
+        assert!(matches!(error, EnvError::Setting { .. }), "{error}");
+    }
+}
