@@ -1,0 +1,26 @@
+# The two commands of the README; everything they need is installed by `deps`.
+
+# Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen (Mesa's EGL, OSMesa).
+DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 libgl1-mesa-dri libosmesa6
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+
+.PHONY: stream test deps
+
+stream: deps
+	cargo run --release --locked --example continual_stream -- --budget short
+
+test: deps
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+	cargo test --workspace --locked
+	cargo run --locked --example continual_stream -- --budget smoke --json
+
+deps:
+	@missing=""; for p in $(DEBIAN_PACKAGES); do \
+	  dpkg-query -W -f '$${Status}' $$p 2>/dev/null | grep -q 'ok installed' || missing="$$missing $$p"; \
+	done; \
+	if [ -n "$$missing" ]; then \
+	  echo "installing:$$missing"; \
+	  $(SUDO) apt-get update -qq && $(SUDO) apt-get install -y -qq --no-install-recommends $$missing; \
+	fi

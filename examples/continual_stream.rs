@@ -1,0 +1,54 @@
+//! The main job: learn from a stream of table-top tasks that nobody labels.
+//!
+//! `cargo run --release --example continual_stream -- --budget short`
+
+use std::io::{IsTerminal, stderr};
+use std::process::ExitCode;
+
+use clap::Parser;
+use covers::cli::StreamOptions;
+use covers::experiment::{Progress, run};
+use covers::report::{rollout_line, summary_table};
+use covers::{CoversError, RunFolder};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+fn main() -> ExitCode {
+    let options = StreamOptions::parse();
+    match learn(&options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn learn(options: &StreamOptions) -> Result<(), CoversError> {
+    let experiment = options.experiment();
+    let folder = RunFolder::create(&options.runs, &options.run_name())?;
+    let bar = progress_bar(experiment.total_rollouts());
+    let summary = run(&experiment, &folder, &mut |progress: &Progress| {
+        bar.suspend(|| println!("{}", rollout_line(progress)));
+        bar.inc(1);
+    })?;
+    bar.finish_and_clear();
+    println!("\n{}", summary_table(&summary));
+    println!("metrics and pictures: {}", folder.path().display());
+    if options.json {
+        println!("{}", serde_json::json!(summary));
+    }
+    Ok(())
+}
+
+/// A bar on the terminal; nothing where the output is a file.
+fn progress_bar(rollouts: usize) -> ProgressBar {
+    let target = if stderr().is_terminal() {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    let template = "{wide_bar} rollout {pos}/{len}, {eta} left";
+    let style =
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::with_draw_target(Some(rollouts as u64), target).with_style(style)
+}

@@ -1,0 +1,312 @@
+//! Algorithm 1 of the paper: collect, assign, update. Read this file from top to bottom.
+//!
+//! Liu, Xu, Huang, Zhang, Liu, Oguchi, Zhao, "Continual Vision-based Reinforcement Learning with Group Symmetries",
+//! CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
+
+use cluster::{Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState,
+    RolloutStats, UpdateStats, VectorEnv, collect,
+};
+
+use crate::CoversError;
+use crate::first_frames::{FirstFrames, embed, first_frames};
+
+/// Random streams of the learner; each purpose has its own, so that none shifts another.
+const ACTIONS: u64 = 0;
+const UPDATES: u64 = 1;
+const ASSIGNMENT: u64 = 2;
+const INITIALISATION: u64 = 3;
+
+/// What happens to a rollout that was collected by another policy than the one it is assigned to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reassigned {
+    /// It seeds or feeds the buffer only; the assigned policy collects its own rollout for the update. Its steps count.
+    #[default]
+    CollectAgain,
+    /// It updates the assigned policy although it is off-policy, as Algorithm 1 is written.
+    Reuse,
+}
+
+/// Settings of [`Covers`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct CoversSettings {
+    /// Sizes of each policy's network.
+    pub network: NetworkSettings,
+    /// The policy update.
+    pub ppo: PpoSettings,
+    /// The rule of assignment (the paper's threshold `d_epsilon`, or a calibrated test).
+    pub assigner: AssignerSettings,
+    /// Frames at the start of each episode that assignment looks at: the paper's `k`.
+    pub first_frames: usize,
+    /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
+    pub rollout_steps: usize,
+    /// Episodes of first frames kept per policy, a uniform sample. The paper's `B` grows without bound.
+    pub buffer_episodes: usize,
+    /// What happens to a rollout that changes hands. The paper does not say that it is off-policy then.
+    pub reassigned: Reassigned,
+    /// Seed of everything that the learner draws.
+    pub seed: u64,
+}
+
+impl Default for CoversSettings {
+    fn default() -> Self {
+        Self {
+            network: NetworkSettings::default(),
+            ppo: PpoSettings::default(),
+            assigner: AssignerSettings::default(),
+            first_frames: 4,
+            rollout_steps: 1000,
+            buffer_episodes: 100,
+            reassigned: Reassigned::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// One element of the collection: a policy, its optimiser, and the first frames of the group that it oversees.
+struct Member {
+    policy: ActorCriticPolicy,
+    ppo: Ppo,
+    buffer: Reservoir<FirstFrames>,
+}
+
+/// What one call of [`Covers::learn`] did.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Index of the policy that the rollout was assigned to.
+    pub policy: usize,
+    /// Whether that policy was created for it.
+    pub created: bool,
+    /// Evidence of the assignment, one item a policy that existed before.
+    pub evidence: Vec<Evidence>,
+    /// Decisions taken, discarded ones included.
+    pub decisions: usize,
+    /// Returns and successes of the rollout that updated the policy.
+    pub rollout: RolloutStats,
+    /// The update.
+    pub update: UpdateStats,
+}
+
+/// The learner: a growing collection of equivariant policies. It has no place for a task label.
+pub struct Covers {
+    settings: CoversSettings,
+    spec: EnvSpec,
+    assigner: Assigner,
+    members: Vec<Member>,
+    current: usize,
+    rollout: RolloutBuffer,
+    actions: ChaCha8Rng,
+    updates: ChaCha8Rng,
+    assignment: ChaCha8Rng,
+    initialisation: ChaCha8Rng,
+}
+
+impl Covers {
+    /// A learner with one random policy and an empty collection of frames.
+    ///
+    /// # Errors
+    /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
+    pub fn new(settings: CoversSettings, spec: &EnvSpec) -> Result<Self, CoversError> {
+        let steps = settings.steps_per_env(spec)?;
+        let stream = |stream| {
+            let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+            rng.set_stream(stream);
+            rng
+        };
+        let mut covers = Self {
+            spec: spec.clone(),
+            assigner: Assigner::new(settings.assigner)?,
+            members: Vec::new(),
+            current: 0,
+            rollout: RolloutBuffer::new(spec, steps)?,
+            actions: stream(ACTIONS),
+            updates: stream(UPDATES),
+            assignment: stream(ASSIGNMENT),
+            initialisation: stream(INITIALISATION),
+            settings,
+        };
+        covers.open_policy()?;
+        Ok(covers)
+    }
+
+    /// One turn of Algorithm 1: roll out, assign, update. Episodes begin anew, so that every one shows its first frames.
+    ///
+    /// # Errors
+    /// What the environment, the policy or the assigner says.
+    pub fn learn<E: VectorEnv>(&mut self, env: &mut E) -> Result<Report, CoversError> {
+        let mut stats = self.roll_out(env)?;
+        let mut decisions = stats.decisions;
+        let collector = self.current;
+        let frames = first_frames(&self.rollout, self.settings.first_frames);
+        let mut rng = self.assignment.clone();
+        let assignment = self.assign(&frames, &mut rng)?;
+        self.assignment = rng;
+        let created = assignment.decision == Decision::New;
+        self.adopt(assignment.decision, frames)?;
+        let reassigned = self.current != collector;
+        if reassigned && self.settings.reassigned == Reassigned::CollectAgain {
+            stats = self.roll_out(env)?;
+            decisions += stats.decisions;
+        }
+        let member = &mut self.members[self.current];
+        let update = member
+            .ppo
+            .update(&mut member.policy, &self.rollout, &mut self.updates)?;
+        Ok(Report {
+            policy: self.current,
+            created,
+            evidence: assignment.evidence,
+            decisions,
+            rollout: stats,
+            update,
+        })
+    }
+
+    /// Collects `N_s` decisions with the current policy.
+    fn roll_out<E: VectorEnv>(&mut self, env: &mut E) -> Result<RolloutStats, CoversError> {
+        let mut state = RolloutState::reset(env)?;
+        let policy = &mut self.members[self.current].policy;
+        let (buffer, rng) = (&mut self.rollout, &mut self.actions);
+        Ok(collect(env, policy, buffer, &mut state, rng)?)
+    }
+
+    /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features.
+    ///
+    /// The paper starts with an empty `B`, for which no distance exists: the first `O` seeds the first policy.
+    fn assign(
+        &mut self,
+        rollout: &[FirstFrames],
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        if self.members.len() == 1 && self.members[0].buffer.episodes().is_empty() {
+            return Ok(Assignment {
+                decision: Decision::Existing(0),
+                evidence: Vec::new(),
+            });
+        }
+        let k = self.settings.first_frames;
+        let candidates = self
+            .members
+            .iter_mut()
+            .map(|member| {
+                Ok(Candidate {
+                    buffer: embed(&mut member.policy, member.buffer.episodes(), k)?,
+                    rollout: embed(&mut member.policy, rollout, k)?,
+                })
+            })
+            .collect::<Result<Vec<_>, CoversError>>()?;
+        Ok(self.assigner.assign(&candidates, rng)?)
+    }
+
+    /// Makes the assigned policy current and gives it the frames.
+    fn adopt(&mut self, decision: Decision, frames: Vec<FirstFrames>) -> Result<(), CoversError> {
+        self.current = match decision {
+            Decision::Existing(index) => index,
+            Decision::New => self.open_policy()?,
+        };
+        let buffer = &mut self.members[self.current].buffer;
+        for episode in frames {
+            buffer.offer(episode, &mut self.assignment);
+        }
+        Ok(())
+    }
+
+    /// Adds a random policy with an empty buffer; returns its index.
+    fn open_policy(&mut self) -> Result<usize, CoversError> {
+        let seed = self.initialisation.random();
+        let policy = ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?;
+        let ppo = Ppo::new(self.settings.ppo.clone(), &policy)?;
+        let buffer = Reservoir::new(self.settings.buffer_episodes)?;
+        self.members.push(Member {
+            policy,
+            ppo,
+            buffer,
+        });
+        Ok(self.members.len() - 1)
+    }
+
+    /// Finds the policy for what `env` runs, from the first frames of one episode in each environment; learns nothing.
+    ///
+    /// Where the assigner would open a new policy, the nearest one answers. All draws come from `rng`, so that looking
+    /// does not change what is learnt next.
+    ///
+    /// # Errors
+    /// What the environment, the policy or the assigner says.
+    pub fn recognise<E: VectorEnv>(
+        &mut self,
+        env: &mut E,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<usize, CoversError> {
+        let k = self.settings.first_frames;
+        let mut state = RolloutState::reset(env)?;
+        let mut glimpse = RolloutBuffer::new(env.spec(), k)?;
+        let policy = &mut self.members[self.current].policy;
+        collect(env, policy, &mut glimpse, &mut state, rng)?;
+        let assignment = self.assign(&first_frames(&glimpse, k), rng)?;
+        Ok(match assignment.decision {
+            Decision::Existing(index) => index,
+            Decision::New => nearest(&assignment.evidence),
+        })
+    }
+
+    /// Runs `rounds` episodes in every environment with the mean actions of policy `index`; learns nothing.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for a policy that does not exist, or what the environment says.
+    pub fn perform<E: VectorEnv>(
+        &mut self,
+        index: usize,
+        env: &mut E,
+        rounds: usize,
+    ) -> Result<RolloutStats, CoversError> {
+        let member = self
+            .members
+            .get_mut(index)
+            .ok_or_else(|| CoversError::Setting {
+                name: "policy",
+                value: index.to_string(),
+                expected: "the index of a policy that was created",
+            })?;
+        Ok(rl::evaluate(env, &mut member.policy, rounds)?)
+    }
+
+    /// The number of policies created so far.
+    pub fn policies(&self) -> usize {
+        self.members.len()
+    }
+}
+
+fn nearest(evidence: &[Evidence]) -> usize {
+    let rank = |e: &Evidence| e.score().unwrap_or(e.distance);
+    let best = evidence
+        .iter()
+        .enumerate()
+        .min_by(|(_, a), (_, b)| rank(a).total_cmp(&rank(b)));
+    best.map_or(0, |(index, _)| index)
+}
+
+impl CoversSettings {
+    fn steps_per_env(&self, spec: &EnvSpec) -> Result<usize, CoversError> {
+        let setting = |name, value: usize, expected| CoversError::Setting {
+            name,
+            value: value.to_string(),
+            expected,
+        };
+        if self.first_frames == 0 {
+            return Err(setting("first_frames", 0, "at least 1 frame"));
+        }
+        if spec.num_envs == 0 || self.rollout_steps % spec.num_envs != 0 {
+            let expected = "a multiple of the number of environments";
+            return Err(setting("rollout_steps", self.rollout_steps, expected));
+        }
+        let steps = self.rollout_steps / spec.num_envs;
+        if steps < self.first_frames {
+            let expected = "at least first_frames decisions in every environment";
+            return Err(setting("rollout_steps", self.rollout_steps, expected));
+        }
+        Ok(steps)
+    }
+}

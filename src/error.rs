@@ -1,0 +1,57 @@
+//! What can go wrong while learning from a stream.
+
+use std::path::PathBuf;
+
+/// Error of the learner, its stream, or the files of a run.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CoversError {
+    /// A setting outside its range.
+    #[error("setting `{name}` is {value}, expected {expected}")]
+    Setting {
+        /// Name of the setting.
+        name: &'static str,
+        /// The value given.
+        value: String,
+        /// What would be accepted.
+        expected: &'static str,
+    },
+    /// The environments.
+    #[error(transparent)]
+    Env(#[from] envs::EnvError),
+    /// Policies and their updates.
+    #[error(transparent)]
+    Rl(#[from] rl::RlError),
+    /// Distances and assignment.
+    #[error(transparent)]
+    Cluster(#[from] cluster::ClusterError),
+    /// The thread pool.
+    #[error("cannot start {threads} threads: {source}")]
+    Threads {
+        /// Threads asked for.
+        threads: usize,
+        /// The reason.
+        source: rayon::ThreadPoolBuildError,
+    },
+    /// A file of the run folder.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The reason.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}
+
+impl CoversError {
+    /// Wraps what went wrong with writing `path`.
+    pub(crate) fn write(
+        path: &std::path::Path,
+        source: impl std::error::Error + Send + Sync + 'static,
+    ) -> Self {
+        Self::Write {
+            path: path.to_owned(),
+            source: Box::new(source),
+        }
+    }
+}

@@ -1,0 +1,25 @@
+//! Continual vision-based reinforcement learning with group symmetries: COVERS (Liu et al., CoRL 2023) in Rust.
+//!
+//! A learner watches a table through a top-down camera while tasks arrive in a stream that nobody labels. It grows one
+//! D2-equivariant policy per group of symmetric tasks, notices a change of group by the 1-Wasserstein distance of
+//! invariant features, recalls old policies, and solves symmetric variants that it never trained on.
+//!
+//! - [`Covers`]: the learner, Algorithm 1 of the paper. It learns from anything that implements [`rl::VectorEnv`].
+//! - [`Stream`]: the four task groups of the paper on MuJoCo as such an environment.
+//! - [`experiment::run`]: a whole run with its files, as `examples/continual_stream.rs` shows.
+
+pub mod cli;
+mod covers;
+mod error;
+pub mod evaluation;
+pub mod experiment;
+mod first_frames;
+pub mod report;
+mod run_folder;
+pub mod sheet;
+mod stream;
+
+pub use covers::{Covers, CoversSettings, Reassigned, Report};
+pub use error::CoversError;
+pub use run_folder::RunFolder;
+pub use stream::{Stream, Visit, schedule};

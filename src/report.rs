@@ -1,0 +1,59 @@
+//! What a person reads: one line a rollout, and a table at the end.
+
+use std::fmt::Write;
+
+use crate::experiment::{Progress, Summary};
+
+/// The line of one rollout: decisions, true group, assigned policy, W1 to each policy, mean reward, success.
+pub fn rollout_line(progress: &Progress) -> String {
+    let report = &progress.report;
+    let distances: Vec<String> = report
+        .evidence
+        .iter()
+        .map(|evidence| match evidence.score() {
+            Some(score) => format!("{:.2} (z {score:.1})", evidence.distance),
+            None => format!("{:.2}", evidence.distance),
+        })
+        .collect();
+    format!(
+        "{:>7}  {:<12}  policy {}{}  reward {:>5.1}  success {:.2}  W1 [{}]",
+        progress.decisions,
+        progress.group.name(),
+        report.policy,
+        if report.created { " new" } else { "    " },
+        progress.reward,
+        progress.success,
+        distances.join(", "),
+    )
+}
+
+/// The table of a whole run.
+pub fn summary_table(summary: &Summary) -> String {
+    let mut table = String::from(
+        "group         policy  episodes  success  at end  reward of 500\n\
+         ------------  ------  --------  -------  ------  -------------\n",
+    );
+    for score in &summary.groups {
+        // writing to a String cannot fail
+        let _ = writeln!(
+            table,
+            "{:<12}  {:>6}  {:>8}  {:>7.2}  {:>6.2}  {:>13.1}",
+            score.group,
+            score.policy,
+            score.episodes,
+            score.success,
+            score.success_at_end,
+            score.reward
+        );
+    }
+    let _ = write!(
+        table,
+        "assignment accuracy {:.3}, {} policies, {} decisions in {:.0} s ({:.0} per second)",
+        summary.assignment_accuracy,
+        summary.policies,
+        summary.decisions,
+        summary.seconds,
+        summary.decisions_per_second
+    );
+    table
+}

@@ -1,0 +1,159 @@
+//! The folder of one run: metrics as CSV, pictures as PNG. Files hold no clock time, so equal runs give equal bytes.
+
+use std::fs::{File, create_dir, create_dir_all};
+use std::io::{BufWriter, ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::CoversError;
+use crate::evaluation::Score;
+use crate::experiment::Progress;
+use crate::sheet::Picture;
+
+/// A folder that this run alone writes to.
+#[derive(Clone, Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... where that exists: no run overwrites another.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn create(parent: &Path, name: &str) -> Result<Self, CoversError> {
+        create_dir_all(parent).map_err(|error| CoversError::write(parent, error))?;
+        let mut attempt = 1;
+        loop {
+            let suffix = if attempt == 1 {
+                String::new()
+            } else {
+                format!("-{attempt}")
+            };
+            let path = parent.join(format!("{name}{suffix}"));
+            match create_dir(&path) {
+                Ok(()) => return Ok(Self { path }),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => attempt += 1,
+                Err(error) => return Err(CoversError::write(&path, error)),
+            }
+        }
+    }
+
+    /// Where the folder is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Opens `metrics.csv`, one row a rollout.
+    pub(crate) fn metrics(&self) -> Result<Metrics, CoversError> {
+        let path = self.path.join("metrics.csv");
+        let writer = csv::Writer::from_path(&path).map_err(|e| CoversError::write(&path, e))?;
+        Ok(Metrics { path, writer })
+    }
+
+    /// Writes `evaluation.csv`, one row a group.
+    pub(crate) fn write_scores(&self, scores: &[Score]) -> Result<(), CoversError> {
+        let path = self.path.join("evaluation.csv");
+        let failed = |error| CoversError::write(&path, error);
+        let mut writer = csv::Writer::from_path(&path).map_err(failed)?;
+        for score in scores {
+            writer.serialize(score).map_err(failed)?;
+        }
+        writer.flush().map_err(|e| CoversError::write(&path, e))
+    }
+
+    /// Writes a picture.
+    pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), CoversError> {
+        let path = self.path.join(name);
+        encode_png(&path, picture).map_err(|error| CoversError::write(&path, error))
+    }
+}
+
+fn encode_png(path: &Path, picture: &Picture) -> Result<(), png::EncodingError> {
+    let mut file = BufWriter::new(File::create(path)?);
+    let (width, height) = (picture.width as u32, picture.height as u32);
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&picture.rgb)?;
+    writer.finish()?;
+    Ok(file.flush()?)
+}
+
+/// The open `metrics.csv`; every row reaches the disk before the next rollout.
+pub(crate) struct Metrics {
+    path: PathBuf,
+    writer: csv::Writer<File>,
+}
+
+#[derive(Serialize)]
+struct Row<'a> {
+    rollout: usize,
+    decisions: usize,
+    group: &'a str,
+    policy: usize,
+    created: bool,
+    /// W1 to each policy that existed before, and its standardised score; joined by semicolons.
+    distances: String,
+    scores: String,
+    reward: f64,
+    success: f64,
+    success_at_end: f64,
+    policy_loss: f64,
+    value_loss: f64,
+    entropy: f64,
+    approx_kl: f64,
+    clip_fraction: f64,
+    explained_variance: f64,
+    grad_norm: f64,
+    epochs: usize,
+}
+
+impl Metrics {
+    pub(crate) fn write(&mut self, progress: &Progress) -> Result<(), CoversError> {
+        let row = Row::new(progress);
+        let path = &self.path;
+        self.writer
+            .serialize(row)
+            .map_err(|error| CoversError::write(path, error))?;
+        self.writer
+            .flush()
+            .map_err(|error| CoversError::write(path, error))
+    }
+}
+
+impl<'a> Row<'a> {
+    fn new(progress: &'a Progress) -> Self {
+        let (report, update) = (&progress.report, &progress.report.update);
+        let evidence = report.evidence.iter();
+        Self {
+            rollout: progress.rollout,
+            decisions: progress.decisions,
+            group: progress.group.name(),
+            policy: report.policy,
+            created: report.created,
+            distances: join(evidence.clone().map(|e| Some(e.distance))),
+            scores: join(evidence.map(cluster::Evidence::score)),
+            reward: progress.reward,
+            success: progress.success,
+            success_at_end: report.rollout.success_at_end_rate().unwrap_or(0.0),
+            policy_loss: update.policy_loss.into(),
+            value_loss: update.value_loss.into(),
+            entropy: update.entropy.into(),
+            approx_kl: update.approx_kl.into(),
+            clip_fraction: update.clip_fraction.into(),
+            explained_variance: update.explained_variance.into(),
+            grad_norm: update.grad_norm.into(),
+            epochs: update.epochs,
+        }
+    }
+}
+
+fn join(values: impl Iterator<Item = Option<f64>>) -> String {
+    let texts: Vec<String> = values
+        .map(|value| value.map_or_else(String::new, |value| value.to_string()))
+        .collect();
+    texts.join(";")
+}

@@ -1,0 +1,95 @@
+//! The contact sheet: all 16 variants as the learner sees them.
+
+use std::sync::Arc;
+
+use envs::{Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+use crate::CoversError;
+
+/// An RGB picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// `[height, width, 3]`, row 0 on top.
+    pub rgb: Vec<u8>,
+}
+
+/// Each pixel of a variant becomes a square of this side.
+const ENLARGE: usize = 4;
+/// White pixels around each variant.
+const GAP: usize = 6;
+
+/// A goal that the learner is told as a vector is marked in this colour; its picture does not show it.
+const TOLD_GOAL: [u8; 3] = [0, 200, 0];
+
+/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four variants of a group share one placement.
+///
+/// A goal that is told and not seen is marked by a green disc.
+///
+/// # Errors
+/// What the environments say.
+pub fn variant_pictures(settings: &VecEnvSettings) -> Result<Vec<Vec<Vec<u8>>>, CoversError> {
+    TaskGroup::ALL
+        .into_iter()
+        .map(|group| group_pictures(group, settings))
+        .collect()
+}
+
+fn group_pictures(
+    group: TaskGroup,
+    settings: &VecEnvSettings,
+) -> Result<Vec<Vec<u8>>, CoversError> {
+    let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
+    let mut table = TableTop::new(Arc::clone(&scene), settings.dynamics)?;
+    let mut painter = Painter::new(scene)?;
+    let placement = group
+        .task()
+        .place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
+    D2::ALL
+        .into_iter()
+        .map(|element| {
+            let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
+            table.reset_to(element, placement)?;
+            painter.paint(&mut table, &mut rgb)?;
+            if let Some(goal) = table.revealed_goal() {
+                settings.camera.draw_disc(goal, TOLD_GOAL, &mut rgb);
+            }
+            Ok(rgb)
+        })
+        .collect()
+}
+
+/// Groups down, elements across (identity, flip x, flip y, half turn), enlarged on white.
+///
+/// # Errors
+/// What the environments say.
+pub fn contact_sheet(settings: &VecEnvSettings) -> Result<Picture, CoversError> {
+    let pictures = variant_pictures(settings)?;
+    let size = settings.camera.size;
+    let cell = size * ENLARGE + GAP;
+    let (width, height) = (D2::ALL.len() * cell + GAP, pictures.len() * cell + GAP);
+    let mut rgb = vec![255; width * height * RGB];
+    for (row, variants) in pictures.iter().enumerate() {
+        for (column, picture) in variants.iter().enumerate() {
+            let origin = (GAP + row * cell, GAP + column * cell);
+            paste(picture, size, &mut rgb, width, origin);
+        }
+    }
+    Ok(Picture { width, height, rgb })
+}
+
+fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {
+    for y in 0..size * ENLARGE {
+        for x in 0..size * ENLARGE {
+            let from = ((y / ENLARGE) * size + x / ENLARGE) * RGB;
+            let to = ((origin.0 + y) * width + origin.1 + x) * RGB;
+            sheet[to..to + RGB].copy_from_slice(&picture[from..from + RGB]);
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! The stream of tasks: groups come, go and come back, and nothing tells the learner.
+
+use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use symmetry::D2;
+
+/// Return of a perfect episode on the paper's scale.
+const PERFECT_EPISODE: f64 = 500.0;
+/// Network inputs per metre: positions become numbers of order one.
+const INPUTS_PER_METRE: f32 = 10.0;
+/// Height (metres) and aperture that become zero: about the middle of their ranges.
+const MIDDLE_HEIGHT: f32 = 0.2;
+const MIDDLE_APERTURE: f32 = 0.6;
+
+/// One stay of a group: how many rollouts it lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Visit {
+    /// The group; known to the stream and to reports, never to the learner.
+    pub group: TaskGroup,
+    /// Rollouts until the next visit.
+    pub rollouts: usize,
+}
+
+/// Every group once a cycle, in an order drawn anew for each cycle; no group follows itself.
+///
+/// `rollouts[i]` is the length of a visit of `TaskGroup::ALL[i]`.
+pub fn schedule(cycles: usize, rollouts: [usize; 4], rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    let mut visits: Vec<Visit> = Vec::with_capacity(4 * cycles);
+    for _ in 0..cycles {
+        let mut order = [0, 1, 2, 3];
+        for last in (1..order.len()).rev() {
+            order.swap(last, rng.random_range(0..=last));
+        }
+        if visits.last().map(|visit| visit.group) == Some(TaskGroup::ALL[order[0]]) {
+            order.rotate_left(1);
+        }
+        visits.extend(order.map(|i| Visit {
+            group: TaskGroup::ALL[i],
+            rollouts: rollouts[i],
+        }));
+    }
+    visits
+}
+
+/// The environments as the learner sees them; which group they run is set from outside and shows in no observation but the picture.
+pub struct Stream {
+    env: VecEnv,
+    spec: EnvSpec,
+    truncated: Vec<bool>,
+}
+
+impl Stream {
+    /// Environments of `group`, with variants drawn from all four elements.
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn new(settings: VecEnvSettings, group: TaskGroup) -> Result<Self, EnvError> {
+        let size = settings.camera.size;
+        Ok(Self {
+            env: VecEnv::new(settings, group, &D2::ALL)?,
+            spec: EnvSpec {
+                num_envs: settings.num_envs,
+                image: [size, size, envs::IMAGE_CHANNELS],
+                vector: envs::VECTOR_IRREPS.to_vec(),
+                action: envs::ACTION_IRREPS.to_vec(),
+            },
+            truncated: vec![false; settings.num_envs],
+        })
+    }
+
+    /// Lets another group in; its episodes begin with the next reset.
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn switch_to(&mut self, group: TaskGroup) -> Result<(), EnvError> {
+        self.env.set_tasks(group, &D2::ALL)
+    }
+
+    /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect episode earns 500.
+    pub fn reward_scale(&self) -> f64 {
+        PERFECT_EPISODE / self.env.settings().dynamics.decisions() as f64
+    }
+}
+
+impl VectorEnv for Stream {
+    type Error = EnvError;
+
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), EnvError> {
+        self.env.reset(borrow(out))?;
+        scale(&mut out.vectors);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), EnvError> {
+        self.env.step(
+            actions,
+            StepMut {
+                observations: borrow(&mut out.observations),
+                final_observations: borrow(&mut out.final_observations),
+                rewards: &mut out.rewards,
+                success: &mut out.success,
+                truncated: &mut self.truncated,
+            },
+        )?;
+        for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
+            *outcome = if truncated {
+                Outcome::Truncated
+            } else {
+                Outcome::Running
+            };
+        }
+        scale(&mut out.observations.vectors);
+        scale_rows(&mut out.final_observations.vectors, &self.truncated);
+        Ok(())
+    }
+}
+
+fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
+    ObservationsMut {
+        images: &mut observations.images,
+        vectors: &mut observations.vectors,
+    }
+}
+
+fn scale(vectors: &mut [f32]) {
+    vectors
+        .chunks_exact_mut(envs::VECTOR_DIM)
+        .for_each(scale_row);
+}
+
+fn scale_rows(vectors: &mut [f32], which: &[bool]) {
+    let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
+    rows.filter(|(_, which)| **which)
+        .for_each(|(row, _)| scale_row(row));
+}
+
+/// Centres and scales hand x, y, z, aperture and goal x, y, z; a hidden goal stays zero, and flips stay flips.
+fn scale_row(row: &mut [f32]) {
+    row[2] -= MIDDLE_HEIGHT;
+    row[3] -= MIDDLE_APERTURE;
+    for index in [0, 1, 2, 4, 5, 6] {
+        row[index] *= INPUTS_PER_METRE;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn a_schedule_visits_every_group_each_cycle_and_never_twice_running() {
+        for seed in 0..50 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let visits = schedule(3, [1, 2, 3, 4], &mut rng);
+            assert_eq!(visits.len(), 12);
+            assert!(visits.windows(2).all(|pair| pair[0].group != pair[1].group));
+            for cycle in visits.chunks(4) {
+                let groups: std::collections::HashSet<_> = cycle.iter().map(|v| v.group).collect();
+                assert_eq!(groups.len(), 4);
+                assert_eq!(cycle.iter().map(|v| v.rollouts).sum::<usize>(), 10);
+            }
+        }
+    }
+
+    #[test]
+    fn a_hidden_goal_stays_zero_and_a_flip_stays_a_flip() {
+        let mut row = [0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        scale_row(&mut row);
+        assert_eq!(row, [1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let mut mirrored = [-0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        scale_row(&mut mirrored);
+        assert_eq!(mirrored[0], -row[0]);
+    }
+}

@@ -1,0 +1,176 @@
+//! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
+
+use covers::{Covers, CoversSettings, Reassigned};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition, VectorEnv};
+use symmetry::{D2, Irrep};
+
+const SIZE: usize = 8;
+const HORIZON: usize = 5;
+
+/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the reward is the first action.
+struct Bars {
+    spec: EnvSpec,
+    group: usize,
+    time: usize,
+    rng: ChaCha8Rng,
+}
+
+impl Bars {
+    fn new() -> Self {
+        Self {
+            spec: EnvSpec {
+                num_envs: 10,
+                image: [SIZE, SIZE, 1],
+                vector: vec![Irrep::X, Irrep::Y],
+                action: vec![Irrep::Trivial],
+            },
+            group: 0,
+            time: 0,
+            rng: ChaCha8Rng::seed_from_u64(1),
+        }
+    }
+
+    fn draw(&mut self, out: &mut Observations) {
+        for (image, vector) in out
+            .images
+            .chunks_mut(SIZE * SIZE)
+            .zip(out.vectors.chunks_mut(2))
+        {
+            let mut bar: Vec<u8> = (0..SIZE * SIZE)
+                .map(|_| self.rng.random_range(0..40))
+                .collect();
+            for i in 0..3 {
+                let (row, column) = if self.group == 0 { (i, 1) } else { (1, i) };
+                bar[row * SIZE + column] = 250;
+            }
+            let element = D2::ALL[self.rng.random_range(0..4)];
+            image.copy_from_slice(&element.transform_image(&bar, SIZE, SIZE, 1));
+            vector.fill_with(|| self.rng.random_range(-0.1..0.1));
+        }
+    }
+}
+
+impl VectorEnv for Bars {
+    type Error = std::convert::Infallible;
+
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), Self::Error> {
+        self.time = 0;
+        self.draw(out);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Self::Error> {
+        self.time += 1;
+        out.rewards.copy_from_slice(actions);
+        self.draw(&mut out.observations);
+        let ended = self.time % HORIZON == 0;
+        if ended {
+            self.draw(&mut out.final_observations);
+        }
+        out.outcomes.fill(if ended {
+            Outcome::Truncated
+        } else {
+            Outcome::Running
+        });
+        Ok(())
+    }
+}
+
+fn settings() -> CoversSettings {
+    CoversSettings {
+        network: NetworkSettings {
+            conv_fields: vec![4, 8],
+            top_fields: 8,
+            vector_fields: 4,
+            actor_fields: 4,
+            critic_width: 8,
+            ..NetworkSettings::default()
+        },
+        ppo: PpoSettings {
+            epochs: 1,
+            minibatch: 20,
+            ..PpoSettings::default()
+        },
+        first_frames: 2,
+        rollout_steps: 100,
+        ..CoversSettings::default()
+    }
+}
+
+#[test]
+fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    let mut assigned = Vec::new();
+    for group in [0, 0, 1, 1, 0, 1, 0, 0] {
+        env.group = group;
+        assigned.push(covers.learn(&mut env).unwrap());
+    }
+    let policies: Vec<usize> = assigned.iter().map(|report| report.policy).collect();
+    assert_eq!(policies, [0, 0, 1, 1, 0, 1, 0, 0]);
+    let created: Vec<bool> = assigned.iter().map(|report| report.created).collect();
+    assert_eq!(
+        created,
+        [false, false, true, false, false, false, false, false]
+    );
+    assert_eq!(covers.policies(), 2);
+    // the first rollout has nothing to be compared with; a rollout that changes hands is collected twice
+    assert!(assigned[0].evidence.is_empty());
+    let decisions: Vec<usize> = assigned.iter().map(|report| report.decisions).collect();
+    assert_eq!(decisions, [100, 100, 200, 100, 200, 200, 200, 100]);
+}
+
+#[test]
+fn reusing_a_reassigned_rollout_costs_no_second_one() {
+    let mut env = Bars::new();
+    let settings = CoversSettings {
+        reassigned: Reassigned::Reuse,
+        ..settings()
+    };
+    let mut covers = Covers::new(settings, env.spec()).unwrap();
+    covers.learn(&mut env).unwrap();
+    env.group = 1;
+    let report = covers.learn(&mut env).unwrap();
+    assert!(report.created);
+    assert_eq!(report.decisions, 100);
+}
+
+#[test]
+fn recognising_finds_the_policy_and_does_not_disturb_learning() {
+    let run = |look: bool| {
+        let mut env = Bars::new();
+        let mut covers = Covers::new(settings(), env.spec()).unwrap();
+        for group in [0, 1] {
+            env.group = group;
+            covers.learn(&mut env).unwrap();
+        }
+        if look {
+            for group in [0, 1] {
+                let mut other = Bars {
+                    group,
+                    ..Bars::new()
+                };
+                let mut rng = ChaCha8Rng::seed_from_u64(9);
+                assert_eq!(covers.recognise(&mut other, &mut rng).unwrap(), group);
+            }
+        }
+        covers.learn(&mut env).unwrap()
+    };
+    let (with, without) = (run(true), run(false));
+    assert_eq!(with.update, without.update);
+    assert_eq!(with.evidence, without.evidence);
+}
+
+#[test]
+fn a_policy_that_does_not_exist_is_named() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    let message = covers.perform(7, &mut env, 1).unwrap_err().to_string();
+    assert!(message.contains("`policy` is 7"), "{message}");
+}

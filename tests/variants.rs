@@ -1,0 +1,111 @@
+//! The 16 variants as the learner sees them, and what its network makes of them.
+
+use std::collections::HashSet;
+
+use covers::sheet::{contact_sheet, variant_pictures};
+use envs::{ACTION_IRREPS, IMAGE_CHANNELS, RGB, VECTOR_IRREPS, VecEnvSettings};
+use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Policy};
+use symmetry::D2;
+
+#[test]
+fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
+    let settings = VecEnvSettings::default();
+    let size = settings.camera.size;
+    let groups = variant_pictures(&settings).unwrap();
+    let different: HashSet<_> = groups.iter().flatten().collect();
+    assert_eq!(different.len(), 16);
+    for variants in &groups {
+        for (element, picture) in D2::ALL.into_iter().zip(variants) {
+            let mirrored = element.transform_image(&variants[0], size, size, RGB);
+            assert!(*picture == mirrored, "{element} is not a mirror image");
+        }
+    }
+}
+
+#[test]
+fn the_contact_sheet_shows_every_picture() {
+    let settings = VecEnvSettings::default();
+    let sheet = contact_sheet(&settings).unwrap();
+    assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB);
+    let pictures = variant_pictures(&settings).unwrap();
+    let colours =
+        |rgb: &[u8]| -> HashSet<Vec<u8>> { rgb.chunks(RGB).map(<[u8]>::to_vec).collect() };
+    let shown = colours(&sheet.rgb);
+    for picture in pictures.iter().flatten() {
+        assert!(colours(picture).is_subset(&shown));
+    }
+}
+
+/// One observation of a variant: its picture twice, and `vector` mapped by `element`.
+fn observation(picture: &[u8], vector: &[f32], element: D2) -> Observations {
+    let images = picture
+        .chunks_exact(RGB)
+        .flat_map(|pixel| [pixel, pixel].concat());
+    let signs = VECTOR_IRREPS.map(|irrep| f32::from(irrep.sign(element)));
+    Observations {
+        images: images.collect(),
+        vectors: vector
+            .iter()
+            .zip(signs)
+            .map(|(value, sign)| value * sign)
+            .collect(),
+    }
+}
+
+/// Largest relative deviation from `action(g s) = g action(s)` over all pictures, for observations made by `map`.
+fn deviation(map: impl Fn(D2) -> D2) -> f32 {
+    let settings = VecEnvSettings::default();
+    let size = settings.camera.size;
+    let spec = EnvSpec {
+        num_envs: 1,
+        image: [size, size, IMAGE_CHANNELS],
+        vector: VECTOR_IRREPS.to_vec(),
+        action: ACTION_IRREPS.to_vec(),
+    };
+    // a large gain, so that actions are of order one and a relative error means something
+    let network = NetworkSettings {
+        action_gain: 1.0,
+        ..NetworkSettings::default()
+    };
+    let mut policy = ActorCriticPolicy::new(&network, &spec, 5).unwrap();
+    let vector = [0.4, -0.9, 0.3, 0.2, 1.1, 0.7, -0.5];
+    let mut act = |picture: &[u8], element| {
+        let mut action = [0.0; 4];
+        policy
+            .mean_actions(&observation(picture, &vector, element), &mut action)
+            .unwrap();
+        action
+    };
+    let mut worst: f32 = 0.0;
+    for variants in variant_pictures(&settings).unwrap() {
+        let reference = act(&variants[0], D2::Identity);
+        let scale = reference
+            .iter()
+            .fold(0.0_f32, |scale, value| scale.max(value.abs()));
+        for (element, picture) in D2::ALL.into_iter().zip(&variants) {
+            let action = act(picture, map(element));
+            for (i, irrep) in ACTION_IRREPS.into_iter().enumerate() {
+                let expected = reference[i] * f32::from(irrep.sign(element));
+                worst = worst.max((action[i] - expected).abs() / scale);
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn the_policy_acts_on_mirrored_scenes_by_mirrored_actions() {
+    let worst = deviation(|element| element);
+    assert!(worst <= 1e-5, "relative deviation {worst}");
+}
+
+#[test]
+fn a_vector_mirrored_along_the_wrong_axis_is_noticed() {
+    let swapped = |element| match element {
+        D2::FlipX => D2::FlipY,
+        D2::FlipY => D2::FlipX,
+        other => other,
+    };
+    let worst = deviation(swapped);
+    assert!(worst > 1e-3, "relative deviation {worst}");
+}
