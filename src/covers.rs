@@ -298,7 +298,7 @@ impl CoversSettings {
         if self.first_frames == 0 {
             return Err(setting("first_frames", 0, "at least 1 frame"));
         }
-        if spec.num_envs == 0 || self.rollout_steps % spec.num_envs != 0 {
+        if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {
             let expected = "a multiple of the number of environments";
             return Err(setting("rollout_steps", self.rollout_steps, expected));
         }

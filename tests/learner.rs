@@ -1,5 +1,7 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
+#![allow(clippy::unwrap_used)]
+
 use covers::{Covers, CoversSettings, Reassigned};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -69,7 +71,7 @@ impl VectorEnv for Bars {
         self.time += 1;
         out.rewards.copy_from_slice(actions);
         self.draw(&mut out.observations);
-        let ended = self.time % HORIZON == 0;
+        let ended = self.time.is_multiple_of(HORIZON);
         if ended {
             self.draw(&mut out.final_observations);
         }

@@ -1,5 +1,7 @@
 //! Whole runs: the same bytes for the same seed and any number of threads, and clear refusals.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 

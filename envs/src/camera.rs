@@ -39,7 +39,7 @@ impl Camera {
             value,
             expected,
         };
-        if self.size < 2 || self.size % 2 != 0 {
+        if self.size < 2 || !self.size.is_multiple_of(2) {
             let expected =
                 "an even number of pixels, at least 2, so that the centre lies between pixels";
             return Err(setting("image size", self.size.to_string(), expected));
@@ -132,7 +132,7 @@ mod tests {
         };
         let point = DVec3::new(0.137, 0.083, 0.2);
         let picture = draw(point);
-        assert!(picture.iter().any(|&v| v == 255));
+        assert!(picture.contains(&255));
         for g in D2::ALL {
             let [x, y] = g.apply_xy([point.x, point.y]);
             let mirrored = g.transform_image(&picture, camera.size, camera.size, 3);

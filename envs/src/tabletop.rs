@@ -71,7 +71,10 @@ impl Dynamics {
             value,
             expected,
         };
-        if self.action_repeat == 0 || self.horizon == 0 || self.horizon % self.action_repeat != 0 {
+        if self.action_repeat == 0
+            || self.horizon == 0
+            || !self.horizon.is_multiple_of(self.action_repeat)
+        {
             let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
             return Err(setting(
                 "horizon",

@@ -1,5 +1,7 @@
 //! Every task under every element: solvable, finite, deterministic, symmetric. New tasks inherit all of it from the registry.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::{Arc, LazyLock};
 
 use envs::{

@@ -1,5 +1,7 @@
 //! The vector environment: the same for any number of threads, honest about ends, clear about errors.
 
+#![allow(clippy::unwrap_used)]
+
 use envs::{
     ACTION_DIM, Camera, Dynamics, EnvError, ObservationsMut, StepMut, TaskGroup, VECTOR_DIM,
     VecEnv, VecEnvSettings,
