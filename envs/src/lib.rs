@@ -32,6 +32,10 @@
 //! # }
 //! ```
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 mod camera;
 mod error;
 mod picture;

@@ -129,7 +129,6 @@ mod tests {
             vector_fields: 2,
             actor_fields: 2,
             critic_width: 3,
-            vector_scale: 1.5,
             action_gain: 1.0,
             ..NetworkSettings::default()
         };

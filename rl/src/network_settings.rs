@@ -15,8 +15,6 @@ pub struct NetworkSettings {
     pub actor_fields: usize,
     /// Channels of the critic's hidden layer, at least 1.
     pub critic_width: usize,
-    /// Factor on the observation vector, above 0; 1 when the environment scales it to order 1 itself.
-    pub vector_scale: f32,
     /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start near zero.
     pub action_gain: f32,
     /// Gain of the critic's last layer when it is drawn, above 0.
@@ -33,7 +31,6 @@ impl Default for NetworkSettings {
             vector_fields: 32,
             actor_fields: 32,
             critic_width: 64,
-            vector_scale: 1.0,
             action_gain: 0.01,
             value_gain: 1.0,
             log_std: -0.5,
@@ -72,7 +69,6 @@ impl NetworkSettings {
             )?;
         }
         for (name, value) in [
-            ("vector_scale", self.vector_scale),
             ("action_gain", self.action_gain),
             ("value_gain", self.value_gain),
         ] {
@@ -129,7 +125,7 @@ mod tests {
                 ..settings.clone()
             },
             NetworkSettings {
-                vector_scale: 0.0,
+                action_gain: 0.0,
                 ..settings.clone()
             },
             NetworkSettings {

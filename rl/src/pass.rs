@@ -121,7 +121,7 @@ impl<T: Scalar> ActorCritic<T> {
         }
         let components = &mut workspace.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
         for (x, &i) in components.iter_mut().zip(&self.vector_order) {
-            *x = T::from_f64(f64::from(vector[i] * self.settings().vector_scale));
+            *x = T::from_f64(f64::from(vector[i]));
         }
     }
 

@@ -52,12 +52,16 @@ impl PpoSettings {
         }
     }
 
-    /// The paper's, with learning rates that learned faster in this project's measurements: heads 1e-3, encoder 1e-4.
-    /// A slow encoder keeps the KL divergence of an update below its limit.
+    /// The paper's, with what learned faster in this project's measurements: learning rates of 1e-3 for the heads and 1e-4
+    /// for the encoder, and a value weight of 0.1.
+    ///
+    /// A slow encoder keeps the KL divergence of an update below its limit. The values of 50 decisions of a good policy are
+    /// near 40, so at a weight of 0.5 their error takes up almost all of the clipped gradient, and mean actions wander.
     pub fn measured() -> Self {
         Self {
             head_learning_rate: 1e-3,
             encoder_learning_rate: 1e-4,
+            value_weight: 0.1,
             ..Self::paper()
         }
     }
