@@ -20,7 +20,7 @@ fn tables(group: TaskGroup) -> Result<(TableTop, Painter), EnvError> {
 /// One decision of the expert; a new episode where one ended.
 fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
     let action: [f32; ACTION_DIM] = table.expert_action()?;
-    if table.step(0, &action)?.truncated {
+    if table.step(&action)?.truncated {
         table.reset(D2::Identity, rng)?;
     }
     Ok(())

@@ -7,9 +7,9 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use covers::cli::StreamOptions;
-use covers::experiment::{Progress, run};
+use covers::experiment::run;
 use covers::report::{rollout_line, summary_table};
-use covers::{CoversError, RunFolder};
+use covers::{CoversError, Progress, RunFolder};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 fn main() -> ExitCode {

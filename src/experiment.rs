@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::evaluation::{Score, evaluate};
+use crate::progress::Progress;
 use crate::run_folder::RunFolder;
 use crate::sheet::contact_sheet;
 use crate::stream::{Stream, Visit, schedule};
@@ -89,23 +90,6 @@ impl Experiment {
     pub fn total_rollouts(&self) -> usize {
         self.cycles * self.rollouts.iter().sum::<usize>()
     }
-}
-
-/// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees it.
-#[derive(Clone, Debug)]
-pub struct Progress {
-    /// Index of the rollout, from 0.
-    pub rollout: usize,
-    /// Decisions taken so far.
-    pub decisions: usize,
-    /// The group that ran.
-    pub group: TaskGroup,
-    /// Mean return of the rollout on the paper's scale, in `[0, 500]`.
-    pub reward: f64,
-    /// Share of its episodes that succeeded at any step, in `[0, 1]`.
-    pub success: f64,
-    /// What the learner did.
-    pub report: Report,
 }
 
 /// Figures of a whole run.

@@ -8,12 +8,17 @@
 //! - [`Stream`]: the four task groups of the paper on MuJoCo as such an environment.
 //! - [`experiment::run`]: a whole run with its files, as `examples/continual_stream.rs` shows.
 
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
+
 pub mod cli;
 mod covers;
 mod error;
 pub mod evaluation;
 pub mod experiment;
 mod first_frames;
+mod progress;
 pub mod report;
 mod run_folder;
 pub mod sheet;
@@ -21,5 +26,6 @@ mod stream;
 
 pub use covers::{Covers, CoversSettings, Reassigned, Report};
 pub use error::CoversError;
+pub use progress::Progress;
 pub use run_folder::RunFolder;
 pub use stream::{Stream, Visit, schedule};

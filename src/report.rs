@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::experiment::{Progress, Summary};
+use crate::experiment::Summary;
+use crate::progress::Progress;
 
 /// The line of one rollout: decisions, true group, assigned policy, W1 to each policy, mean reward, success.
 pub fn rollout_line(progress: &Progress) -> String {

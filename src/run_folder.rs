@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::CoversError;
 use crate::evaluation::Score;
-use crate::experiment::Progress;
+use crate::progress::Progress;
 use crate::sheet::Picture;
 
 /// A folder that this run alone writes to.

@@ -57,7 +57,7 @@ fn group_pictures(
             let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
             table.reset_to(element, placement)?;
             painter.paint(&mut table, &mut rgb)?;
-            if let Some(goal) = table.revealed_goal() {
+            if let Some(goal) = table.told_goal() {
                 settings.camera.draw_disc(goal, TOLD_GOAL, &mut rgb);
             }
             Ok(rgb)

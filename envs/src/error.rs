@@ -38,11 +38,9 @@ pub enum EnvError {
     },
     /// An action that is not a number.
     #[error(
-        "action of environment {env}, component {component} is {value}, expected a finite number (it is clipped to [-1, 1])"
+        "component {component} of the action is {value}, expected a finite number (it is clipped to [-1, 1])"
     )]
     NonFiniteAction {
-        /// Index of the environment.
-        env: usize,
         /// Index of the component, 0..4.
         component: usize,
         /// The value given.
@@ -59,10 +57,15 @@ pub enum EnvError {
         expected: usize,
     },
     /// An environment was stepped before its first reset.
-    #[error("environment {env} was stepped before a reset: call `reset` first")]
-    NotReset {
+    #[error("stepped before a reset: call `reset` first")]
+    NotReset,
+    /// One environment of many.
+    #[error("environment {index}: {source}")]
+    InEnv {
         /// Index of the environment.
-        env: usize,
+        index: usize,
+        /// What happened there.
+        source: Box<EnvError>,
     },
     /// No variants to draw from.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
@@ -95,4 +98,14 @@ pub enum EnvError {
     /// Off-screen rendering.
     #[error(transparent)]
     Render(#[from] mujoco::RenderError),
+}
+
+impl EnvError {
+    /// Says which environment of many the error is from.
+    pub(crate) fn of(self, index: usize) -> Self {
+        Self::InEnv {
+            index,
+            source: Box::new(self),
+        }
+    }
 }

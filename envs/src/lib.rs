@@ -21,7 +21,7 @@
 //! let mut succeeded = false;
 //! loop {
 //!     let action = table.expert_action()?;
-//!     let step = table.step(0, &action)?;
+//!     let step = table.step(&action)?;
 //!     succeeded |= step.success;
 //!     if step.truncated {
 //!         break;
@@ -41,6 +41,7 @@ mod error;
 mod picture;
 pub mod reward;
 mod scene;
+mod settings;
 mod tabletop;
 mod task;
 pub mod tasks;
@@ -51,8 +52,11 @@ pub use camera::Camera;
 pub use error::EnvError;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
 pub use scene::{Embodiment, HAND_START, Scene};
+pub use settings::VecEnvSettings;
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, Dynamics, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
-pub use task::{Evaluation, ExpertCommand, Measurement, Placement, Task, TaskGroup, TaskVariant};
-pub use vec_env::{ObservationsMut, StepMut, VecEnv, VecEnvSettings};
+pub use task::{
+    Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,
+};
+pub use vec_env::{ObservationsMut, StepMut, VecEnv};

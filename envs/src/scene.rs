@@ -5,9 +5,9 @@ use std::sync::Arc;
 use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 
+use crate::EnvError;
 use crate::camera::Camera;
-use crate::task::TaskGroup;
-use crate::{EnvError, Task};
+use crate::task::{Parts, TaskGroup};
 
 /// Where the hand's target stands at the start of every episode (metres): over the centre, clear of an open drawer.
 pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
@@ -94,11 +94,11 @@ impl Scene {
     /// [`EnvError::EmbodimentNotBuilt`], or what MuJoCo says of the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         camera.check()?;
-        let task = group.task();
-        let model = Arc::new(compile(task, embodiment, &camera)?);
+        let parts = group.task().parts();
+        let model = Arc::new(compile(parts, embodiment, &camera)?);
         let mocap = |name| model.mocap(name);
-        let start_joints = task
-            .start_joints()
+        let start_joints = parts
+            .start_joints
             .iter()
             .map(|&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position)));
         Ok(Self {
@@ -109,12 +109,9 @@ impl Scene {
             claws: [model.body("right_claw")?, model.body("left_claw")?],
             tips: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
-            object: task.scene().map(|_| mocap("object")).transpose()?,
+            object: parts.scene.map(|_| mocap("object")).transpose()?,
             goal: mocap("goal").ok(),
-            object_body: task
-                .object_body()
-                .map(|name| model.body(name))
-                .transpose()?,
+            object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             start_joints: start_joints.collect::<Result<_, EnvError>>()?,
             settled: settle(&model)?,
             model,
@@ -122,9 +119,9 @@ impl Scene {
     }
 }
 
-fn compile(task: &dyn Task, embodiment: Embodiment, camera: &Camera) -> Result<Model, EnvError> {
+fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Model, EnvError> {
     let mut parts = vec![ARENA, embodiment.source()?];
-    parts.extend(task.scene());
+    parts.extend(task.scene);
     let includes: String = parts
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))

@@ -194,15 +194,15 @@ impl TableTop {
     /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
     ///
     /// # Errors
-    /// [`EnvError::NonFiniteAction`], [`EnvError::NotReset`], or a diverged simulation. `env` numbers the environment in messages.
-    pub fn step(&mut self, env: usize, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
-        let action = clip(env, action)?;
+    /// [`EnvError::NonFiniteAction`], [`EnvError::NotReset`], or a diverged simulation.
+    pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
+        let action = clip(action)?;
         let repeat = self.dynamics.action_repeat;
         let move_by = DVec3::new(action[0], action[1], action[2]) * self.dynamics.displacement
             / repeat as f64;
         let (mut reward, mut success) = (0.0, false);
         for _ in 0..repeat {
-            let episode = self.episode.as_mut().ok_or(EnvError::NotReset { env })?;
+            let episode = self.episode.as_mut().ok_or(EnvError::NotReset)?;
             episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
             self.data
                 .set_mocap_position(self.scene.hand_target, episode.target.to_array())?;
@@ -218,7 +218,7 @@ impl TableTop {
             reward += step.reward * REWARD_SCALE / repeat as f64;
             success |= step.success;
         }
-        let episode = self.episode.as_mut().ok_or(EnvError::NotReset { env })?;
+        let episode = self.episode.as_mut().ok_or(EnvError::NotReset)?;
         episode.decisions += 1;
         let truncated = episode.decisions == self.dynamics.decisions();
         Ok(Step {
@@ -239,15 +239,15 @@ impl TableTop {
     }
 
     /// The goal (metres, world frame), in tasks that tell it to the learner.
-    pub fn revealed_goal(&self) -> Option<DVec3> {
-        let (task, episode) = (self.scene.group.task(), self.episode.as_ref()?);
-        let target = map(episode.variant.element, task.target(&episode.placement));
-        task.reveals_target().then_some(target)
+    pub fn told_goal(&self) -> Option<DVec3> {
+        let episode = self.episode.as_ref()?;
+        let told = self.scene.group.task().parts().tells_goal;
+        told.then(|| map(episode.variant.element, episode.placement.goal))
     }
 
     /// Writes the vector observation `[VECTOR_DIM]` (see [`VECTOR_IRREPS`]).
     pub fn observe(&self, out: &mut [f32]) {
-        let (hand, goal) = (self.hand(), self.revealed_goal().unwrap_or(DVec3::ZERO));
+        let (hand, goal) = (self.hand(), self.told_goal().unwrap_or(DVec3::ZERO));
         let values = [
             hand.x,
             hand.y,
@@ -267,7 +267,7 @@ impl TableTop {
     /// # Errors
     /// [`EnvError::NotReset`].
     pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
-        let episode = self.episode.as_ref().ok_or(EnvError::NotReset { env: 0 })?;
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let now = self.measure(episode.variant.element, &episode.placement);
         let ExpertCommand { hand, finger } =
             self.scene.group.task().expert(&episode.placement, &now);
@@ -290,7 +290,6 @@ impl TableTop {
     }
 
     fn measure(&self, element: D2, placement: &Placement) -> Measurement {
-        let task = self.scene.group.task();
         let [right, left] = self
             .scene
             .tips
@@ -303,7 +302,7 @@ impl TableTop {
             hand: map(element, self.hand()),
             tcp: map(element, (right + left) / 2.0),
             aperture: self.aperture(),
-            object: object + task.object_offset(),
+            object: object + self.scene.group.task().parts().object_offset,
         }
     }
 }
@@ -324,15 +323,18 @@ fn facing(element: D2) -> [f64; 4] {
     }
 }
 
-fn clip(env: usize, action: &[f32; ACTION_DIM]) -> Result<[f64; ACTION_DIM], EnvError> {
-    for (component, &value) in action.iter().enumerate() {
-        if !value.is_finite() {
-            return Err(EnvError::NonFiniteAction {
-                env,
-                component,
-                value,
-            });
-        }
-    }
+fn clip(action: &[f32; ACTION_DIM]) -> Result<[f64; ACTION_DIM], EnvError> {
+    check_finite(action)?;
     Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
+}
+
+/// Refuses an action of one environment that holds anything but numbers.
+pub(crate) fn check_finite(action: &[f32]) -> Result<(), EnvError> {
+    match action.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(component) => Err(EnvError::NonFiniteAction {
+            component,
+            value: action[component],
+        }),
+    }
 }

@@ -100,7 +100,7 @@ impl std::fmt::Display for TaskVariant {
 pub struct Placement {
     /// Origin of the scene's `object` body; unused by scenes without one.
     pub object: DVec3,
-    /// Origin of the scene's `goal` body, or the goal point itself where a scene has none.
+    /// The point where the object, or the fingertips, should be; a scene's `goal` body has its origin there.
     pub goal: DVec3,
 }
 
@@ -113,7 +113,7 @@ pub struct Measurement {
     pub tcp: DVec3,
     /// Distance between the claws over 0.1 m, in `[0, 1]`; one is open.
     pub aperture: f64,
-    /// The point of the object that the task speaks of (see [`Task::object_offset`]).
+    /// The point of the object that the task speaks of (see [`Parts::object_offset`]).
     pub object: DVec3,
 }
 
@@ -126,30 +126,30 @@ pub struct Evaluation {
     pub success: bool,
 }
 
+/// The unchanging parts of a task.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts {
+    /// File name of the scene in `assets/mjcf` and its text; none for the bare table.
+    pub scene: Option<(&'static str, &'static str)>,
+    /// Body whose position the task reads; without one, the goal is the object.
+    pub object_body: Option<&'static str>,
+    /// From that body's origin to the point that the task speaks of (metres).
+    pub object_offset: DVec3,
+    /// Joints that an episode starts away from zero, with their positions (metres).
+    pub start_joints: &'static [(&'static str, f64)],
+    /// Whether the learner is told the goal.
+    pub tells_goal: bool,
+}
+
 /// A task in its canonical frame; it keeps no state between calls.
 ///
 /// Figures are Meta-World's with the table's centre moved to the origin, unless the task says otherwise.
 pub trait Task: Send + Sync {
-    /// File name of the scene in `assets/mjcf`, if the task has objects, and its text.
-    fn scene(&self) -> Option<(&'static str, &'static str)>;
-
-    /// Body whose position the task reads, if any.
-    fn object_body(&self) -> Option<&'static str>;
-
-    /// From the object body's origin to the point that the task speaks of, in metres.
-    fn object_offset(&self) -> DVec3;
-
-    /// Joints that an episode starts away from zero, with their positions (metres).
-    fn start_joints(&self) -> &'static [(&'static str, f64)];
+    /// What the task is made of.
+    fn parts(&self) -> &'static Parts;
 
     /// Draws a placement; x is drawn off-centre, so that the four variants fill four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
-
-    /// The point where the object, or the fingertips, should be.
-    fn target(&self, placement: &Placement) -> DVec3;
-
-    /// Whether the learner is told the target.
-    fn reveals_target(&self) -> bool;
 
     /// Reward and success of the state `now`, given the state at the episode's start and the action's finger component in `[-1, 1]`.
     fn evaluate(

@@ -3,63 +3,10 @@
 use symmetry::D2;
 
 use crate::EnvError;
-use crate::camera::Camera;
-use crate::picture::IMAGE_CHANNELS;
-use crate::scene::Embodiment;
-use crate::tabletop::{ACTION_DIM, Dynamics, VECTOR_DIM};
+use crate::settings::VecEnvSettings;
+use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
 use crate::worker::{Command, Rows, Worker};
-
-/// Settings of a [`VecEnv`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct VecEnvSettings {
-    /// Number of environments, N.
-    pub num_envs: usize,
-    /// Number of worker threads; results do not depend on it.
-    pub threads: usize,
-    /// What carries the gripper.
-    pub embodiment: Embodiment,
-    /// The camera over the table.
-    pub camera: Camera,
-    /// Actions and time.
-    pub dynamics: Dynamics,
-    /// Seed of all placements and variant draws.
-    pub seed: u64,
-}
-
-impl Default for VecEnvSettings {
-    fn default() -> Self {
-        Self {
-            num_envs: 20,
-            threads: 2,
-            embodiment: Embodiment::default(),
-            camera: Camera::default(),
-            dynamics: Dynamics::default(),
-            seed: 0,
-        }
-    }
-}
-
-impl VecEnvSettings {
-    /// Length of one environment's image, size x size x 6.
-    pub fn image_len(&self) -> usize {
-        self.camera.size * self.camera.size * IMAGE_CHANNELS
-    }
-
-    fn check(&self) -> Result<(), EnvError> {
-        for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
-            if value == 0 {
-                return Err(EnvError::Setting {
-                    name,
-                    value: value.to_string(),
-                    expected: "at least 1",
-                });
-            }
-        }
-        self.camera.check()?;
-        self.dynamics.check()
-    }
-}
 
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
@@ -239,12 +186,8 @@ impl VecEnv {
     fn check_step(&self, actions: &[f32], out: &StepMut<'_>) -> Result<(), EnvError> {
         let n = self.settings.num_envs;
         check_len("actions", actions.len(), n * ACTION_DIM)?;
-        if let Some(index) = actions.iter().position(|value| !value.is_finite()) {
-            return Err(EnvError::NonFiniteAction {
-                env: index / ACTION_DIM,
-                component: index % ACTION_DIM,
-                value: actions[index],
-            });
+        for (index, action) in actions.chunks_exact(ACTION_DIM).enumerate() {
+            check_finite(action).map_err(|error| error.of(index))?;
         }
         self.check_observations(&out.observations)?;
         self.check_observations(&out.final_observations)?;

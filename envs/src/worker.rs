@@ -13,9 +13,9 @@ use symmetry::D2;
 use crate::EnvError;
 use crate::picture::{Painter, RGB, stack};
 use crate::scene::Scene;
+use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
-use crate::vec_env::VecEnvSettings;
 
 /// What a worker is asked to do; it answers each with [`Rows`] or an error.
 pub(crate) enum Command {
@@ -198,13 +198,16 @@ impl Share {
     }
 
     fn reset(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
-        (0..self.slots.len()).try_for_each(|row| self.begin(row, rows))
+        (0..self.slots.len()).try_for_each(|row| {
+            let index = self.slots[row].index;
+            self.begin(row, rows).map_err(|error| error.of(index))
+        })
     }
 
     /// Starts an episode in slot `row` and writes its first observation.
     fn begin(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
         let slot = &mut self.slots[row];
-        let Tables { tables, painter } = current(&mut self.groups, self.current, slot.index)?;
+        let Tables { tables, painter } = current(&mut self.groups, self.current)?;
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         tables[row].reset(element, &mut slot.rng)?;
         painter.paint(&mut tables[row], &mut slot.first)?;
@@ -218,27 +221,32 @@ impl Share {
     }
 
     fn step(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
-        let image_len = self.settings.image_len();
-        for row in 0..self.slots.len() {
-            let slot = &mut self.slots[row];
-            let Tables { tables, painter } = current(&mut self.groups, self.current, slot.index)?;
-            let mut action = [0.0; ACTION_DIM];
-            action.copy_from_slice(chunk(&mut rows.actions, row, ACTION_DIM));
-            let step = tables[row].step(slot.index, &action)?;
-            painter.paint(&mut tables[row], &mut self.picture)?;
-            rows.rewards[row] = step.reward as f32;
-            rows.success[row] = step.success;
-            rows.truncated[row] = step.truncated;
-            let (images, vectors) = if step.truncated {
-                (&mut rows.final_images, &mut rows.final_vectors)
-            } else {
-                (&mut rows.images, &mut rows.vectors)
-            };
-            stack(&self.picture, &slot.first, chunk(images, row, image_len));
-            tables[row].observe(chunk(vectors, row, VECTOR_DIM));
-            if step.truncated {
-                self.begin(row, rows)?;
-            }
+        (0..self.slots.len()).try_for_each(|row| {
+            let index = self.slots[row].index;
+            self.decide(row, rows).map_err(|error| error.of(index))
+        })
+    }
+
+    /// Takes one decision in slot `row`, writes what it led to, and starts the next episode where one ended.
+    fn decide(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+        let Tables { tables, painter } = current(&mut self.groups, self.current)?;
+        let mut action = [0.0; ACTION_DIM];
+        action.copy_from_slice(chunk(&mut rows.actions, row, ACTION_DIM));
+        let step = tables[row].step(&action)?;
+        painter.paint(&mut tables[row], &mut self.picture)?;
+        rows.rewards[row] = step.reward as f32;
+        rows.success[row] = step.success;
+        rows.truncated[row] = step.truncated;
+        let (images, vectors) = if step.truncated {
+            (&mut rows.final_images, &mut rows.final_vectors)
+        } else {
+            (&mut rows.images, &mut rows.vectors)
+        };
+        let image = chunk(images, row, self.settings.image_len());
+        stack(&self.picture, &self.slots[row].first, image);
+        tables[row].observe(chunk(vectors, row, VECTOR_DIM));
+        if step.truncated {
+            self.begin(row, rows)?;
         }
         Ok(())
     }
@@ -258,11 +266,10 @@ impl Tables {
 fn current(
     groups: &mut BTreeMap<TaskGroup, Tables>,
     group: Option<TaskGroup>,
-    env: usize,
 ) -> Result<&mut Tables, EnvError> {
     group
         .and_then(|group| groups.get_mut(&group))
-        .ok_or(EnvError::NotReset { env })
+        .ok_or(EnvError::NotReset)
 }
 
 fn chunk<T>(values: &mut [T], row: usize, len: usize) -> &mut [T] {

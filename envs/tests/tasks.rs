@@ -40,7 +40,7 @@ fn episode(
     (0..Dynamics::default().decisions())
         .map(|_| {
             let action = act(&table);
-            table.step(0, &action).unwrap()
+            table.step(&action).unwrap()
         })
         .collect()
 }
@@ -106,7 +106,7 @@ fn an_episode_does_not_depend_on_the_one_before() {
                 let mut rng = ChaCha8Rng::seed_from_u64(99);
                 table.reset(D2::HalfTurn, &mut rng).unwrap();
                 for _ in 0..30 {
-                    table.step(0, &[0.7, 0.9, -1.0, 1.0]).unwrap();
+                    table.step(&[0.7, 0.9, -1.0, 1.0]).unwrap();
                 }
             }
             table
@@ -115,7 +115,7 @@ fn an_episode_does_not_depend_on_the_one_before() {
             let action = |table: &TableTop| table.expert_action().unwrap();
             for _ in 0..20 {
                 let action = action(&table);
-                table.step(0, &action).unwrap();
+                table.step(&action).unwrap();
             }
             observe(&table).map(f32::to_bits)
         };
@@ -161,18 +161,18 @@ fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
 #[test]
 fn bad_actions_and_early_steps_are_errors() {
     let mut table = table(TaskGroup::GoalReach);
-    let early = table.step(3, &[0.0; ACTION_DIM]).unwrap_err();
-    assert!(matches!(early, EnvError::NotReset { env: 3 }));
+    let early = table.step(&[0.0; ACTION_DIM]).unwrap_err();
+    assert!(matches!(early, EnvError::NotReset));
     table
         .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))
         .unwrap();
     let before = observe(&table);
     let message = table
-        .step(3, &[0.0, f32::NAN, 0.0, 0.0])
+        .step(&[0.0, f32::NAN, 0.0, 0.0])
         .unwrap_err()
         .to_string();
     assert!(
-        message.contains("environment 3, component 1 is NaN"),
+        message.contains("component 1 of the action is NaN"),
         "{message}"
     );
     assert_eq!(

@@ -183,7 +183,12 @@ fn bad_input_is_refused_and_changes_nothing() {
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
     let mut buffers = Buffers::new(&settings);
     let early = env.step(&action(0), buffers.step()).unwrap_err();
-    assert!(matches!(early, EnvError::NotReset { .. }), "{early}");
+    assert!(
+        early
+            .to_string()
+            .contains("environment 0: stepped before a reset"),
+        "{early}"
+    );
     env.reset(buffers.observations()).unwrap();
     let short = env.step(&[0.0; 3], buffers.step()).unwrap_err();
     assert!(
@@ -195,7 +200,7 @@ fn bad_input_is_refused_and_changes_nothing() {
     bad[6] = f32::INFINITY;
     let message = env.step(&bad, buffers.step()).unwrap_err().to_string();
     assert!(
-        message.contains("environment 1, component 2 is inf"),
+        message.contains("environment 1: component 2 of the action is inf"),
         "{message}"
     );
     let none = env.set_tasks(TaskGroup::GoalReach, &[]).unwrap_err();

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, uniform};
 use crate::reward::{hamacher, long_tail};
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 /// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past the press.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
@@ -22,28 +22,24 @@ const PRESSED: f64 = 0.005;
 /// Fingertips this near to the cap count as touching (metres).
 const NEAR: f64 = 0.05;
 
+const PARTS: Parts = Parts {
+    scene: Some((
+        "button_press.xml",
+        include_str!("../../../assets/mjcf/button_press.xml"),
+    )),
+    object_body: Some("button"),
+    object_offset: CAP,
+    start_joints: &[],
+    tells_goal: false,
+};
+
 /// The button task.
 #[derive(Clone, Copy, Debug)]
 pub struct ButtonPress;
 
 impl Task for ButtonPress {
-    fn scene(&self) -> Option<(&'static str, &'static str)> {
-        Some((
-            "button_press.xml",
-            include_str!("../../../assets/mjcf/button_press.xml"),
-        ))
-    }
-
-    fn object_body(&self) -> Option<&'static str> {
-        Some("button")
-    }
-
-    fn object_offset(&self) -> DVec3 {
-        CAP
-    }
-
-    fn start_joints(&self) -> &'static [(&'static str, f64)] {
-        &[]
+    fn parts(&self) -> &'static Parts {
+        &PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -52,14 +48,6 @@ impl Task for ButtonPress {
             object,
             goal: object + HOLE,
         }
-    }
-
-    fn target(&self, placement: &Placement) -> DVec3 {
-        placement.goal
-    }
-
-    fn reveals_target(&self) -> bool {
-        false
     }
 
     fn evaluate(

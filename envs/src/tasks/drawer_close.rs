@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, uniform};
 use crate::reward::{gaussian, hamacher, long_tail};
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 const CASE_Y: f64 = 0.3;
 /// Joint position of the open drawer (metres); zero is shut.
@@ -20,28 +20,24 @@ const SUCCESS: f64 = 0.065;
 /// Fingertips this near to the handle count as there (metres).
 const NEAR: f64 = 0.005;
 
+const PARTS: Parts = Parts {
+    scene: Some((
+        "drawer_close.xml",
+        include_str!("../../../assets/mjcf/drawer_close.xml"),
+    )),
+    object_body: Some("drawer"),
+    object_offset: HANDLE,
+    start_joints: &[("slide", OPEN)],
+    tells_goal: false,
+};
+
 /// The drawer task.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawerClose;
 
 impl Task for DrawerClose {
-    fn scene(&self) -> Option<(&'static str, &'static str)> {
-        Some((
-            "drawer_close.xml",
-            include_str!("../../../assets/mjcf/drawer_close.xml"),
-        ))
-    }
-
-    fn object_body(&self) -> Option<&'static str> {
-        Some("drawer")
-    }
-
-    fn object_offset(&self) -> DVec3 {
-        HANDLE
-    }
-
-    fn start_joints(&self) -> &'static [(&'static str, f64)] {
-        &[("slide", OPEN)]
+    fn parts(&self) -> &'static Parts {
+        &PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -50,14 +46,6 @@ impl Task for DrawerClose {
             object,
             goal: object + SHUT,
         }
-    }
-
-    fn target(&self, placement: &Placement) -> DVec3 {
-        placement.goal
-    }
-
-    fn reveals_target(&self) -> bool {
-        false
     }
 
     fn evaluate(

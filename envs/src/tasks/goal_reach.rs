@@ -6,32 +6,28 @@ use rand_chacha::ChaCha8Rng;
 use super::{CANONICAL_X, uniform};
 use crate::reward::long_tail;
 use crate::scene::HAND_START;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 /// Fingertips this near to the goal succeed (metres).
 const RADIUS: f64 = 0.05;
 const GOAL_Y: std::ops::Range<f64> = 0.08..0.18;
 const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
 
+const PARTS: Parts = Parts {
+    scene: None,
+    object_body: None,
+    object_offset: DVec3::ZERO,
+    start_joints: &[],
+    tells_goal: true,
+};
+
 /// The reach task; its scene is the bare table.
 #[derive(Clone, Copy, Debug)]
 pub struct GoalReach;
 
 impl Task for GoalReach {
-    fn scene(&self) -> Option<(&'static str, &'static str)> {
-        None
-    }
-
-    fn object_body(&self) -> Option<&'static str> {
-        None
-    }
-
-    fn object_offset(&self) -> DVec3 {
-        DVec3::ZERO
-    }
-
-    fn start_joints(&self) -> &'static [(&'static str, f64)] {
-        &[]
+    fn parts(&self) -> &'static Parts {
+        &PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -41,14 +37,6 @@ impl Task for GoalReach {
             uniform(rng, GOAL_Z),
         );
         Placement { object: goal, goal }
-    }
-
-    fn target(&self, placement: &Placement) -> DVec3 {
-        placement.goal
-    }
-
-    fn reveals_target(&self) -> bool {
-        true
     }
 
     fn evaluate(

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, uniform};
 use crate::reward::{hamacher, long_tail};
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, Task};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
 const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
@@ -15,28 +15,24 @@ const START_ON_TABLE: DVec3 = DVec3::ZERO;
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.07;
 
+const PARTS: Parts = Parts {
+    scene: Some((
+        "plate_slide.xml",
+        include_str!("../../../assets/mjcf/plate_slide.xml"),
+    )),
+    object_body: Some("puck"),
+    object_offset: DVec3::ZERO,
+    start_joints: &[],
+    tells_goal: false,
+};
+
 /// The plate task.
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 
 impl Task for PlateSlide {
-    fn scene(&self) -> Option<(&'static str, &'static str)> {
-        Some((
-            "plate_slide.xml",
-            include_str!("../../../assets/mjcf/plate_slide.xml"),
-        ))
-    }
-
-    fn object_body(&self) -> Option<&'static str> {
-        Some("puck")
-    }
-
-    fn object_offset(&self) -> DVec3 {
-        DVec3::ZERO
-    }
-
-    fn start_joints(&self) -> &'static [(&'static str, f64)] {
-        &[]
+    fn parts(&self) -> &'static Parts {
+        &PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -44,14 +40,6 @@ impl Task for PlateSlide {
             object: PUCK_START,
             goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
         }
-    }
-
-    fn target(&self, placement: &Placement) -> DVec3 {
-        placement.goal
-    }
-
-    fn reveals_target(&self) -> bool {
-        false
     }
 
     fn evaluate(

@@ -1,0 +1,58 @@
+//! Settings of a vector environment.
+
+use crate::EnvError;
+use crate::camera::Camera;
+use crate::picture::IMAGE_CHANNELS;
+use crate::scene::Embodiment;
+use crate::tabletop::Dynamics;
+
+/// Settings of a [`VecEnv`](crate::VecEnv).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VecEnvSettings {
+    /// Number of environments, N.
+    pub num_envs: usize,
+    /// Number of worker threads; results do not depend on it.
+    pub threads: usize,
+    /// What carries the gripper.
+    pub embodiment: Embodiment,
+    /// The camera over the table.
+    pub camera: Camera,
+    /// Actions and time.
+    pub dynamics: Dynamics,
+    /// Seed of all placements and variant draws.
+    pub seed: u64,
+}
+
+impl Default for VecEnvSettings {
+    fn default() -> Self {
+        Self {
+            num_envs: 20,
+            threads: 2,
+            embodiment: Embodiment::default(),
+            camera: Camera::default(),
+            dynamics: Dynamics::default(),
+            seed: 0,
+        }
+    }
+}
+
+impl VecEnvSettings {
+    /// Length of one environment's image, size x size x 6.
+    pub fn image_len(&self) -> usize {
+        self.camera.size * self.camera.size * IMAGE_CHANNELS
+    }
+
+    pub(crate) fn check(&self) -> Result<(), EnvError> {
+        for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
+            if value == 0 {
+                return Err(EnvError::Setting {
+                    name,
+                    value: value.to_string(),
+                    expected: "at least 1",
+                });
+            }
+        }
+        self.camera.check()?;
+        self.dynamics.check()
+    }
+}

@@ -1,0 +1,22 @@
+//! One rollout as it is logged.
+
+use envs::TaskGroup;
+
+use crate::Report;
+
+/// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees it.
+#[derive(Clone, Debug)]
+pub struct Progress {
+    /// Index of the rollout, from 0.
+    pub rollout: usize,
+    /// Decisions taken so far.
+    pub decisions: usize,
+    /// The group that ran.
+    pub group: TaskGroup,
+    /// Mean return of the rollout on the paper's scale, in `[0, 500]`.
+    pub reward: f64,
+    /// Share of its episodes that succeeded at any step, in `[0, 1]`.
+    pub success: f64,
+    /// What the learner did.
+    pub report: Report,
+}
