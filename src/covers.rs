@@ -14,12 +14,6 @@ use rl::{
 use crate::CoversError;
 use crate::first_frames::{FirstFrames, embed, first_frames};
 
-/// Random streams of the learner; each purpose has its own, so that none shifts another.
-const ACTIONS: u64 = 0;
-const UPDATES: u64 = 1;
-const ASSIGNMENT: u64 = 2;
-const INITIALISATION: u64 = 3;
-
 /// What happens to a rollout that was collected by another policy than the one it is assigned to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reassigned {
@@ -39,7 +33,8 @@ pub struct CoversSettings {
     pub ppo: PpoSettings,
     /// The rule of assignment (the paper's threshold `d_epsilon`, or a calibrated test).
     pub assigner: AssignerSettings,
-    /// Frames at the start of each episode that assignment looks at: the paper's `k`.
+    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4 there; here a decision holds ten
+    /// control steps, and only the very first frame does not depend on the policy that acts.
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
@@ -57,7 +52,7 @@ impl Default for CoversSettings {
             network: NetworkSettings::default(),
             ppo: PpoSettings::default(),
             assigner: AssignerSettings::default(),
-            first_frames: 4,
+            first_frames: 1,
             rollout_steps: 1000,
             buffer_episodes: 100,
             reassigned: Reassigned::default(),
@@ -71,6 +66,30 @@ struct Member {
     policy: ActorCriticPolicy,
     ppo: Ppo,
     buffer: Reservoir<FirstFrames>,
+}
+
+/// Random generators of the learner; each purpose has its own stream, so that none shifts another.
+struct Streams {
+    actions: ChaCha8Rng,
+    updates: ChaCha8Rng,
+    assignment: ChaCha8Rng,
+    initialisation: ChaCha8Rng,
+}
+
+impl Streams {
+    fn new(seed: u64) -> Self {
+        let stream = |index| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(index);
+            rng
+        };
+        Self {
+            actions: stream(0),
+            updates: stream(1),
+            assignment: stream(2),
+            initialisation: stream(3),
+        }
+    }
 }
 
 /// What one call of [`Covers::learn`] did.
@@ -98,10 +117,7 @@ pub struct Covers {
     members: Vec<Member>,
     current: usize,
     rollout: RolloutBuffer,
-    actions: ChaCha8Rng,
-    updates: ChaCha8Rng,
-    assignment: ChaCha8Rng,
-    initialisation: ChaCha8Rng,
+    streams: Streams,
 }
 
 impl Covers {
@@ -111,21 +127,13 @@ impl Covers {
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
     pub fn new(settings: CoversSettings, spec: &EnvSpec) -> Result<Self, CoversError> {
         let steps = settings.steps_per_env(spec)?;
-        let stream = |stream| {
-            let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-            rng.set_stream(stream);
-            rng
-        };
         let mut covers = Self {
             spec: spec.clone(),
             assigner: Assigner::new(settings.assigner)?,
             members: Vec::new(),
             current: 0,
             rollout: RolloutBuffer::new(spec, steps)?,
-            actions: stream(ACTIONS),
-            updates: stream(UPDATES),
-            assignment: stream(ASSIGNMENT),
-            initialisation: stream(INITIALISATION),
+            streams: Streams::new(settings.seed),
             settings,
         };
         covers.open_policy()?;
@@ -141,9 +149,8 @@ impl Covers {
         let mut decisions = stats.decisions;
         let collector = self.current;
         let frames = first_frames(&self.rollout, self.settings.first_frames);
-        let mut rng = self.assignment.clone();
-        let assignment = self.assign(&frames, &mut rng)?;
-        self.assignment = rng;
+        let rng = &mut self.streams.assignment;
+        let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
         let created = assignment.decision == Decision::New;
         self.adopt(assignment.decision, frames)?;
         let reassigned = self.current != collector;
@@ -152,9 +159,10 @@ impl Covers {
             decisions += stats.decisions;
         }
         let member = &mut self.members[self.current];
-        let update = member
-            .ppo
-            .update(&mut member.policy, &self.rollout, &mut self.updates)?;
+        let update =
+            member
+                .ppo
+                .update(&mut member.policy, &self.rollout, &mut self.streams.updates)?;
         Ok(Report {
             policy: self.current,
             created,
@@ -169,36 +177,8 @@ impl Covers {
     fn roll_out<E: VectorEnv>(&mut self, env: &mut E) -> Result<RolloutStats, CoversError> {
         let mut state = RolloutState::reset(env)?;
         let policy = &mut self.members[self.current].policy;
-        let (buffer, rng) = (&mut self.rollout, &mut self.actions);
+        let (buffer, rng) = (&mut self.rollout, &mut self.streams.actions);
         Ok(collect(env, policy, buffer, &mut state, rng)?)
-    }
-
-    /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features.
-    ///
-    /// The paper starts with an empty `B`, for which no distance exists: the first `O` seeds the first policy.
-    fn assign(
-        &mut self,
-        rollout: &[FirstFrames],
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
-        if self.members.len() == 1 && self.members[0].buffer.episodes().is_empty() {
-            return Ok(Assignment {
-                decision: Decision::Existing(0),
-                evidence: Vec::new(),
-            });
-        }
-        let k = self.settings.first_frames;
-        let candidates = self
-            .members
-            .iter_mut()
-            .map(|member| {
-                Ok(Candidate {
-                    buffer: embed(&mut member.policy, member.buffer.episodes(), k)?,
-                    rollout: embed(&mut member.policy, rollout, k)?,
-                })
-            })
-            .collect::<Result<Vec<_>, CoversError>>()?;
-        Ok(self.assigner.assign(&candidates, rng)?)
     }
 
     /// Makes the assigned policy current and gives it the frames.
@@ -209,14 +189,14 @@ impl Covers {
         };
         let buffer = &mut self.members[self.current].buffer;
         for episode in frames {
-            buffer.offer(episode, &mut self.assignment);
+            buffer.offer(episode, &mut self.streams.assignment);
         }
         Ok(())
     }
 
     /// Adds a random policy with an empty buffer; returns its index.
     fn open_policy(&mut self) -> Result<usize, CoversError> {
-        let seed = self.initialisation.random();
+        let seed = self.streams.initialisation.random();
         let policy = ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?;
         let ppo = Ppo::new(self.settings.ppo.clone(), &policy)?;
         let buffer = Reservoir::new(self.settings.buffer_episodes)?;
@@ -245,7 +225,8 @@ impl Covers {
         let mut glimpse = RolloutBuffer::new(env.spec(), k)?;
         let policy = &mut self.members[self.current].policy;
         collect(env, policy, &mut glimpse, &mut state, rng)?;
-        let assignment = self.assign(&first_frames(&glimpse, k), rng)?;
+        let frames = first_frames(&glimpse, k);
+        let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
         Ok(match assignment.decision {
             Decision::Existing(index) => index,
             Decision::New => nearest(&assignment.evidence),
@@ -277,6 +258,35 @@ impl Covers {
     pub fn policies(&self) -> usize {
         self.members.len()
     }
+}
+
+/// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features.
+///
+/// The paper starts with an empty `B`, for which no distance exists: the first `O` seeds the first policy.
+fn assign(
+    assigner: &Assigner,
+    members: &mut [Member],
+    rollout: &[FirstFrames],
+    rng: &mut ChaCha8Rng,
+) -> Result<Assignment, CoversError> {
+    if let [only] = members
+        && only.buffer.episodes().is_empty()
+    {
+        return Ok(Assignment {
+            decision: Decision::Existing(0),
+            evidence: Vec::new(),
+        });
+    }
+    let candidates = members
+        .iter_mut()
+        .map(|Member { policy, buffer, .. }| {
+            Ok(Candidate {
+                buffer: embed(policy, buffer.episodes())?,
+                rollout: embed(policy, rollout)?,
+            })
+        })
+        .collect::<Result<Vec<_>, CoversError>>()?;
+    Ok(assigner.assign(&candidates, rng)?)
 }
 
 fn nearest(evidence: &[Evidence]) -> usize {

@@ -5,8 +5,11 @@ use rl::{Observations, Policy, RolloutBuffer};
 
 use crate::CoversError;
 
-/// The first `k` observations of one episode.
-pub(crate) type FirstFrames = Observations;
+/// The first observations of one episode.
+pub(crate) struct FirstFrames {
+    count: usize,
+    observations: Observations,
+}
 
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
 pub(crate) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
@@ -33,9 +36,10 @@ fn complete(rollout: &RolloutBuffer, env: usize, start: usize, k: usize) -> bool
 fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> FirstFrames {
     let (spec, all) = (rollout.spec(), rollout.observations());
     let (image, vector) = (spec.image_len(), spec.vector.len());
+    let count = steps.len();
     let mut frames = Observations {
-        images: Vec::with_capacity(steps.len() * image),
-        vectors: Vec::with_capacity(steps.len() * vector),
+        images: Vec::with_capacity(count * image),
+        vectors: Vec::with_capacity(count * vector),
     };
     for step in steps {
         let row = step * spec.num_envs + env;
@@ -46,25 +50,86 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
             .vectors
             .extend(&all.vectors[row * vector..(row + 1) * vector]);
     }
-    frames
+    FirstFrames {
+        count,
+        observations: frames,
+    }
 }
 
 /// The invariant features of episodes, as `policy` sees them now: features drift while a policy learns, so frames are embedded afresh.
 pub(crate) fn embed<P: Policy>(
     policy: &mut P,
     episodes: &[FirstFrames],
-    k: usize,
 ) -> Result<Frames, CoversError> {
-    let (frames, dim) = (episodes.len() * k, policy.feature_dim());
+    let dim = policy.feature_dim();
+    let per_episode = episodes.first().map_or(0, |episode| episode.count);
     let mut all = Observations {
         images: Vec::new(),
         vectors: Vec::new(),
     };
     for episode in episodes {
-        all.images.extend(&episode.images);
-        all.vectors.extend(&episode.vectors);
+        all.images.extend(&episode.observations.images);
+        all.vectors.extend(&episode.observations.vectors);
     }
-    let mut features = vec![0.0; frames * dim];
+    let mut features = vec![0.0; episodes.len() * per_episode * dim];
     policy.features(&all, &mut features)?;
-    Ok(Frames::new(features, k, dim)?)
+    Ok(Frames::new(features, per_episode, dim)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rl::{Decisions, EnvSpec, Outcome, Transition};
+    use symmetry::Irrep;
+
+    /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env, step) after which an episode ends.
+    fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
+        let spec = EnvSpec {
+            num_envs: 2,
+            image: [1, 1, 1],
+            vector: vec![Irrep::X],
+            action: vec![Irrep::X],
+        };
+        let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
+        for step in 0..5 {
+            let marks = [step as u8, 10 + step as u8];
+            let observations = Observations {
+                images: marks.to_vec(),
+                vectors: marks.map(f32::from).to_vec(),
+            };
+            let mut transition = Transition::new(&spec);
+            for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
+                if ends.contains(&(env, step)) {
+                    *outcome = Outcome::Truncated;
+                }
+            }
+            let decisions = Decisions::new(&spec);
+            buffer
+                .push(&observations, &decisions, &transition, &[0.0; 2])
+                .unwrap();
+        }
+        buffer
+    }
+
+    fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
+        let episodes = first_frames(rollout, k).into_iter();
+        episodes
+            .map(|episode| episode.observations.images)
+            .collect()
+    }
+
+    #[test]
+    fn every_episode_gives_its_first_frames() {
+        let rollout = rollout(&[(0, 2), (1, 4)]);
+        assert_eq!(images(&rollout, 2), [vec![0, 1], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 1), [vec![0], vec![3], vec![10]]);
+    }
+
+    #[test]
+    fn episodes_that_are_too_short_give_nothing() {
+        // environment 0: steps 0 | 1, 2 | 3, 4 (still running); environment 1: one long episode
+        let rollout = rollout(&[(0, 0), (0, 2)]);
+        assert_eq!(images(&rollout, 2), [vec![1, 2], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 3), [vec![10, 11, 12]]);
+    }
 }
