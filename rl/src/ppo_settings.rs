@@ -136,14 +136,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn presets_are_valid_and_differ_in_their_learning_rates_alone() {
+    fn presets_are_valid_and_differ_in_what_was_measured_alone() {
         assert!(PpoSettings::paper().check().is_ok() && PpoSettings::default().check().is_ok());
-        let rates = PpoSettings {
+        let papers = PpoSettings {
             head_learning_rate: 3e-4,
             encoder_learning_rate: 3e-4,
+            value_weight: 0.5,
             ..PpoSettings::measured()
         };
-        assert_eq!(rates, PpoSettings::paper());
+        assert_eq!(papers, PpoSettings::paper());
     }
 
     #[test]
