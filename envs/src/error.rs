@@ -56,8 +56,8 @@ pub enum EnvError {
         /// The length that the settings ask for.
         expected: usize,
     },
-    /// An environment was stepped before its first reset.
-    #[error("stepped before a reset: call `reset` first")]
+    /// An environment was stepped before a reset, after its episode's end, or after its simulation failed.
+    #[error("no episode is running: call `reset` first")]
     NotReset,
     /// One environment of many.
     #[error("environment {index}: {source}")]

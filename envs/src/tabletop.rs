@@ -9,7 +9,7 @@ use symmetry::{D2, Irrep};
 
 use crate::EnvError;
 use crate::scene::{HAND_START, Scene};
-use crate::task::{ExpertCommand, Measurement, Placement, TaskVariant};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskVariant};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -194,38 +194,55 @@ impl TableTop {
     /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
     ///
     /// # Errors
-    /// [`EnvError::NonFiniteAction`], [`EnvError::NotReset`], or a diverged simulation.
+    /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset and after the episode's end; a
+    /// diverged simulation, which ends the episode.
     pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
-        let action = clip(action)?;
-        let repeat = self.dynamics.action_repeat;
-        let move_by = DVec3::new(action[0], action[1], action[2]) * self.dynamics.displacement
-            / repeat as f64;
+        let [x, y, z, finger] = clip(action)?;
+        let Dynamics {
+            action_repeat,
+            displacement,
+            ..
+        } = self.dynamics;
+        let decisions = self.dynamics.decisions();
+        // taken out, so that nothing goes on from a simulation that failed
+        let running = self
+            .episode
+            .take_if(|episode| episode.decisions < decisions);
+        let mut episode = running.ok_or(EnvError::NotReset)?;
+        let move_by = DVec3::new(x, y, z) * displacement / action_repeat as f64;
         let (mut reward, mut success) = (0.0, false);
-        for _ in 0..repeat {
-            let episode = self.episode.as_mut().ok_or(EnvError::NotReset)?;
-            episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
-            self.data
-                .set_mocap_position(self.scene.hand_target, episode.target.to_array())?;
-            self.data.set_ctrl(&[action[3], -action[3]])?;
-            self.data.step(PHYSICS_STEPS)?;
-            self.data.forward_kinematics()?;
-            let (variant, placement, start) = (episode.variant, episode.placement, episode.start);
-            let now = self.measure(variant.element, &placement);
-            let step = variant
-                .group
-                .task()
-                .evaluate(&placement, &start, &now, action[3]);
-            reward += step.reward * REWARD_SCALE / repeat as f64;
-            success |= step.success;
+        for _ in 0..action_repeat {
+            let control_step = self.control_step(&mut episode, move_by, finger)?;
+            reward += control_step.reward * REWARD_SCALE / action_repeat as f64;
+            success |= control_step.success;
         }
-        let episode = self.episode.as_mut().ok_or(EnvError::NotReset)?;
         episode.decisions += 1;
-        let truncated = episode.decisions == self.dynamics.decisions();
+        let truncated = episode.decisions == decisions;
+        self.episode = Some(episode);
         Ok(Step {
             reward,
             success,
             truncated,
         })
+    }
+
+    /// Moves the hand's target by `move_by` (metres) and lets 12.5 ms pass.
+    fn control_step(
+        &mut self,
+        episode: &mut Episode,
+        move_by: DVec3,
+        finger: f64,
+    ) -> Result<Evaluation, EnvError> {
+        episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
+        let target = episode.target.to_array();
+        self.data
+            .set_mocap_position(self.scene.hand_target, target)?;
+        self.data.set_ctrl(&[finger, -finger])?;
+        self.data.step(PHYSICS_STEPS)?;
+        self.data.forward_kinematics()?;
+        let now = self.measure(episode.variant.element, &episode.placement);
+        let task = episode.variant.group.task();
+        Ok(task.evaluate(&episode.placement, &episode.start, &now, finger))
     }
 
     /// The variant of the running episode.

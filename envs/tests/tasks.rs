@@ -183,6 +183,19 @@ fn bad_actions_and_early_steps_are_errors() {
 }
 
 #[test]
+fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
+    let mut table = table(TaskGroup::ButtonPress);
+    table
+        .reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0))
+        .unwrap();
+    while !table.step(&[0.3; ACTION_DIM]).unwrap().truncated {}
+    let last = observe(&table);
+    let error = table.step(&[0.3; ACTION_DIM]).unwrap_err();
+    assert!(matches!(error, EnvError::NotReset), "{error}");
+    assert_eq!(observe(&table), last);
+}
+
+#[test]
 fn the_hand_is_not_built_yet() {
     let error = Scene::new(TaskGroup::GoalReach, Embodiment::Hand, Camera::default()).unwrap_err();
     assert!(error.to_string().contains("`hand` is not built yet"));

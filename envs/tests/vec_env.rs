@@ -186,7 +186,7 @@ fn bad_input_is_refused_and_changes_nothing() {
     assert!(
         early
             .to_string()
-            .contains("environment 0: stepped before a reset"),
+            .contains("environment 0: no episode is running"),
         "{early}"
     );
     env.reset(buffers.observations()).unwrap();
