@@ -25,6 +25,7 @@ fn main() -> ExitCode {
 
 fn learn(options: &StreamOptions) -> Result<(), CoversError> {
     let experiment = options.experiment();
+    experiment.check()?;
     let folder = RunFolder::create(&options.runs, &options.run_name())?;
     let bar = progress_bar(experiment.total_rollouts());
     let summary = run(&experiment, &folder, &mut |progress: &Progress| {

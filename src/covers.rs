@@ -3,7 +3,9 @@
 //! Liu, Xu, Huang, Zhang, Liu, Oguchi, Zhao, "Continual Vision-based Reinforcement Learning with Group Symmetries",
 //! CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
 
-use cluster::{Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir};
+use cluster::{
+    Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir, Rule,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -13,16 +15,6 @@ use rl::{
 
 use crate::CoversError;
 use crate::first_frames::{FirstFrames, embed, first_frames};
-
-/// What happens to a rollout that was collected by another policy than the one it is assigned to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Reassigned {
-    /// It seeds or feeds the buffer only; the assigned policy collects its own rollout for the update. Its steps count.
-    #[default]
-    CollectAgain,
-    /// It updates the assigned policy although it is off-policy, as Algorithm 1 is written.
-    Reuse,
-}
 
 /// Settings of [`Covers`].
 #[derive(Clone, Debug, PartialEq)]
@@ -40,8 +32,6 @@ pub struct CoversSettings {
     pub rollout_steps: usize,
     /// Episodes of first frames kept per policy, a uniform sample. The paper's `B` grows without bound.
     pub buffer_episodes: usize,
-    /// What happens to a rollout that changes hands. The paper does not say that it is off-policy then.
-    pub reassigned: Reassigned,
     /// Seed of everything that the learner draws.
     pub seed: u64,
 }
@@ -55,7 +45,6 @@ impl Default for CoversSettings {
             first_frames: 1,
             rollout_steps: 1000,
             buffer_episodes: 100,
-            reassigned: Reassigned::default(),
             seed: 0,
         }
     }
@@ -149,12 +138,13 @@ impl Covers {
         let mut decisions = stats.decisions;
         let collector = self.current;
         let frames = first_frames(&self.rollout, self.settings.first_frames);
+        self.check_episodes(frames.len())?;
         let rng = &mut self.streams.assignment;
         let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
         let created = assignment.decision == Decision::New;
         self.adopt(assignment.decision, frames)?;
-        let reassigned = self.current != collector;
-        if reassigned && self.settings.reassigned == Reassigned::CollectAgain {
+        // the paper does not say that a rollout that changes hands is off-policy
+        if self.current != collector {
             stats = self.roll_out(env)?;
             decisions += stats.decisions;
         }
@@ -179,6 +169,19 @@ impl Covers {
         let policy = &mut self.members[self.current].policy;
         let (buffer, rng) = (&mut self.rollout, &mut self.streams.actions);
         Ok(collect(env, policy, buffer, &mut state, rng)?)
+    }
+
+    /// Refuses a rollout that shows too few first frames to be assigned.
+    fn check_episodes(&self, got: usize) -> Result<(), CoversError> {
+        let needed = self.settings.min_episodes();
+        if got >= needed {
+            return Ok(());
+        }
+        Err(CoversError::TooFewEpisodes {
+            got,
+            needed,
+            first_frames: self.settings.first_frames,
+        })
     }
 
     /// Makes the assigned policy current and gives it the frames.
@@ -208,7 +211,8 @@ impl Covers {
         Ok(self.members.len() - 1)
     }
 
-    /// Finds the policy for what `env` runs, from the first frames of one episode in each environment; learns nothing.
+    /// Finds the policy for what `env` runs, from the first frames of as many episodes as the assigner needs, at least one in
+    /// each environment; learns nothing.
     ///
     /// Where the assigner would open a new policy, the nearest one answers. All draws come from `rng`, so that looking
     /// does not change what is learnt next.
@@ -221,11 +225,18 @@ impl Covers {
         rng: &mut ChaCha8Rng,
     ) -> Result<usize, CoversError> {
         let k = self.settings.first_frames;
-        let mut state = RolloutState::reset(env)?;
         let mut glimpse = RolloutBuffer::new(env.spec(), k)?;
-        let policy = &mut self.members[self.current].policy;
-        collect(env, policy, &mut glimpse, &mut state, rng)?;
-        let frames = first_frames(&glimpse, k);
+        let mut frames = Vec::new();
+        while frames.len() < self.settings.min_episodes() {
+            let mut state = RolloutState::reset(env)?;
+            let policy = &mut self.members[self.current].policy;
+            collect(env, policy, &mut glimpse, &mut state, rng)?;
+            let seen = first_frames(&glimpse, k);
+            if seen.is_empty() {
+                return self.check_episodes(0).map(|()| self.current);
+            }
+            frames.extend(seen);
+        }
         let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
         Ok(match assignment.decision {
             Decision::Existing(index) => index,
@@ -299,6 +310,14 @@ fn nearest(evidence: &[Evidence]) -> usize {
 }
 
 impl CoversSettings {
+    /// Episodes that a rollout must show, and a buffer hold, for an assignment.
+    fn min_episodes(&self) -> usize {
+        match &self.assigner.rule {
+            Rule::Fixed { .. } => 1,
+            Rule::Calibrated(calibrated) => calibrated.min_episodes,
+        }
+    }
+
     fn steps_per_env(&self, spec: &EnvSpec) -> Result<usize, CoversError> {
         let setting = |name, value: usize, expected| CoversError::Setting {
             name,
@@ -307,6 +326,10 @@ impl CoversSettings {
         };
         if self.first_frames == 0 {
             return Err(setting("first_frames", 0, "at least 1 frame"));
+        }
+        if self.buffer_episodes < self.min_episodes() {
+            let expected = "at least the min_episodes of the assigner's rule";
+            return Err(setting("buffer_episodes", self.buffer_episodes, expected));
         }
         if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {
             let expected = "a multiple of the number of environments";

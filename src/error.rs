@@ -16,6 +16,19 @@ pub enum CoversError {
         /// What would be accepted.
         expected: &'static str,
     },
+    /// A rollout that shows too few episodes to be assigned to a policy.
+    #[error(
+        "the rollout shows the first {first_frames} frames of {got} episodes, expected at least {needed}: \
+         use more environments, longer rollouts, or fewer first frames"
+    )]
+    TooFewEpisodes {
+        /// Episodes that showed all of their first frames.
+        got: usize,
+        /// Episodes that the assigner needs.
+        needed: usize,
+        /// Frames looked at in each.
+        first_frames: usize,
+    },
     /// The environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),

@@ -12,18 +12,19 @@ use crate::progress::Progress;
 use crate::run_folder::RunFolder;
 use crate::sheet::contact_sheet;
 use crate::stream::{Stream, Visit, schedule};
-use crate::{Covers, CoversError, CoversSettings, Report};
+use crate::{Covers, CoversError, CoversSettings};
 
-/// Random streams of the experiment.
-const SCHEDULE: u64 = 0;
-const EVALUATION: u64 = 1;
+/// Random streams of the experiment, counted from the top: the learner's are counted from 0 under the same seed.
+const SCHEDULE: u64 = u64::MAX;
+const ENVIRONMENTS: u64 = u64::MAX - 1;
+const EVALUATION: u64 = u64::MAX - 2;
 
 /// Settings of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Experiment {
-    /// The learner.
+    /// The learner; its seed is the seed of the whole run.
     pub covers: CoversSettings,
-    /// The environments; `threads` counts for the learner, too.
+    /// The environments; `threads` counts for the learner, too, and `seed` is drawn from the run's.
     pub envs: VecEnvSettings,
     /// Times that every group comes by.
     pub cycles: usize,
@@ -38,6 +39,7 @@ impl Experiment {
     pub fn smoke() -> Self {
         let mut experiment = Self::short();
         experiment.envs.num_envs = 8;
+        experiment.envs.dynamics.horizon = 100;
         experiment.covers.rollout_steps = 8 * 10;
         experiment.covers.ppo.epochs = 1;
         experiment.cycles = 1;
@@ -57,7 +59,7 @@ impl Experiment {
         }
     }
 
-    /// About an hour: every group three times, with the decisions that a feasibility study found each to need.
+    /// FULLTIME: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
             cycles: 3,
@@ -70,7 +72,6 @@ impl Experiment {
     /// The same run with another seed.
     pub fn with_seed(mut self, seed: u64) -> Self {
         self.covers.seed = seed;
-        self.envs.seed = seed;
         self
     }
 
@@ -84,6 +85,28 @@ impl Experiment {
     pub fn with_embodiment(mut self, embodiment: Embodiment) -> Self {
         self.envs.embodiment = embodiment;
         self
+    }
+
+    /// Refuses a run that could not be finished.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] or [`CoversError::Env`] for the first setting that is out of range.
+    pub fn check(&self) -> Result<(), CoversError> {
+        let at_least_one = [
+            ("cycles", self.cycles),
+            ("rollouts", self.rollouts.into_iter().min().unwrap_or(0)),
+            ("evaluation_rounds", self.evaluation_rounds),
+        ];
+        for (name, value) in at_least_one {
+            if value == 0 {
+                return Err(CoversError::Setting {
+                    name,
+                    value: value.to_string(),
+                    expected: "at least 1",
+                });
+            }
+        }
+        Ok(self.envs.check()?)
     }
 
     /// Rollouts of the whole stream.
@@ -103,7 +126,7 @@ pub struct Summary {
     pub decisions_per_second: f64,
     /// Policies created.
     pub policies: usize,
-    /// Share of rollouts assigned to a policy that was opened for their group, in `[0, 1]`; the first visit's opening counts as right.
+    /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`.
     pub assignment_accuracy: f64,
     /// Scores of the four groups after the stream.
     pub groups: Vec<Score>,
@@ -118,6 +141,7 @@ pub fn run(
     folder: &RunFolder,
     progress: &mut (dyn FnMut(&Progress) + Send),
 ) -> Result<Summary, CoversError> {
+    experiment.check()?;
     // First of all, while the process has one thread: loading a model tunes software rendering by an environment variable.
     folder.write_png("contact_sheet.png", &contact_sheet(&experiment.envs)?)?;
     let threads = experiment.envs.threads;
@@ -135,7 +159,11 @@ fn run_here(
 ) -> Result<Summary, CoversError> {
     let mut rng = stream_rng(experiment, SCHEDULE);
     let visits = schedule(experiment.cycles, experiment.rollouts, &mut rng);
-    let mut stream = Stream::new(experiment.envs, visits[0].group)?;
+    let envs = VecEnvSettings {
+        seed: stream_rng(experiment, ENVIRONMENTS).random(),
+        ..experiment.envs
+    };
+    let mut stream = Stream::new(envs, visits[0].group)?;
     let mut covers = Covers::new(experiment.covers.clone(), rl::VectorEnv::spec(&stream))?;
     let clock = Instant::now();
     let log = learn_stream(&mut covers, &mut stream, &visits, folder, progress)?;
@@ -166,13 +194,16 @@ fn learn_stream(
         stream.switch_to(visit.group)?;
         for _ in 0..visit.rollouts {
             let report = covers.learn(stream)?;
-            log.record(visit.group, &report);
+            log.record(visit.group, report.policy, report.decisions);
             let entry = Progress {
                 rollout: log.rollouts - 1,
                 decisions: log.decisions,
                 group: visit.group,
-                reward: report.rollout.mean_return().unwrap_or(0.0) * stream.reward_scale(),
-                success: report.rollout.success_rate().unwrap_or(0.0),
+                reward: report
+                    .rollout
+                    .mean_return()
+                    .map(|sum| sum * stream.reward_scale()),
+                success: report.rollout.success_rate(),
                 report,
             };
             metrics.write(&entry)?;
@@ -199,9 +230,8 @@ fn evaluate_all(experiment: &Experiment, covers: &mut Covers) -> Result<Vec<Scor
 }
 
 fn stream_rng(experiment: &Experiment, stream: u64) -> ChaCha8Rng {
-    // The learner's streams start from the same seed: these are numbered from the other end.
     let mut rng = ChaCha8Rng::seed_from_u64(experiment.covers.seed);
-    rng.set_stream(u64::MAX - stream);
+    rng.set_stream(stream);
     rng
 }
 
@@ -215,16 +245,89 @@ struct AssignmentLog {
 }
 
 impl AssignmentLog {
-    fn record(&mut self, group: TaskGroup, report: &Report) {
-        if report.policy == self.opened_for.len() {
+    fn record(&mut self, group: TaskGroup, policy: usize, decisions: usize) {
+        if policy == self.opened_for.len() {
             self.opened_for.push(group);
         }
         self.rollouts += 1;
-        self.decisions += report.decisions;
-        self.right += usize::from(self.opened_for.get(report.policy) == Some(&group));
+        self.decisions += decisions;
+        let first = self.opened_for.iter().position(|&opened| opened == group);
+        self.right += usize::from(first == Some(policy));
     }
 
     fn accuracy(&self) -> f64 {
         self.right as f64 / self.rollouts.max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn accuracy(rollouts: &[(TaskGroup, usize)]) -> f64 {
+        let mut log = AssignmentLog::default();
+        for &(group, policy) in rollouts {
+            log.record(group, policy, 1000);
+        }
+        assert_eq!(log.decisions, 1000 * rollouts.len());
+        log.accuracy()
+    }
+
+    #[test]
+    fn a_policy_for_each_group_is_right() {
+        use TaskGroup::{ButtonPress as B, DrawerClose as D};
+        assert_eq!(accuracy(&[(B, 0), (B, 0), (D, 1), (B, 0), (D, 1)]), 1.0);
+    }
+
+    #[test]
+    fn mixing_groups_and_splitting_a_group_are_both_wrong() {
+        use TaskGroup::{ButtonPress as B, DrawerClose as D};
+        assert_eq!(accuracy(&[(B, 0), (D, 0), (D, 0), (B, 0)]), 0.5);
+        assert_eq!(accuracy(&[(B, 0), (B, 1), (B, 2), (B, 3)]), 0.25);
+    }
+
+    #[test]
+    fn no_two_purposes_share_a_random_stream() {
+        let experiment = Experiment::smoke().with_seed(7);
+        let first_words = |rng: ChaCha8Rng| -> [u64; 2] {
+            let mut rng = rng;
+            [rng.random(), rng.random()]
+        };
+        let environments = stream_rng(&experiment, ENVIRONMENTS).random();
+        let learner = (0..4).map(|stream| stream_rng(&experiment, stream));
+        let own =
+            [SCHEDULE, ENVIRONMENTS, EVALUATION].map(|stream| stream_rng(&experiment, stream));
+        let slots = (0..20).map(|stream| {
+            let mut rng = ChaCha8Rng::seed_from_u64(environments);
+            rng.set_stream(stream);
+            rng
+        });
+        let all: Vec<_> = learner.chain(own).chain(slots).map(first_words).collect();
+        let different: std::collections::HashSet<_> = all.iter().collect();
+        assert_eq!(different.len(), all.len());
+    }
+
+    #[test]
+    fn runs_that_could_not_finish_are_refused() {
+        let broken = [
+            Experiment {
+                cycles: 0,
+                ..Experiment::smoke()
+            },
+            Experiment {
+                rollouts: [2, 0, 2, 2],
+                ..Experiment::smoke()
+            },
+            Experiment {
+                evaluation_rounds: 0,
+                ..Experiment::smoke()
+            },
+            Experiment::smoke().with_threads(0),
+            Experiment::smoke().with_embodiment(Embodiment::Hand),
+        ];
+        for experiment in broken {
+            assert!(experiment.check().is_err(), "{experiment:?}");
+        }
+        assert!(Experiment::smoke().check().is_ok());
     }
 }

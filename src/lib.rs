@@ -24,7 +24,7 @@ mod run_folder;
 pub mod sheet;
 mod stream;
 
-pub use covers::{Covers, CoversSettings, Reassigned, Report};
+pub use covers::{Covers, CoversSettings, Report};
 pub use error::CoversError;
 pub use progress::Progress;
 pub use run_folder::RunFolder;

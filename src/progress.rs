@@ -13,10 +13,10 @@ pub struct Progress {
     pub decisions: usize,
     /// The group that ran.
     pub group: TaskGroup,
-    /// Mean return of the rollout on the paper's scale, in `[0, 500]`.
-    pub reward: f64,
-    /// Share of its episodes that succeeded at any step, in `[0, 1]`.
-    pub success: f64,
+    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`; none where none ended.
+    pub reward: Option<f64>,
+    /// Share of those episodes that succeeded at any step, in `[0, 1]`.
+    pub success: Option<f64>,
     /// What the learner did.
     pub report: Report,
 }

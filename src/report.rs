@@ -17,15 +17,20 @@ pub fn rollout_line(progress: &Progress) -> String {
         })
         .collect();
     format!(
-        "{:>7}  {:<12}  policy {}{}  reward {:>5.1}  success {:.2}  W1 [{}]",
+        "{:>7}  {:<12}  policy {}{}  reward {:>5}  success {:>4}  W1 [{}]",
         progress.decisions,
         progress.group.name(),
         report.policy,
         if report.created { " new" } else { "    " },
-        progress.reward,
-        progress.success,
+        number(progress.reward, 1),
+        number(progress.success, 2),
         distances.join(", "),
     )
+}
+
+/// A figure with `digits` decimals; a dash where there is none.
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
 /// The table of a whole run.

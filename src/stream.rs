@@ -44,7 +44,8 @@ pub fn schedule(cycles: usize, rollouts: [usize; 4], rng: &mut ChaCha8Rng) -> Ve
     visits
 }
 
-/// The environments as the learner sees them; which group they run is set from outside and shows in no observation but the picture.
+/// The environments as the learner sees them. Which group they run is set from outside; it shows in the picture, and in Goal
+/// Reach in the goal that only this group tells.
 pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,

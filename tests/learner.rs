@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
-use covers::{Covers, CoversSettings, Reassigned};
+use covers::{Covers, CoversSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition, VectorEnv};
@@ -129,18 +129,41 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
 }
 
 #[test]
-fn reusing_a_reassigned_rollout_costs_no_second_one() {
+fn settings_that_would_disable_assignment_are_refused() {
     let mut env = Bars::new();
-    let settings = CoversSettings {
-        reassigned: Reassigned::Reuse,
+    let small = CoversSettings {
+        buffer_episodes: 3,
         ..settings()
     };
-    let mut covers = Covers::new(settings, env.spec()).unwrap();
-    covers.learn(&mut env).unwrap();
-    env.group = 1;
-    let report = covers.learn(&mut env).unwrap();
-    assert!(report.created);
-    assert_eq!(report.decisions, 100);
+    let message = Covers::new(small, env.spec()).err().unwrap().to_string();
+    assert!(message.contains("`buffer_episodes` is 3"), "{message}");
+    // episodes of 5 steps never show 6 frames
+    let long = CoversSettings {
+        first_frames: 6,
+        ..settings()
+    };
+    let mut covers = Covers::new(long, env.spec()).unwrap();
+    let message = covers.learn(&mut env).unwrap_err().to_string();
+    assert!(
+        message.contains("of 0 episodes, expected at least 8"),
+        "{message}"
+    );
+}
+
+#[test]
+fn few_environments_are_recognised_over_several_rounds() {
+    let mut env = Bars::new();
+    env.spec.num_envs = 4;
+    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    for group in [0, 1] {
+        env.group = group;
+        covers.learn(&mut env).unwrap();
+    }
+    for group in [0, 1] {
+        env.group = group;
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        assert_eq!(covers.recognise(&mut env, &mut rng).unwrap(), group);
+    }
 }
 
 #[test]

@@ -35,7 +35,8 @@ impl Default for Rule {
 /// exceeds `certain_score`. Where the limits come from is told in the crate's README.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibrated {
-    /// Random splits of the pooled episodes that make up the null distribution, at least 20.
+    /// Random splits of the pooled episodes that make up the null distribution, at least 20. More splits raise their largest
+    /// distance, so `max_ratio` belongs to this number.
     pub permutations: usize,
     /// Largest score `(W1 - mean) / sd` within a group, in standard deviations of the null
     /// distribution.

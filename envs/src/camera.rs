@@ -4,6 +4,11 @@ use glam::DVec3;
 
 use crate::EnvError;
 
+/// Largest picture that is drawn (pixels along a side).
+const LARGEST: usize = 4096;
+/// Lowest camera (metres); at or below the hand's height a projection would be mirrored.
+const LOWEST: f64 = 0.6;
+
 /// A square pinhole camera straight over the table's centre; image up is +y, image right is +x.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
@@ -39,22 +44,22 @@ impl Camera {
             value,
             expected,
         };
-        if self.size < 2 || !self.size.is_multiple_of(2) {
+        if !(2..=LARGEST).contains(&self.size) || !self.size.is_multiple_of(2) {
             let expected =
-                "an even number of pixels, at least 2, so that the centre lies between pixels";
+                "an even number of pixels in 2..=4096, so that the centre lies between pixels";
             return Err(setting("image size", self.size.to_string(), expected));
         }
-        for (name, value) in [
-            ("camera height", self.height),
-            ("camera half extent", self.half_extent),
-        ] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(setting(
-                    name,
-                    value.to_string(),
-                    "a positive length in metres",
-                ));
-            }
+        if !(self.height >= LOWEST && self.height.is_finite()) {
+            let expected = "at least 0.6 m, above everything that the hand can reach";
+            return Err(setting("camera height", self.height.to_string(), expected));
+        }
+        if !(self.half_extent > 0.0 && self.half_extent.is_finite()) {
+            let value = self.half_extent.to_string();
+            return Err(setting(
+                "camera half extent",
+                value,
+                "a positive length in metres",
+            ));
         }
         if !(self.disc_radius >= 0.0 && self.disc_radius.is_finite()) {
             let value = self.disc_radius.to_string();
@@ -120,6 +125,16 @@ mod tests {
             ..Camera::default()
         };
         assert!(blind.check().is_err());
+        let low = Camera {
+            height: 0.2,
+            ..Camera::default()
+        };
+        assert!(low.check().unwrap_err().to_string().contains("0.2"));
+        let huge = Camera {
+            size: 1 << 40,
+            ..Camera::default()
+        };
+        assert!(huge.check().is_err());
     }
 
     #[test]

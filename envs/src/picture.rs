@@ -34,8 +34,9 @@ impl Painter {
     /// Paints what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y, column 0 the smallest x.
     ///
     /// # Errors
-    /// [`EnvError::Render`].
+    /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
         self.renderer
             .render(table.data_mut(), self.scene.camera_id, rgb)?;
         let camera = &self.scene.camera;

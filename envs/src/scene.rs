@@ -56,7 +56,7 @@ impl std::str::FromStr for Embodiment {
 }
 
 impl Embodiment {
-    fn source(self) -> Result<(&'static str, &'static str), EnvError> {
+    pub(crate) fn source(self) -> Result<(&'static str, &'static str), EnvError> {
         match self {
             Self::Sawyer => Ok(SAWYER),
             Self::Hand => Err(EnvError::EmbodimentNotBuilt { name: "hand" }),

@@ -42,7 +42,12 @@ impl VecEnvSettings {
         self.camera.size * self.camera.size * IMAGE_CHANNELS
     }
 
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
+    /// Refuses settings out of range and embodiments that are not built.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`].
+    pub fn check(&self) -> Result<(), EnvError> {
+        self.embodiment.source()?;
         for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
             if value == 0 {
                 return Err(EnvError::Setting {

@@ -250,8 +250,13 @@ impl TableTop {
         self.episode.as_ref().map(|episode| episode.variant)
     }
 
+    /// Ends the running episode, if any.
+    pub(crate) fn end_episode(&mut self) {
+        self.episode = None;
+    }
+
     /// Position of the hand (metres, world frame).
-    pub fn hand(&self) -> DVec3 {
+    pub(crate) fn hand(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
@@ -262,21 +267,15 @@ impl TableTop {
         told.then(|| map(episode.variant.element, episode.placement.goal))
     }
 
-    /// Writes the vector observation `[VECTOR_DIM]` (see [`VECTOR_IRREPS`]).
-    pub fn observe(&self, out: &mut [f32]) {
+    /// The vector observation (see [`VECTOR_IRREPS`]).
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
+        self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let (hand, goal) = (self.hand(), self.told_goal().unwrap_or(DVec3::ZERO));
-        let values = [
-            hand.x,
-            hand.y,
-            hand.z,
-            self.aperture(),
-            goal.x,
-            goal.y,
-            goal.z,
-        ];
-        for (out, value) in out.iter_mut().zip(values) {
-            *out = value as f32;
-        }
+        let aperture = self.aperture();
+        Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
     }
 
     /// The scripted expert's action for the present state, world frame.

@@ -1,8 +1,12 @@
 //! Many environments stepped together by worker threads, each thread with its own off-screen renderer.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use symmetry::D2;
 
 use crate::EnvError;
+use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
@@ -37,6 +41,7 @@ pub struct StepMut<'a> {
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 pub struct VecEnv {
     settings: VecEnvSettings,
+    scenes: BTreeMap<TaskGroup, Arc<Scene>>,
     workers: Vec<Worker>,
     rows: Vec<Rows>,
 }
@@ -52,20 +57,15 @@ impl VecEnv {
         elements: &[D2],
     ) -> Result<Self, EnvError> {
         settings.check()?;
-        let share = settings.num_envs.div_ceil(settings.threads);
-        let workers = (0..settings.num_envs)
-            .step_by(share)
-            .enumerate()
-            .map(|(index, first)| {
-                let envs = first..(first + share).min(settings.num_envs);
-                Worker::spawn(index, envs, settings)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
         let mut vec_env = Self {
             settings,
-            workers,
+            scenes: BTreeMap::new(),
+            workers: Vec::new(),
             rows: Vec::new(),
         };
+        // before any thread starts: the first model of a process tunes software rendering (see `mujoco`)
+        vec_env.scene(group)?;
+        vec_env.workers = spawn(settings)?;
         vec_env.set_tasks(group, elements)?;
         Ok(vec_env)
     }
@@ -75,9 +75,10 @@ impl VecEnv {
         &self.settings
     }
 
-    /// Switches every environment to `group`, with variants drawn uniformly from `elements`; call [`VecEnv::reset`] next.
+    /// Switches every environment to `group`, with variants drawn uniformly from `elements`. Running episodes end:
+    /// [`VecEnv::reset`] must come next.
     ///
-    /// A group's models are compiled when it is first named.
+    /// A group's model is compiled when it is first named.
     ///
     /// # Errors
     /// [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
@@ -85,10 +86,24 @@ impl VecEnv {
         if elements.is_empty() {
             return Err(EnvError::NoVariants { group });
         }
+        let scene = self.scene(group)?;
         for worker in &self.workers {
-            worker.send(Command::SetTasks(group, elements.to_vec()));
+            worker.send(Command::SetTasks(Arc::clone(&scene), elements.to_vec()));
         }
         self.receive()
+    }
+
+    /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
+    fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
+        if let Some(scene) = self.scenes.get(&group) {
+            return Ok(Arc::clone(scene));
+        }
+        let VecEnvSettings {
+            embodiment, camera, ..
+        } = self.settings;
+        let scene = Arc::new(Scene::new(group, embodiment, camera)?);
+        self.scenes.insert(group, Arc::clone(&scene));
+        Ok(scene)
     }
 
     /// Starts a new episode in every environment.
@@ -195,6 +210,18 @@ impl VecEnv {
         check_len("success", out.success.len(), n)?;
         check_len("truncated", out.truncated.len(), n)
     }
+}
+
+/// Cuts the environments into one contiguous share a thread.
+fn spawn(settings: VecEnvSettings) -> Result<Vec<Worker>, EnvError> {
+    let share = settings.num_envs.div_ceil(settings.threads);
+    let firsts = (0..settings.num_envs).step_by(share).enumerate();
+    firsts
+        .map(|(index, first)| {
+            let envs = first..(first + share).min(settings.num_envs);
+            Worker::spawn(index, envs, settings)
+        })
+        .collect()
 }
 
 fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvError> {

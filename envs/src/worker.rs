@@ -14,13 +14,13 @@ use crate::EnvError;
 use crate::picture::{Painter, RGB, stack};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, Dynamics, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
 /// What a worker is asked to do; it answers each with [`Rows`] or an error.
 pub(crate) enum Command {
-    /// Simulate this group from the next reset on, with variants drawn from these elements.
-    SetTasks(TaskGroup, Vec<D2>),
+    /// Simulate this scene from the next reset on, with variants drawn from these elements.
+    SetTasks(Arc<Scene>, Vec<D2>),
     /// Start an episode everywhere.
     Reset(Rows),
     /// Hold these actions for one decision.
@@ -181,16 +181,22 @@ impl Share {
 
     fn obey(&mut self, command: Command) -> Reply {
         match command {
-            Command::SetTasks(group, elements) => self.set_tasks(group, elements).map(|()| None),
+            Command::SetTasks(scene, elements) => self.set_tasks(scene, elements).map(|()| None),
             Command::Reset(mut rows) => self.reset(&mut rows).map(|()| Some(rows)),
             Command::Step(mut rows) => self.step(&mut rows).map(|()| Some(rows)),
         }
     }
 
-    fn set_tasks(&mut self, group: TaskGroup, elements: Vec<D2>) -> Result<(), EnvError> {
-        if !self.groups.contains_key(&group) {
-            let tables = Tables::new(group, &self.settings, self.slots.len())?;
-            self.groups.insert(group, tables);
+    /// Ends whatever ran before: a step without a reset is refused, also where this fails.
+    fn set_tasks(&mut self, scene: Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
+        self.current = None;
+        let group = scene.group;
+        match self.groups.get_mut(&group) {
+            Some(known) => known.tables.iter_mut().for_each(TableTop::end_episode),
+            None => {
+                let tables = Tables::new(scene, self.settings.dynamics, self.slots.len())?;
+                self.groups.insert(group, tables);
+            }
         }
         self.current = Some(group);
         self.elements = elements;
@@ -216,7 +222,7 @@ impl Share {
             &slot.first,
             chunk(&mut rows.images, row, self.settings.image_len()),
         );
-        tables[row].observe(chunk(&mut rows.vectors, row, VECTOR_DIM));
+        chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&tables[row].observe()?);
         Ok(())
     }
 
@@ -244,7 +250,7 @@ impl Share {
         };
         let image = chunk(images, row, self.settings.image_len());
         stack(&self.picture, &self.slots[row].first, image);
-        tables[row].observe(chunk(vectors, row, VECTOR_DIM));
+        chunk(vectors, row, VECTOR_DIM).copy_from_slice(&tables[row].observe()?);
         if step.truncated {
             self.begin(row, rows)?;
         }
@@ -253,10 +259,9 @@ impl Share {
 }
 
 impl Tables {
-    fn new(group: TaskGroup, settings: &VecEnvSettings, count: usize) -> Result<Self, EnvError> {
-        let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
+    fn new(scene: Arc<Scene>, dynamics: Dynamics, count: usize) -> Result<Self, EnvError> {
         let tables = (0..count)
-            .map(|_| TableTop::new(Arc::clone(&scene), settings.dynamics))
+            .map(|_| TableTop::new(Arc::clone(&scene), dynamics))
             .collect::<Result<_, _>>()?;
         let painter = Painter::new(scene)?;
         Ok(Self { tables, painter })

@@ -23,9 +23,7 @@ fn table(group: TaskGroup) -> TableTop {
 }
 
 fn observe(table: &TableTop) -> [f32; VECTOR_DIM] {
-    let mut vector = [0.0; VECTOR_DIM];
-    table.observe(&mut vector);
-    vector
+    table.observe().unwrap()
 }
 
 /// One episode; `act` may look at the table. Returns every step.
@@ -162,6 +160,7 @@ fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
 fn bad_actions_and_early_steps_are_errors() {
     let mut table = table(TaskGroup::GoalReach);
     let early = table.step(&[0.0; ACTION_DIM]).unwrap_err();
+    assert!(matches!(table.observe(), Err(EnvError::NotReset)));
     assert!(matches!(early, EnvError::NotReset));
     table
         .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))

@@ -100,6 +100,9 @@ fn trace(threads: usize) -> Vec<u32> {
             trace.extend(buffers.vectors.iter().map(|v| v.to_bits()));
             trace.extend(buffers.rewards.iter().map(|v| v.to_bits()));
             trace.extend(buffers.final_vectors.iter().map(|v| v.to_bits()));
+            trace.extend(buffers.final_images.iter().map(|&v| u32::from(v)));
+            trace.extend(buffers.success.iter().map(|&v| u32::from(v)));
+            trace.extend(buffers.truncated.iter().map(|&v| u32::from(v)));
         }
     }
     trace
@@ -205,6 +208,31 @@ fn bad_input_is_refused_and_changes_nothing() {
     );
     let none = env.set_tasks(TaskGroup::GoalReach, &[]).unwrap_err();
     assert!(none.to_string().contains("no variants of goal-reach"));
+    env.step(&action(0), buffers.step()).unwrap();
+    let mut fresh = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut expected = Buffers::new(&settings);
+    fresh.reset(expected.observations()).unwrap();
+    fresh.step(&action(0), expected.step()).unwrap();
+    assert_eq!(buffers.vectors, expected.vectors);
+    assert_eq!(buffers.images, expected.images);
+}
+
+#[test]
+fn a_switch_ends_running_episodes() {
+    let settings = settings(2);
+    let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &[D2::Identity]).unwrap();
+    let mut buffers = Buffers::new(&settings);
+    env.reset(buffers.observations()).unwrap();
+    env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
+    env.reset(buffers.observations()).unwrap();
+    env.set_tasks(TaskGroup::DrawerClose, &[D2::HalfTurn])
+        .unwrap();
+    let stale = env.step(&action(0), buffers.step()).unwrap_err();
+    assert!(
+        stale.to_string().contains("no episode is running"),
+        "{stale}"
+    );
+    env.reset(buffers.observations()).unwrap();
     env.step(&action(0), buffers.step()).unwrap();
 }
 

@@ -94,10 +94,11 @@ impl<T: Scalar> Layer<T> for GroupMaxPool {
     }
 }
 
+/// The first of the largest values, and its place; not a number counts as larger than anything.
 fn first_maximum<T: Scalar>(values: [T; 4]) -> (usize, T) {
     let mut best = (0, values[0]);
     for (g, &value) in values.iter().enumerate().skip(1) {
-        if value > best.1 {
+        if value > best.1 || value.partial_cmp(&value).is_none() {
             best = (g, value);
         }
     }
@@ -117,6 +118,15 @@ mod tests {
     #[test]
     fn ties_go_to_the_first_element() {
         assert_eq!(first_maximum([1.0, 3.0, 3.0, 2.0]), (1, 3.0));
+    }
+
+    #[test]
+    fn not_a_number_is_never_pooled_away() {
+        for place in 0..4 {
+            let mut values = [1.0f64, 5.0, 2.0, 3.0];
+            values[place] = f64::NAN;
+            assert!(first_maximum(values).1.is_nan(), "{values:?}");
+        }
     }
 
     #[test]

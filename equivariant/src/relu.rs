@@ -87,10 +87,10 @@ impl<T: Scalar> Layer<T> for Relu {
     }
 }
 
-/// `value` where `gate` is positive, else zero.
+/// Zero where `gate` is at most zero, else `value`: not a number stays visible.
 #[inline(always)]
 fn pass<T: Scalar>(gate: T, value: T) -> T {
-    if gate > T::ZERO { value } else { T::ZERO }
+    if gate <= T::ZERO { T::ZERO } else { value }
 }
 
 fn forward_trivial<T: Scalar>(x: &[T], y: &mut [T]) {
@@ -163,6 +163,14 @@ mod tests {
         let mut y = [0.0; 3];
         relu.forward(&[], &[-1.0, 0.0, 2.0], &mut y, &mut []);
         assert_eq!(y, [0.0, 0.0, 2.0]);
+    }
+
+    #[test]
+    fn not_a_number_stays_visible() {
+        let relu = Relu::new(Shape::vector(FieldType::trivial(2))).unwrap();
+        let mut y = [0.0f64; 2];
+        relu.forward(&[], &[f64::NAN, -1.0], &mut y, &mut []);
+        assert!(y[0].is_nan() && y[1] == 0.0);
     }
 
     #[test]

@@ -148,13 +148,23 @@ fn the_parameters_span_all_steerable_kernels() {
     let dense = 12 * 8 * window.size.pow(2);
     let biases = 3;
     assert_eq!(Layer::<f64>::num_params(&layer), dense / 4 + biases);
-    let rank = (0..dense / 4).filter(|&i| {
-        let mut unit = vec![0.0f64; dense / 4 + biases];
-        unit[i] = 1.0;
-        let norm: f64 = layer.expanded_kernel(&unit).iter().map(|w| w * w).sum();
-        (norm - 1.0).abs() < 1e-14
-    });
-    assert_eq!(rank.count(), dense / 4);
+    let kernels: Vec<Vec<f64>> = (0..dense / 4)
+        .map(|i| {
+            let mut unit = vec![0.0f64; dense / 4 + biases];
+            unit[i] = 1.0;
+            layer.expanded_kernel(&unit)
+        })
+        .collect();
+    for (i, a) in kernels.iter().enumerate() {
+        for (j, b) in kernels.iter().enumerate().skip(i) {
+            let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+            let expected = f64::from(u8::from(i == j));
+            assert!(
+                (product - expected).abs() < 1e-14,
+                "kernels {i} and {j}: {product}"
+            );
+        }
+    }
 }
 
 #[test]

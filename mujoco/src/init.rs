@@ -64,8 +64,8 @@ extern "C" fn on_error(message: *const c_char) {
     process::abort();
 }
 
-/// Mutes warnings, which MuJoCo would append to MUJOCO_LOG.TXT in the working folder: every
-/// warning also counts in `mjData.warning`, and `Data` turns those counters into errors.
+/// Mutes warnings, which MuJoCo would append to MUJOCO_LOG.TXT in the working folder. Those about a
+/// simulation also count in `mjData.warning`, and `Data` turns those counters into errors.
 extern "C" fn on_warning(_message: *const c_char) {}
 
 fn check_version(header: i32, library: i32) -> Result<(), ModelError> {

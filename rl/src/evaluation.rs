@@ -7,6 +7,7 @@ use crate::rollout::{RolloutState, RolloutStats};
 
 /// Resets the environments and runs the first `rounds` episodes of each with the policy's mean actions.
 ///
+/// Episodes must end, by themselves or by a time limit: an environment that runs for ever is evaluated for ever.
 /// Counting the same number of episodes in every environment keeps short episodes from being over-represented.
 ///
 /// # Errors

@@ -107,8 +107,8 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, scaled and
-    /// put into irrep-major order.
+    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, put
+    /// into irrep-major order as it is: scale it to order 1 beforehand.
     ///
     /// # Panics
     /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.

@@ -167,8 +167,9 @@ const GL_EXTENSIONS: u32 = 0x1F03;
 /// Linux's flag to keep a library loaded when its last handle closes.
 const RTLD_NODELETE: c_int = 0x1000;
 
-/// The library that MuJoCo got OpenGL from; held while a context is made, because MuJoCo's
-/// table of OpenGL functions is global.
+/// The library that MuJoCo got OpenGL from; locked while a context is made, so that two threads
+/// cannot choose two libraries. MuJoCo fills its global table of OpenGL functions later, under a
+/// guard of its own, and only once.
 fn library_in_use() -> MutexGuard<'static, Option<&'static str>> {
     static IN_USE: Mutex<Option<&'static str>> = Mutex::new(None);
     IN_USE.lock().unwrap_or_else(PoisonError::into_inner)
