@@ -82,7 +82,9 @@ fn ppo(c: &mut Criterion) {
         let Ok(pool) = pool else {
             panic!("cannot start {threads} threads");
         };
-        if let Err(error) = pool.install(|| measure(&mut Criterion::default(), threads)) {
+        if let Err(error) =
+            pool.install(|| measure(&mut Criterion::default().configure_from_args(), threads))
+        {
             panic!("{error}");
         }
     }

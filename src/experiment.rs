@@ -54,16 +54,16 @@ impl Experiment {
             covers: CoversSettings::default(),
             envs: VecEnvSettings::default(),
             cycles: 2,
-            rollouts: [8, 5, 14, 5],
+            rollouts: [10, 5, 14, 5],
             evaluation_rounds: 2,
         }
     }
 
-    /// FULLTIME: every group three times, and more of the two that take longer.
+    /// A quarter of an hour on two cores: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
             cycles: 3,
-            rollouts: [6, 24, 12, 40],
+            rollouts: [8, 30, 12, 50],
             evaluation_rounds: 5,
             ..Self::short()
         }

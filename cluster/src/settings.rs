@@ -55,17 +55,22 @@ pub struct Calibrated {
     pub buffer_episodes: usize,
 }
 
+impl Calibrated {
+    /// The limits of the README's study.
+    pub const DEFAULT: Self = Self {
+        permutations: 60,
+        max_score: 3.5,
+        certain_score: 6.0,
+        max_ratio: 1.12,
+        min_episodes: 8,
+        rollout_episodes: 20,
+        buffer_episodes: 40,
+    };
+}
+
 impl Default for Calibrated {
     fn default() -> Self {
-        Self {
-            permutations: 60,
-            max_score: 3.5,
-            certain_score: 6.0,
-            max_ratio: 1.12,
-            min_episodes: 8,
-            rollout_episodes: 20,
-            buffer_episodes: 40,
-        }
+        Self::DEFAULT
     }
 }
 
