@@ -14,7 +14,7 @@ pub enum Budget {
     Smoke,
     /// Minutes; learns the two easy groups and tells all four apart.
     Short,
-    /// A quarter of an hour; every group three times.
+    /// About twenty minutes; every group three times.
     Full,
 }
 

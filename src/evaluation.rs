@@ -24,11 +24,11 @@ pub struct Score {
     pub reward: f64,
 }
 
-/// Runs `rounds` episodes in each of the stream's environments on `group`, with the policy that the learner chooses
-/// from their first frames; nobody tells it the group.
+/// Runs `rounds` episodes in each of the stream's environments on `group`, with one policy, which the learner
+/// chooses beforehand from the first frames of other episodes; nobody tells it the group.
 ///
 /// # Errors
-/// What the environments, the policies or the assigner say.
+/// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner say.
 pub fn evaluate(
     covers: &mut Covers,
     stream: &mut Stream,
@@ -36,6 +36,13 @@ pub fn evaluate(
     rounds: usize,
     rng: &mut ChaCha8Rng,
 ) -> Result<Score, CoversError> {
+    if rounds == 0 {
+        return Err(CoversError::Setting {
+            name: "rounds",
+            value: "0".to_owned(),
+            expected: "at least 1",
+        });
+    }
     stream.switch_to(group)?;
     let policy = covers.recognise(stream, rng)?;
     let stats = covers.perform(policy, stream, rounds)?;

@@ -59,7 +59,7 @@ impl Experiment {
         }
     }
 
-    /// A quarter of an hour on two cores: every group three times, and more of the two that take longer.
+    /// About twenty minutes on two cores: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
             cycles: 3,
