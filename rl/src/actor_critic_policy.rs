@@ -56,7 +56,7 @@ impl ActorCriticPolicy {
         if got != expected {
             return Err(RlError::Parameters { got, expected });
         }
-        // found here it names the parameter; found later it would only show as a loss that is not finite
+        // later it would only show as a loss that is not finite
         params
             .iter()
             .try_for_each(|&p| check_finite("a parameter", f64::from(p)))?;
