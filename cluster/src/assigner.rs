@@ -3,10 +3,10 @@
 use rand::Rng;
 
 use crate::ClusterError;
-use crate::distance::wasserstein1;
 use crate::frames::Candidate;
 use crate::permutation::{PermutationTest, permutation_test};
 use crate::settings::{AssignerSettings, Calibrated, Rule};
+use crate::wasserstein::wasserstein1;
 
 /// Which policy takes the rollout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,112 +1,198 @@
 //! Proof of optimality of a transport plan, independent of the solver that made it.
 
 use crate::ClusterError;
-use crate::transport::{Supplies, TransportPlan};
+use crate::mass::check_weights;
+use crate::transport::{TransportPlan, Weights, check_shape};
 
-/// Rounding allowance of a certificate, as a fraction of the largest cost in magnitude.
-pub const RELATIVE_TOLERANCE: f64 = 1e-9;
+/// Rounding allowance of a certificate, as a fraction of the largest cost in magnitude (of one, for masses).
+pub const RELATIVE_TOLERANCE: f64 = 1e-12;
+
+/// How exactly a plan and its potentials prove each other optimal.
+///
+/// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Certificate {
+    /// Largest deviation of a row or column sum of the plan from its weight, as a fraction of all mass.
+    pub marginal_error: f64,
+    /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
+    pub violation: f64,
+    /// Cost of the plan less the value of the potentials, in magnitude, in the costs' unit.
+    pub gap: f64,
+}
+
+/// Row and column sums of a plan.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Scratch {
+    sent: Vec<f64>,
+    received: Vec<f64>,
+}
 
 /// Checks that `plan` is an optimal transport plan for the row-major matrix `cost` `[n, m]`.
 ///
-/// With supplies `a_i`, demands `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
+/// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
 /// `sum_ij gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j` for each plan `gamma` with these
 /// marginals and each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that
-/// both are optimal. Three facts are checked: the marginals (exactly, in integers), `u_i + v_j <=
-/// c_ij` and the equality of the two values, the last two up to [`RELATIVE_TOLERANCE`] times the
+/// both are optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <=
+/// c_ij` and the equality of the two values up to [`RELATIVE_TOLERANCE`] times the
 /// largest `|c_ij|`. The plan's own `cost` field is held to the same value.
 ///
 /// # Errors
 /// The first fact that does not hold, with its numbers. NaN anywhere is a failure, never a pass.
-pub fn certify(cost: &[f64], plan: &TransportPlan) -> Result<(), ClusterError> {
-    let supplies = Supplies::new(cost, plan.sources, plan.sinks)?;
-    check_shapes(plan)?;
-    check_marginals(&supplies, plan)?;
+pub fn certify(
+    cost: &[f64],
+    sources: Weights,
+    sinks: Weights,
+    plan: &TransportPlan,
+) -> Result<Certificate, ClusterError> {
+    check_weights("sources", sources)?;
+    check_weights("sinks", sinks)?;
+    check_shape(cost, sources.len(), sinks.len())?;
+    certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
+}
+
+/// [`certify`] for a checked problem, in memory that is kept.
+pub(crate) fn certify_into(
+    scratch: &mut Scratch,
+    cost: &[f64],
+    sources: Weights,
+    sinks: Weights,
+    plan: &TransportPlan,
+) -> Result<Certificate, ClusterError> {
+    check_lengths(plan, sources.len(), sinks.len())?;
+    let marginal_error = check_marginals(scratch, sources, sinks, plan)?;
     let largest = cost.iter().fold(0.0_f64, |top, c| top.max(c.abs()));
     let tolerance = RELATIVE_TOLERANCE * largest;
-    check_reduced_costs(cost, plan, tolerance)?;
-    check_gap(cost, plan, tolerance)
+    let violation = check_reduced_costs(cost, plan, tolerance)?;
+    let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
+    Ok(Certificate {
+        marginal_error,
+        violation,
+        gap,
+    })
 }
 
-fn check_shapes(plan: &TransportPlan) -> Result<(), ClusterError> {
-    let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
+fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<(), ClusterError> {
     let parts = [
-        ("source_potentials", u.len(), plan.sources),
-        ("sink_potentials", v.len(), plan.sinks),
+        ("source_potentials", plan.source_potentials.len(), n),
+        ("sink_potentials", plan.sink_potentials.len(), m),
     ];
-    for (what, got, expected) in parts {
-        if got != expected {
-            return Err(ClusterError::PlanShape {
-                what,
-                got,
-                expected,
-            });
-        }
-    }
-    Ok(())
-}
-
-fn check_marginals(supplies: &Supplies, plan: &TransportPlan) -> Result<(), ClusterError> {
-    let (sources, sinks) = (plan.sources, plan.sinks);
-    let mut sent = vec![0usize; sources];
-    let mut received = vec![0usize; sinks];
-    for entry in &plan.entries {
-        let (source_index, sink_index) = (entry.source, entry.sink);
-        if source_index >= sources || sink_index >= sinks {
-            return Err(ClusterError::EntryOutOfRange {
-                source_index,
-                sources,
-                sink_index,
-                sinks,
-            });
-        }
-        // saturating: a corrupt plan must be refused, not wrap around into a right sum
-        sent[source_index] = sent[source_index].saturating_add(entry.units);
-        received[sink_index] = received[sink_index].saturating_add(entry.units);
-    }
-    check_side("source", &sent, supplies.supply)?;
-    check_side("sink", &received, supplies.demand)
-}
-
-fn check_side(side: &'static str, carried: &[usize], expected: usize) -> Result<(), ClusterError> {
-    match carried.iter().position(|&units| units != expected) {
-        Some(index) => Err(ClusterError::Marginal {
-            side,
-            index,
-            got: carried[index],
+    match parts.into_iter().find(|(_, got, expected)| got != expected) {
+        Some((what, got, expected)) => Err(ClusterError::PlanShape {
+            what,
+            got,
             expected,
         }),
         None => Ok(()),
     }
 }
 
+fn check_marginals(
+    scratch: &mut Scratch,
+    sources: Weights,
+    sinks: Weights,
+    plan: &TransportPlan,
+) -> Result<f64, ClusterError> {
+    let Scratch { sent, received } = scratch;
+    for (sums, weights) in [(&mut *sent, sources), (&mut *received, sinks)] {
+        sums.clear();
+        sums.resize(weights.len(), 0.0);
+    }
+    for (index, entry) in plan.entries.iter().enumerate() {
+        let (Some(row), Some(column)) = (sent.get_mut(entry.source), received.get_mut(entry.sink))
+        else {
+            return Err(ClusterError::EntryOutOfRange {
+                source_index: entry.source,
+                sources: sources.len(),
+                sink_index: entry.sink,
+                sinks: sinks.len(),
+            });
+        };
+        if !at_least(entry.mass, 0.0) {
+            let (what, value) = ("entries.mass", entry.mass);
+            return Err(ClusterError::NegativeMass { what, index, value });
+        }
+        *row += entry.mass;
+        *column += entry.mass;
+    }
+    let rows = check_side("source", sent, sources)?;
+    let columns = check_side("sink", received, sinks)?;
+    Ok(rows.max(columns))
+}
+
+fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f64, ClusterError> {
+    let sum = weights.sum();
+    let mut largest = 0.0_f64;
+    for (index, &got) in carried.iter().enumerate() {
+        let expected = weights.get(index) / sum;
+        let error = (got - expected).abs();
+        if !at_least(RELATIVE_TOLERANCE, error) {
+            return Err(ClusterError::Marginal {
+                side,
+                index,
+                got,
+                expected,
+            });
+        }
+        largest = largest.max(error);
+    }
+    Ok(largest)
+}
+
 fn check_reduced_costs(
     cost: &[f64],
     plan: &TransportPlan,
     tolerance: f64,
-) -> Result<(), ClusterError> {
+) -> Result<f64, ClusterError> {
+    let v = &plan.sink_potentials;
+    let mut least = 0.0_f64;
     for (source_index, (row, u)) in cost
-        .chunks_exact(plan.sinks)
+        .chunks_exact(v.len())
         .zip(&plan.source_potentials)
         .enumerate()
     {
-        for (sink_index, (c, v)) in row.iter().zip(&plan.sink_potentials).enumerate() {
-            let slack = c - v - u;
-            if !at_least(slack, -tolerance) {
-                return Err(ClusterError::DualInfeasible {
-                    source_index,
-                    sink_index,
-                    slack,
-                    tolerance,
-                });
-            }
+        // two passes: the first one, without a way out, is the one that compiles to vector code
+        let slack = |(c, v): (&f64, &f64)| c - v - u;
+        let sound = row
+            .iter()
+            .zip(v)
+            .map(slack)
+            .fold(true, |all, s| all & (s >= -tolerance));
+        if !sound {
+            return Err(infeasible(
+                source_index,
+                row.iter().zip(v).map(slack),
+                tolerance,
+            ));
         }
+        least = row.iter().zip(v).map(slack).fold(least, f64::min);
     }
-    Ok(())
+    Ok(least.abs())
 }
 
-fn check_gap(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Result<(), ClusterError> {
+fn infeasible(
+    source_index: usize,
+    slacks: impl Iterator<Item = f64>,
+    tolerance: f64,
+) -> ClusterError {
+    let refused = slacks.enumerate().find(|&(_, s)| !at_least(s, -tolerance));
+    let (sink_index, slack) = refused.unwrap_or((0, f64::NAN));
+    ClusterError::DualInfeasible {
+        source_index,
+        sink_index,
+        slack,
+        tolerance,
+    }
+}
+
+fn check_gap(
+    cost: &[f64],
+    sources: Weights,
+    sinks: Weights,
+    plan: &TransportPlan,
+    tolerance: f64,
+) -> Result<f64, ClusterError> {
     let primal = plan.priced(cost);
-    let dual = mean(&plan.source_potentials) + mean(&plan.sink_potentials);
+    let dual = value(sources, &plan.source_potentials) + value(sinks, &plan.sink_potentials);
     for value in [primal, plan.cost] {
         if !at_least(tolerance, (value - dual).abs()) {
             return Err(ClusterError::DualityGap {
@@ -116,14 +202,16 @@ fn check_gap(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Result<(), C
             });
         }
     }
-    Ok(())
+    Ok((primal - dual).abs())
+}
+
+/// Returns the mean of the potentials under the weights.
+fn value(weights: Weights, potentials: &[f64]) -> f64 {
+    let weighted = potentials.iter().enumerate();
+    weighted.map(|(i, p)| weights.get(i) * p).sum::<f64>() / weights.sum()
 }
 
 /// False for NaN on either side, which a negated `<` would let through.
 fn at_least(value: f64, bound: f64) -> bool {
     value >= bound
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }

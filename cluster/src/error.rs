@@ -64,15 +64,31 @@ pub enum ClusterError {
         /// Number of columns.
         sinks: usize,
     },
-    /// The solver used up its bound on augmentations.
+    /// A weight is negative or not a number.
+    #[error("weight {index} of the {side} is {value}: expected a finite number, at least 0")]
+    Weight {
+        /// `sources` or `sinks`.
+        side: &'static str,
+        /// Index of the point.
+        index: usize,
+        /// The weight given.
+        value: f64,
+    },
+    /// The weights of one side are no distribution.
+    #[error("the weights of the {side} add up to {sum}: expected 1; divide them by their sum")]
+    WeightSum {
+        /// `sources` or `sinks`.
+        side: &'static str,
+        /// The sum of the weights given.
+        sum: f64,
+    },
+    /// The solver used up its bound on pivots.
     #[error(
-        "the transport solver stopped after {augmentations} augmentations with {left} units unsent"
+        "the network simplex method stopped after {pivots} pivots without an optimum; rescale the costs"
     )]
     Stalled {
-        /// Augmentations made, which is also the bound.
-        augmentations: usize,
-        /// Units of mass that were still to be sent.
-        left: usize,
+        /// Pivots made, which is also the bound.
+        pivots: usize,
     },
     /// A plan has other numbers of sources, sinks or potentials than the cost matrix.
     #[error("the plan's {what} has length {got}: expected {expected}")]
@@ -99,16 +115,26 @@ pub enum ClusterError {
         sinks: usize,
     },
     /// A row or column of a plan carries the wrong mass: the plan is not primal feasible.
-    #[error("{side} {index} carries {got} units of mass: expected {expected}")]
+    #[error("{side} {index} carries the mass {got}: expected {expected}")]
     Marginal {
         /// `source` or `sink`.
         side: &'static str,
         /// Index of the source or sink.
         index: usize,
-        /// Units carried.
-        got: usize,
-        /// Units that uniform weights ask for.
-        expected: usize,
+        /// Mass carried, as a fraction of the whole.
+        got: f64,
+        /// The weight of the source or sink.
+        expected: f64,
+    },
+    /// A plan holds an entry that moves less than nothing.
+    #[error("{what}[{index}] is {value}: expected at least 0")]
+    NegativeMass {
+        /// What was being read.
+        what: &'static str,
+        /// Position in the list.
+        index: usize,
+        /// The mass found.
+        value: f64,
     },
     /// Two potentials add up to more than a cost: the potentials are not dual feasible.
     #[error(

@@ -55,26 +55,34 @@
 //! ```
 
 mod assigner;
-mod augmenting;
+mod basis;
 mod certificate;
 mod check;
-mod distance;
 mod error;
+mod euclidean;
 mod frames;
+mod lanes;
+mod line;
+mod mass;
 mod permutation;
+mod pricing;
 mod reservoir;
 mod settings;
+mod start;
 mod transport;
+mod wasserstein;
 
 pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement};
-pub use certificate::{RELATIVE_TOLERANCE, certify};
-pub use distance::{euclidean_costs, wasserstein1};
+pub use certificate::{Certificate, RELATIVE_TOLERANCE, certify};
 pub use error::ClusterError;
+pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
+pub use line::wasserstein1_line;
 pub use permutation::PermutationTest;
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
-pub use transport::{Entry, MAX_COST, TransportPlan, transport};
+pub use transport::{Entry, MAX_COST, Solver, TransportPlan, Weights, transport};
+pub use wasserstein::{Wasserstein, wasserstein1};
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]

@@ -4,10 +4,10 @@ use rand::Rng;
 use rand::seq::SliceRandom;
 
 use crate::ClusterError;
-use crate::distance::euclidean_costs;
+use crate::euclidean::EuclideanCosts;
 use crate::frames::{Candidate, Frames};
 use crate::settings::Calibrated;
-use crate::transport::transport;
+use crate::transport::{Solver, Weights};
 
 /// Rounding allowance for the spread of the null distribution, as a fraction of the largest pooled
 /// distance.
@@ -83,17 +83,21 @@ struct PooledDistances {
     frames: usize,
     per_episode: usize,
     cost: Vec<f64>,
+    solver: Solver,
 }
 
 impl PooledDistances {
     fn new(features: &[f32], like: &Frames) -> Result<Self, ClusterError> {
-        let all = euclidean_costs(features, features, like.dim())?;
+        let all = EuclideanCosts::new()
+            .compute(features, features, like.dim())?
+            .to_vec();
         let frames = features.len() / like.dim();
         Ok(Self {
             all,
             frames,
             per_episode: like.frames_per_episode(),
             cost: Vec::new(),
+            solver: Solver::new(),
         })
     }
 
@@ -116,7 +120,8 @@ impl PooledDistances {
                     .extend_from_slice(&row[episode * k..(episode + 1) * k]);
             }
         }
-        Ok(transport(&self.cost, left.len() * k, right.len() * k)?.cost)
+        let sides = [left, right].map(|side| Weights::Uniform(side.len() * k));
+        Ok(self.solver.solve(&self.cost, sides[0], sides[1])?.cost)
     }
 }
 

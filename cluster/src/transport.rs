@@ -1,124 +1,261 @@
-//! Optimal transport between uniform weights on a given cost matrix.
+//! Optimal transport between weighted points on a given cost matrix.
 
 use crate::ClusterError;
-use crate::augmenting;
-use crate::certificate::certify;
-use crate::check::positive;
+use crate::basis::Basis;
+use crate::certificate::{Certificate, Scratch, certify_into};
+use crate::mass::{Balance, check_weights};
+use crate::pricing::Pricing;
+use crate::start::Start;
 
 /// Largest magnitude accepted in a cost matrix: sums of costs along any path stay far from
 /// overflow.
 pub const MAX_COST: f64 = 1e100;
 
-/// Units of mass that go from one source to one sink.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Reduced costs below zero by less than this fraction of the largest cost count as zero: a few roundings
+/// of a potential.
+const PRICING_TOLERANCE: f64 = 1e-14;
+
+/// Pivots allowed per node. Problems of up to 4000 points a side need fewer than 20.
+const PIVOTS_PER_NODE: usize = 1000;
+
+/// The weights of one side of a transport problem.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Weights<'a> {
+    /// This many points of equal weight.
+    Uniform(usize),
+    /// A weight for each point: not negative, of sum one within 1e-9 (the rest is scaled away).
+    Given(&'a [f64]),
+}
+
+impl Weights<'_> {
+    /// Returns the number of points.
+    #[expect(
+        clippy::len_without_is_empty,
+        reason = "an empty side is refused by whoever takes weights"
+    )]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Uniform(points) => *points,
+            Self::Given(weights) => weights.len(),
+        }
+    }
+
+    /// Returns the weight of a point.
+    pub(crate) fn get(&self, index: usize) -> f64 {
+        match self {
+            Self::Uniform(points) => 1.0 / *points as f64,
+            Self::Given(weights) => weights[index],
+        }
+    }
+
+    pub(crate) fn sum(&self) -> f64 {
+        match self {
+            Self::Uniform(_) => 1.0,
+            Self::Given(weights) => weights.iter().sum(),
+        }
+    }
+}
+
+/// Mass that goes from one source to one sink.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// Row index, in `0..sources`.
+    /// Row index, in `0..n`.
     pub source: usize,
-    /// Column index, in `0..sinks`.
+    /// Column index, in `0..m`.
     pub sink: usize,
-    /// Mass in units of `1 / lcm(sources, sinks)`; see [`TransportPlan::mass`].
-    pub units: usize,
+    /// `gamma_ij`, in `(0, 1]`.
+    pub mass: f64,
 }
 
 /// A certified optimal plan and the potentials that prove it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransportPlan {
-    /// Number of sources `n`, each of weight `1/n`.
-    pub sources: usize,
-    /// Number of sinks `m`, each of weight `1/m`.
-    pub sinks: usize,
-    /// Mean cost of a unit of mass: the optimal value `<gamma, M>` of the transport problem, in the
-    /// costs' unit.
+    /// The optimal value `<gamma, M>` of the transport problem, in the costs' unit.
     pub cost: f64,
-    /// The positive entries of `gamma`; each (source, sink) pair occurs at most once.
+    /// The positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most once.
     pub entries: Vec<Entry>,
     /// Dual potentials `u` of the sources, `[n]`.
     pub source_potentials: Vec<f64>,
     /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.
     pub sink_potentials: Vec<f64>,
+    /// How exactly the plan and the potentials prove each other.
+    pub certificate: Certificate,
+    /// Pivots of the simplex method.
+    pub pivots: usize,
+}
+
+/// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
+///
+/// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify). [`Solver`] is the
+/// same with memory that is kept.
+///
+/// # Errors
+/// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a cost that is not finite or
+/// exceeds [`MAX_COST`], and an answer that the certificate refuses.
+///
+/// ```
+/// use cluster::{Weights, transport};
+///
+/// // a baker with three quarters of the bread, one with a quarter; two cafes
+/// let cost = [1.0, 4.0, 2.0, 3.0];
+/// let plan = transport(&cost, Weights::Given(&[0.75, 0.25]), Weights::Uniform(2))?;
+/// assert_eq!(plan.cost, 0.5 * 1.0 + 0.25 * 4.0 + 0.25 * 3.0);
+/// # Ok::<(), cluster::ClusterError>(())
+/// ```
+pub fn transport(
+    cost: &[f64],
+    sources: Weights,
+    sinks: Weights,
+) -> Result<TransportPlan, ClusterError> {
+    let mut solver = Solver::default();
+    solver.solve(cost, sources, sinks)?;
+    Ok(solver.plan)
+}
+
+/// The network simplex method, with memory that is kept: solving a problem no larger than an earlier one allocates nothing.
+///
+/// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a spanning tree of sources and
+/// sinks; weights are exact integers, perturbed against degeneracy, so the method cannot cycle. Answers depend
+/// on the problem alone, except for the choice among equally good plans after a warm start.
+#[derive(Clone, Debug, Default)]
+pub struct Solver {
+    balance: Balance,
+    basis: Basis,
+    start: Start,
+    pricing: Pricing,
+    plan: TransportPlan,
+    scratch: Scratch,
+}
+
+impl Solver {
+    /// Makes a solver that has no memory yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Solves a problem as [`transport`] does; the plan is kept until the next one.
+    ///
+    /// # Errors
+    /// Those of [`transport`].
+    pub fn solve(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        check(cost, sources, sinks)?;
+        self.balance.fill(sources, sinks);
+        let masses = &self.balance.masses;
+        self.start.cold(&mut self.basis, cost, masses, sinks.len());
+        self.finish(cost, sources, sinks)
+    }
+
+    /// Solves a problem from the basis of the last one: faster where most points are the same.
+    ///
+    /// Points keep their indices: those that came since the last call stand at the end of their side. What does not fit
+    /// (fewer points, other weights or costs) costs time, never exactness. Without a last problem this is
+    /// [`solve`](Self::solve).
+    ///
+    /// # Errors
+    /// Those of [`transport`].
+    pub fn solve_again(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        if self.basis.nodes() == 0 {
+            return self.solve(cost, sources, sinks);
+        }
+        check(cost, sources, sinks)?;
+        self.balance.fill(sources, sinks);
+        let masses = &self.balance.masses;
+        self.start.warm(&mut self.basis, cost, masses, sinks.len());
+        self.finish(cost, sources, sinks)
+    }
+
+    fn finish(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        self.plan.pivots = self.improve(cost)?;
+        self.read_plan(cost);
+        self.plan.certificate = certify_into(&mut self.scratch, cost, sources, sinks, &self.plan)?;
+        Ok(&self.plan)
+    }
+
+    /// Pivots until no arc has a negative reduced cost; returns the number of pivots.
+    fn improve(&mut self, cost: &[f64]) -> Result<usize, ClusterError> {
+        let nodes = self.basis.nodes();
+        let limit = PIVOTS_PER_NODE * nodes;
+        let largest = cost.iter().fold(0.0, |top: f64, c| top.max(c.abs()));
+        self.pricing
+            .reset(cost, &self.basis, PRICING_TOLERANCE * largest);
+        let mut pivots = 0;
+        while let Some(entering) = self.pricing.next(cost, &self.basis) {
+            if pivots == limit {
+                return Err(ClusterError::Stalled { pivots });
+            }
+            self.basis.pivot(entering);
+            pivots += 1;
+            if pivots % nodes == 0 {
+                self.basis.refresh_prices(cost);
+            }
+        }
+        Ok(pivots)
+    }
+
+    fn read_plan(&mut self, cost: &[f64]) {
+        self.basis.refresh_prices(cost);
+        let (balance, plan) = (&self.balance, &mut self.plan);
+        plan.source_potentials.clear();
+        plan.source_potentials
+            .extend_from_slice(self.basis.source_prices());
+        plan.sink_potentials.clear();
+        plan.sink_potentials
+            .extend(self.basis.sink_prices().iter().map(|price| -price));
+        plan.entries.clear();
+        let mut cost_in_units = 0.0;
+        self.basis.for_each_arc(|source, sink, flow| {
+            if flow.units > 0 {
+                let mass = flow.units as f64 / balance.total as f64;
+                plan.entries.push(Entry { source, sink, mass });
+                cost_in_units +=
+                    flow.units as f64 * cost[source * self.basis.sink_prices().len() + sink];
+            }
+        });
+        plan.cost = cost_in_units / balance.total as f64;
+    }
 }
 
 impl TransportPlan {
-    /// Returns the mass `gamma_ij` of an entry, in `(0, 1]`; all masses add up to 1.
-    pub fn mass(&self, entry: &Entry) -> f64 {
-        entry.units as f64 / lcm(self.sources, self.sinks) as f64
-    }
-
     /// Returns the cost of the entries under `cost` `[n, m]`.
     pub(crate) fn priced(&self, cost: &[f64]) -> f64 {
-        let price = |e: &Entry| e.units as f64 * cost[e.source * self.sinks + e.sink];
-        self.entries.iter().map(price).sum::<f64>() / lcm(self.sources, self.sinks) as f64
+        let sinks = self.sink_potentials.len();
+        let price = |e: &Entry| e.mass * cost[e.source * sinks + e.sink];
+        self.entries.iter().map(price).sum()
     }
 }
 
-/// Uniform weights in whole units: each source holds `supply`, each sink asks for `demand`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Supplies {
-    pub(crate) sources: usize,
-    pub(crate) sinks: usize,
-    /// `m / gcd(n, m)`.
-    pub(crate) supply: usize,
-    /// `n / gcd(n, m)`.
-    pub(crate) demand: usize,
+fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<(), ClusterError> {
+    check_weights("sources", sources)?;
+    check_weights("sinks", sinks)?;
+    check_shape(cost, sources.len(), sinks.len())?;
+    check_costs(cost)
 }
 
-impl Supplies {
-    /// Checks the shape of a cost matrix and returns its supplies.
-    pub(crate) fn new(cost: &[f64], sources: usize, sinks: usize) -> Result<Self, ClusterError> {
-        positive("sources", sources)?;
-        positive("sinks", sinks)?;
-        if sources.checked_mul(sinks) != Some(cost.len()) {
-            return Err(ClusterError::CostShape {
-                len: cost.len(),
-                sources,
-                sinks,
-            });
-        }
-        let divisor = gcd(sources, sinks);
-        Ok(Self {
+/// Checks that `cost` is a matrix `[sources, sinks]`.
+pub(crate) fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<(), ClusterError> {
+    match sources.checked_mul(sinks) == Some(cost.len()) {
+        true => Ok(()),
+        false => Err(ClusterError::CostShape {
+            len: cost.len(),
             sources,
             sinks,
-            supply: sinks / divisor,
-            demand: sources / divisor,
-        })
+        }),
     }
-
-    /// Returns the problem with sources and sinks exchanged.
-    pub(crate) fn transposed(&self) -> Self {
-        Self {
-            sources: self.sinks,
-            sinks: self.sources,
-            supply: self.demand,
-            demand: self.supply,
-        }
-    }
-
-    /// Units in total, `lcm(n, m)`.
-    pub(crate) fn total(&self) -> usize {
-        self.sources * self.supply
-    }
-}
-
-/// Solves the transport problem between `sources` points of weight `1/n` and `sinks` points of
-/// weight `1/m`.
-///
-/// `cost` is row-major `[n, m]`; entries may be negative. The answer is exact up to rounding and
-/// carries its own proof: [`certify`] has accepted it. Worst-case time is `O(lcm(n, m) n m)`.
-///
-/// # Errors
-/// An empty or misshapen matrix, a cost that is not finite or exceeds [`MAX_COST`], and an answer
-/// that the certificate refuses.
-pub fn transport(
-    cost: &[f64],
-    sources: usize,
-    sinks: usize,
-) -> Result<TransportPlan, ClusterError> {
-    let supplies = Supplies::new(cost, sources, sinks)?;
-    check_costs(cost)?;
-    let mut plan = augmenting::solve(cost, &supplies)?;
-    plan.cost = plan.priced(cost);
-    certify(cost, &plan)?;
-    Ok(plan)
 }
 
 fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
@@ -138,12 +275,4 @@ fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
             value,
         },
     })
-}
-
-fn gcd(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { gcd(b, a % b) }
-}
-
-fn lcm(a: usize, b: usize) -> usize {
-    a / gcd(a, b) * b
 }

@@ -5,24 +5,10 @@
 
 mod common;
 
-use cluster::{ClusterError, euclidean_costs, wasserstein1};
+use cluster::{ClusterError, EuclideanCosts, Weights, wasserstein1, wasserstein1_line};
 use common::normals;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-
-/// `W1` on the line: the area between the two distribution functions.
-fn area_between_cdfs(x: &[f32], y: &[f32]) -> f64 {
-    let mut steps: Vec<(f64, f64)> = Vec::new();
-    steps.extend(x.iter().map(|&p| (f64::from(p), 1.0 / x.len() as f64)));
-    steps.extend(y.iter().map(|&p| (f64::from(p), -1.0 / y.len() as f64)));
-    steps.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut height, mut area) = (0.0_f64, 0.0);
-    for pair in steps.windows(2) {
-        height += pair[0].1;
-        area += height.abs() * (pair[1].0 - pair[0].0);
-    }
-    area
-}
 
 /// Smallest total cost of a perfect matching of the remaining rows with the unused columns.
 fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -> f64 {
@@ -42,8 +28,9 @@ fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -
 
 fn brute_force(x: &[f32], y: &[f32], dim: usize) -> f64 {
     let n = x.len() / dim;
-    let cost = euclidean_costs(x, y, dim).expect("finite clouds");
-    cheapest_matching(&cost, n, 0, &mut vec![false; n]) / n as f64
+    let mut costs = EuclideanCosts::new();
+    let cost = costs.compute(x, y, dim).expect("finite clouds");
+    cheapest_matching(cost, n, 0, &mut vec![false; n]) / n as f64
 }
 
 /// Repeats each point `times` times, which leaves the distribution as it is.
@@ -73,14 +60,15 @@ fn agrees_with_the_closed_form_on_the_line() {
         (64, 3),
     ] {
         let (x, y) = (normals(&mut rng, n), normals(&mut rng, m));
-        assert_close(wasserstein1(&x, &y, 1).unwrap(), area_between_cdfs(&x, &y));
+        let line = wasserstein1_line(&x, Weights::Uniform(n), &y, Weights::Uniform(m));
+        assert_close(wasserstein1(&x, &y, 1).unwrap(), line.unwrap());
     }
 }
 
 #[test]
 fn agrees_with_all_permutations() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    for n in 1..=7 {
+    for n in 1..=8 {
         for dim in [1, 2, 3, 64] {
             let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, n * dim));
             assert_close(wasserstein1(&x, &y, dim).unwrap(), brute_force(&x, &y, dim));
@@ -164,7 +152,54 @@ fn hostile_input_is_refused_with_its_values() {
         "y[0] is -inf: expected a finite number"
     );
     assert!(matches!(
-        euclidean_costs(&[1.0], &[], 1),
+        EuclideanCosts::new().compute(&[1.0], &[], 1),
         Err(ClusterError::Empty { what: "y" })
     ));
+}
+
+/// The distance as it is defined, in double precision.
+fn naive(p: &[f32], q: &[f32]) -> f64 {
+    let square = |(&a, &b)| (f64::from(a) - f64::from(b)).powi(2);
+    p.iter().zip(q).map(square).sum::<f64>().sqrt()
+}
+
+#[test]
+fn distances_are_accurate_however_much_cancels() {
+    // clouds that lie far from the origin and from one another, with near and exact duplicates
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    for dim in [1, 3, 64, 130] {
+        let mut x = normals(&mut rng, 70 * dim);
+        x.iter_mut()
+            .take(30 * dim)
+            .for_each(|v| *v = 1000.0 + *v * 1e-3);
+        let mut y = x.clone();
+        y.iter_mut().skip(50 * dim).for_each(|v| *v += 1e-4);
+        let mut costs = EuclideanCosts::new();
+        let costs = costs.compute(&x, &y, dim).unwrap();
+        for (i, p) in x.chunks_exact(dim).enumerate() {
+            for (j, q) in y.chunks_exact(dim).enumerate() {
+                let (got, expected) = (costs[i * 70 + j], naive(p, q));
+                assert!(
+                    (got - expected).abs() <= 1e-11 * expected,
+                    "{got} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn distances_have_the_same_bits_on_any_number_of_threads() {
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    let (x, y) = (normals(&mut rng, 300 * 64), normals(&mut rng, 300 * 64));
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| EuclideanCosts::new().compute(&x, &y, 64).unwrap().to_vec())
+    };
+    let one = on(1);
+    assert_eq!(one, on(2));
+    assert_eq!(one, on(3));
 }

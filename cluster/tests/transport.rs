@@ -1,30 +1,12 @@
-//! The solver on cost matrices, and the certificate's power to refuse.
+//! The solver on cost matrices.
 
 // lints know tests, but not the helpers that tests call
 #![allow(clippy::expect_used)]
 
-use cluster::{ClusterError, Entry, TransportPlan, certify, transport};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+mod common;
 
-fn random_costs(seed: u64, len: usize) -> Vec<f64> {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
-}
-
-/// A solved problem to spoil: 6 sources, 4 sinks.
-fn solved() -> (Vec<f64>, TransportPlan) {
-    let cost = random_costs(5, 24);
-    let plan = transport(&cost, 6, 4).expect("a well-formed problem");
-    certify(&cost, &plan).expect("the solver's own answer");
-    (cost, plan)
-}
-
-fn refusal(spoil: impl Fn(&mut TransportPlan)) -> ClusterError {
-    let (cost, mut plan) = solved();
-    spoil(&mut plan);
-    certify(&cost, &plan).expect_err("a spoilt plan must be refused")
-}
+use cluster::{ClusterError, Solver, Weights, certify, transport};
+use common::{random_costs, random_weights, uniform};
 
 #[test]
 fn certifies_random_problems_of_all_shapes() {
@@ -38,8 +20,8 @@ fn certifies_random_problems_of_all_shapes() {
         (30, 45),
         (60, 20),
     ] {
-        let plan = transport(&random_costs((n * m) as u64, n * m), n, m).unwrap();
-        let mass: f64 = plan.entries.iter().map(|e| plan.mass(e)).sum();
+        let plan = uniform(&random_costs((n * m) as u64, n * m), n, m).unwrap();
+        let mass: f64 = plan.entries.iter().map(|e| e.mass).sum();
         assert!((mass - 1.0).abs() < 1e-12);
         assert_eq!(
             (plan.source_potentials.len(), plan.sink_potentials.len()),
@@ -52,18 +34,14 @@ fn certifies_random_problems_of_all_shapes() {
 fn solves_a_problem_worked_by_hand() {
     // source 0 is dear everywhere but at sink 1; sink 0 then takes source 1 although (1, 1) is
     // cheaper
-    let plan = transport(&[9.0, 2.0, 4.0, 1.0], 2, 2).unwrap();
+    let plan = uniform(&[9.0, 2.0, 4.0, 1.0], 2, 2).unwrap();
     assert_eq!(plan.cost, 3.0);
-    assert!(plan.entries.contains(&Entry {
-        source: 0,
-        sink: 1,
-        units: 1
-    }));
-    assert!(plan.entries.contains(&Entry {
-        source: 1,
-        sink: 0,
-        units: 1
-    }));
+    let pairs: Vec<_> = plan
+        .entries
+        .iter()
+        .map(|e| (e.source, e.sink, e.mass))
+        .collect();
+    assert_eq!(pairs, [(0, 1, 0.5), (1, 0, 0.5)]);
 }
 
 #[test]
@@ -72,11 +50,11 @@ fn transposition_exchanges_the_sides() {
     let cost = random_costs(9, n * m);
     let transposed: Vec<f64> = (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect();
     let (a, b) = (
-        transport(&cost, n, m).unwrap(),
-        transport(&transposed, m, n).unwrap(),
+        uniform(&cost, n, m).unwrap(),
+        uniform(&transposed, m, n).unwrap(),
     );
     assert!((a.cost - b.cost).abs() < 1e-12);
-    certify(&transposed, &b).unwrap();
+    certify(&transposed, Weights::Uniform(m), Weights::Uniform(n), &b).unwrap();
 }
 
 #[test]
@@ -86,9 +64,9 @@ fn extreme_scales_are_certified() {
             .iter()
             .map(|c| c * scale)
             .collect();
-        transport(&cost, 20, 12).unwrap();
+        uniform(&cost, 20, 12).unwrap();
     }
-    assert_eq!(transport(&[0.0; 30], 5, 6).unwrap().cost, 0.0);
+    assert_eq!(uniform(&[0.0; 30], 5, 6).unwrap().cost, 0.0);
 }
 
 #[test]
@@ -97,12 +75,12 @@ fn costs_of_very_different_size_are_certified() {
         .iter()
         .map(|c| (40.0 * c).exp())
         .collect();
-    transport(&cost, 30, 30).unwrap();
+    uniform(&cost, 30, 30).unwrap();
 }
 
 #[test]
 fn malformed_matrices_are_refused() {
-    let message = |cost: &[f64], n, m| transport(cost, n, m).unwrap_err().to_string();
+    let message = |cost: &[f64], n, m| uniform(cost, n, m).unwrap_err().to_string();
     assert_eq!(message(&[], 0, 3), "sources is 0: expected at least 1");
     assert_eq!(message(&[], 3, 0), "sinks is 0: expected at least 1");
     assert_eq!(
@@ -110,7 +88,7 @@ fn malformed_matrices_are_refused() {
         "cost has 5 entries: expected sources x sinks = 2 x 3"
     );
     assert!(matches!(
-        transport(&[1.0], usize::MAX, 2),
+        uniform(&[1.0], usize::MAX, 2),
         Err(ClusterError::CostShape { .. })
     ));
     assert_eq!(
@@ -124,122 +102,91 @@ fn malformed_matrices_are_refused() {
     assert!(message(&[-1e200], 1, 1).starts_with("cost[0] is -1e200: expected at most 1e100"));
 }
 
-#[test]
-fn the_certificate_refuses_moved_mass() {
-    let error = refusal(|plan| plan.entries[0].sink = (plan.entries[0].sink + 1) % 4);
-    assert!(
-        matches!(error, ClusterError::Marginal { side: "sink", .. }),
-        "{error}"
-    );
-    let error = refusal(|plan| plan.entries[0].units += 1);
-    assert!(
-        matches!(error, ClusterError::Marginal { side: "source", .. }),
-        "{error}"
-    );
-    let error = refusal(|plan| plan.entries.clear());
-    assert!(
-        matches!(error, ClusterError::Marginal { got: 0, .. }),
-        "{error}"
-    );
-    let error = refusal(|plan| plan.entries[0].units = usize::MAX);
-    assert!(matches!(error, ClusterError::Marginal { .. }), "{error}");
+/// The costs of the first `m` of `wider` columns.
+fn columns(cost: &[f64], wider: usize, m: usize) -> Vec<f64> {
+    cost.chunks_exact(wider)
+        .flat_map(|row| &row[..m])
+        .copied()
+        .collect()
 }
 
 #[test]
-fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
-    // the dearer of the two matchings, with the potentials of the cheaper one
-    let cost = [9.0, 2.0, 4.0, 1.0];
-    let mut plan = transport(&cost, 2, 2).unwrap();
-    plan.entries = vec![
-        Entry {
-            source: 0,
-            sink: 0,
-            units: 1,
-        },
-        Entry {
-            source: 1,
-            sink: 1,
-            units: 1,
-        },
-    ];
-    for claimed in [3.0, 5.0] {
-        plan.cost = claimed;
-        let error = certify(&cost, &plan).unwrap_err();
-        assert!(
-            matches!(error, ClusterError::DualityGap { primal: 5.0, .. }),
-            "{error}"
-        );
+fn a_warm_start_finds_the_same_value_after_growth_and_shrinkage() {
+    let (n, widest) = (30, 45);
+    let cost = random_costs(21, n * widest);
+    let mut solver = Solver::new();
+    for m in [40, 41, 45, 45, 12, 1, 33] {
+        let cost = columns(&cost, widest, m);
+        let (sources, sinks) = (Weights::Uniform(n), Weights::Uniform(m));
+        let warm = solver.solve_again(&cost, sources, sinks).unwrap().cost;
+        let cold = transport(&cost, sources, sinks).unwrap().cost;
+        assert!((warm - cold).abs() < 1e-12, "{m}: {warm} and {cold}");
     }
 }
 
 #[test]
-fn the_certificate_refuses_spoilt_potentials() {
-    let error = refusal(|plan| plan.source_potentials[2] += 0.01);
-    assert!(
-        matches!(
-            error,
-            ClusterError::DualInfeasible {
-                source_index: 2,
-                ..
-            }
-        ),
-        "{error}"
-    );
-    let error = refusal(|plan| plan.sink_potentials[1] -= 0.01);
-    assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.sink_potentials[3] = f64::NAN);
-    assert!(
-        matches!(error, ClusterError::DualInfeasible { sink_index: 3, .. }),
-        "{error}"
-    );
-    // opposite shifts cancel in the dual value but not in the reduced costs of a plan with mixed
-    // pairs
-    let error =
-        refusal(|plan| (plan.source_potentials[0], plan.source_potentials[1]) = (1e6, -1e6));
-    assert!(
-        matches!(
-            error,
-            ClusterError::DualInfeasible {
-                source_index: 0,
-                ..
-            }
-        ),
-        "{error}"
-    );
+fn a_warm_start_on_the_same_problem_needs_no_pivot() {
+    let cost = random_costs(22, 60 * 50);
+    let weights = random_weights(3, 60);
+    let (sources, sinks) = (Weights::Given(&weights), Weights::Uniform(50));
+    let mut solver = Solver::new();
+    assert!(solver.solve(&cost, sources, sinks).unwrap().pivots > 0);
+    assert_eq!(solver.solve_again(&cost, sources, sinks).unwrap().pivots, 0);
 }
 
 #[test]
-fn the_certificate_refuses_false_claims_and_shapes() {
-    let error = refusal(|plan| plan.cost += 0.01);
-    assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.cost = f64::NAN);
-    assert!(matches!(error, ClusterError::DualityGap { .. }), "{error}");
-    let error = refusal(|plan| plan.sink_potentials.truncate(3));
-    assert!(
-        matches!(
-            error,
-            ClusterError::PlanShape {
-                got: 3,
-                expected: 4,
-                ..
-            }
-        ),
-        "{error}"
+fn a_reused_solver_gives_the_bits_of_a_new_one() {
+    let mut solver = Solver::new();
+    for (n, m) in [(20, 30), (7, 600), (20, 30), (1, 1)] {
+        let cost = random_costs(23, n * m);
+        let reused = solver
+            .solve(&cost, Weights::Uniform(n), Weights::Uniform(m))
+            .unwrap();
+        assert_eq!(*reused, uniform(&cost, n, m).unwrap());
+    }
+}
+
+#[test]
+fn shortlists_and_dense_pricing_find_the_same_value() {
+    // 700 sinks are priced through shortlists, 700 sources and fewer sinks are not
+    let (n, m) = (300, 700);
+    let cost = random_costs(24, n * m);
+    let transposed: Vec<f64> = (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect();
+    let (listed, dense) = (
+        uniform(&cost, n, m).unwrap(),
+        uniform(&transposed, m, n).unwrap(),
     );
-    let error = refusal(|plan| plan.entries[0].source = 6);
-    assert!(
-        matches!(
-            error,
-            ClusterError::EntryOutOfRange {
-                source_index: 6,
-                ..
-            }
-        ),
-        "{error}"
+    assert!((listed.cost - dense.cost).abs() < 1e-12);
+}
+
+#[test]
+fn weights_may_be_zero_or_very_small() {
+    let weights = [0.0, 1e-300, 0.25, 0.0, 0.75];
+    let cost = random_costs(25, 25);
+    let plan = transport(&cost, Weights::Given(&weights), Weights::Given(&weights)).unwrap();
+    let sends = |point: usize| plan.entries.iter().filter(move |e| e.source == point);
+    assert_eq!(sends(0).count() + sends(1).count() + sends(3).count(), 0);
+    assert_eq!(sends(4).map(|e| e.mass).sum::<f64>(), 0.75);
+}
+
+#[test]
+fn weights_that_are_no_distribution_are_refused() {
+    let message = |weights: &[f64]| {
+        let sides = (Weights::Given(weights), Weights::Uniform(1));
+        transport(&vec![0.0; weights.len()], sides.0, sides.1)
+            .unwrap_err()
+            .to_string()
+    };
+    assert_eq!(
+        message(&[0.5, 0.25]),
+        "the weights of the sources add up to 0.75: expected 1; divide them by their sum"
     );
-    let error = refusal(|plan| (plan.sources, plan.sinks) = (4, 4));
-    assert!(
-        matches!(error, ClusterError::CostShape { len: 24, .. }),
-        "{error}"
+    assert_eq!(
+        message(&[1.5, -0.5]),
+        "weight 1 of the sources is -0.5: expected a finite number, at least 0"
     );
+    assert!(message(&[f64::NAN]).contains("weight 0 of the sources is NaN"));
+    assert!(message(&[f64::INFINITY]).contains("is inf"));
+    assert_eq!(message(&[]), "sources is 0: expected at least 1");
+    assert!(message(&[0.0, 0.0]).contains("add up to 0"));
 }

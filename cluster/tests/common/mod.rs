@@ -1,6 +1,10 @@
-//! Random clouds for the tests.
+//! Random clouds, costs and weights for the tests.
 
-use rand::RngExt;
+// each test file uses its part
+#![allow(dead_code)]
+
+use cluster::{ClusterError, TransportPlan, Weights, transport};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Draws a standard normal number (Box-Muller).
@@ -12,4 +16,23 @@ pub fn normal(rng: &mut ChaCha8Rng) -> f32 {
 /// Draws `len` standard normal numbers.
 pub fn normals(rng: &mut ChaCha8Rng, len: usize) -> Vec<f32> {
     (0..len).map(|_| normal(rng)).collect()
+}
+
+/// Draws `len` costs from [-1, 1).
+pub fn random_costs(seed: u64, len: usize) -> Vec<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+/// Draws `len` weights of sum one.
+pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let weights: Vec<f64> = (0..len).map(|_| rng.random_range(0.0..1.0)).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.iter().map(|w| w / sum).collect()
+}
+
+/// Solves a problem with equal weights.
+pub fn uniform(cost: &[f64], n: usize, m: usize) -> Result<TransportPlan, ClusterError> {
+    transport(cost, Weights::Uniform(n), Weights::Uniform(m))
 }

@@ -1,0 +1,99 @@
+//! The 1-Wasserstein distance between point clouds.
+
+use crate::ClusterError;
+use crate::check::{positive, rows};
+use crate::euclidean::EuclideanCosts;
+use crate::mass::check_weights;
+use crate::transport::{Solver, TransportPlan, Weights};
+
+/// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]` with equal
+/// weights, in their unit.
+///
+/// `W1(X, Y) = min <gamma, M>_F` over `gamma >= 0` with row sums `1/n` and column sums `1/m`, where
+/// `M_il = ||X_i - Y_l||_2`: the distance of Liu et al., "Continual Vision-based Reinforcement
+/// Learning with Group Symmetries" (CoRL 2023), section 4.3. The result is certified (see [`crate::certify`]); it
+/// is zero exactly when both clouds hold the same points in the same proportions, up to the certificate's
+/// tolerance.
+///
+/// # Errors
+/// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
+/// finite.
+///
+/// ```
+/// // of three points the middle one, a third of the mass, goes half to either side
+/// let distance = cluster::wasserstein1(&[0.0, 1.0, 2.0], &[0.0, 2.0], 1)?;
+/// assert!((distance - 1.0 / 3.0).abs() < 1e-12);
+/// # Ok::<(), cluster::ClusterError>(())
+/// ```
+pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64, ClusterError> {
+    positive("dim", dim)?;
+    // names in errors are those of the arguments, so they are checked before the sides may change places
+    rows("x", x, dim, "point")?;
+    rows("y", y, dim, "point")?;
+    // many sources and few sinks are priced faster than the reverse
+    let (x, y) = if x.len() < y.len() { (y, x) } else { (x, y) };
+    let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
+    let mut workspace = Wasserstein::default();
+    Ok(workspace.solve(x, uniform(x), y, uniform(y), dim)?.cost)
+}
+
+/// The 1-Wasserstein distance between weighted clouds, with plan, potentials and memory that is kept.
+///
+/// ```
+/// use cluster::{Wasserstein, Weights};
+///
+/// let mut workspace = Wasserstein::new();
+/// let (x, y) = ([0.0, 1.0], [0.0, 3.0]);
+/// let plan = workspace.solve(&x, Weights::Given(&[0.25, 0.75]), &y, Weights::Uniform(2), 1)?;
+/// // a quarter moves from 1 to 0, a half from 1 to 3
+/// assert_eq!(plan.cost, 0.25 * 1.0 + 0.5 * 2.0);
+/// # Ok::<(), cluster::ClusterError>(())
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct Wasserstein {
+    costs: EuclideanCosts,
+    solver: Solver,
+}
+
+impl Wasserstein {
+    /// Makes a workspace that has no memory yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Transports `x` `[n, dim]` with weights `a` to `y` `[m, dim]` with weights `b`; faster with the larger cloud as `x`.
+    ///
+    /// # Errors
+    /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other than `n` and `m`.
+    pub fn solve(
+        &mut self,
+        x: &[f32],
+        a: Weights,
+        y: &[f32],
+        b: Weights,
+        dim: usize,
+    ) -> Result<&TransportPlan, ClusterError> {
+        check_weights("x", a)?;
+        check_weights("y", b)?;
+        let costs = self.costs.compute(x, y, dim)?;
+        self.solver.solve(costs, a, b)
+    }
+
+    /// Does the same from the last solution, as [`Solver::solve_again`] does: for a cloud that has grown by a few points.
+    ///
+    /// # Errors
+    /// Those of [`solve`](Self::solve).
+    pub fn solve_again(
+        &mut self,
+        x: &[f32],
+        a: Weights,
+        y: &[f32],
+        b: Weights,
+        dim: usize,
+    ) -> Result<&TransportPlan, ClusterError> {
+        check_weights("x", a)?;
+        check_weights("y", b)?;
+        let costs = self.costs.compute(x, y, dim)?;
+        self.solver.solve_again(costs, a, b)
+    }
+}
