@@ -26,11 +26,11 @@
 //! splits of the pooled episodes,
 //!
 //! ```text
-//! score = (W1 - mean) / sd,    ratio = W1 / max,
+//! score = (W1 - mean) / sd,    p = (1 + splits at least as far apart) / (1 + splits),
 //! ```
 //!
 //! and therefore depends neither on the scale of a network's features nor on the spread of its
-//! group; see [`Calibrated`].
+//! group. Where no group fits, it asks for one more rollout; see [`Calibrated`].
 //!
 //! # Example
 //!
@@ -48,9 +48,15 @@
 //! let far = Candidate { buffer: episodes(5.0)?, rollout: episodes(0.0)? };
 //! let near = Candidate { buffer: episodes(0.0)?, rollout: episodes(0.0)? };
 //!
-//! let assignment = Assigner::default().assign(&[far, near], &mut rng)?;
+//! let assigner = Assigner::default();
+//! let assignment = assigner.assign(&[far.clone(), near], &mut rng)?;
 //! assert_eq!(assignment.decision, Decision::Existing(1));
-//! assert!(assignment.evidence[0].ratio() > assignment.evidence[1].ratio());
+//! assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
+//!
+//! // a policy is never opened on one rollout: collect another one, and have both judged
+//! assert_eq!(assigner.assign(&[far.clone()], &mut rng)?.decision, Decision::Undecided);
+//! let both = Candidate { buffer: far.buffer, rollout: episodes(0.0)?.joined(&far.rollout)? };
+//! assert_eq!(assigner.settle(&[both], &mut rng)?.decision, Decision::New);
 //! # Ok::<(), cluster::ClusterError>(())
 //! ```
 
@@ -64,14 +70,15 @@ mod frames;
 mod permutation;
 mod reservoir;
 mod settings;
+mod tail;
 mod transport;
 
-pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement};
+pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
 pub use certificate::{RELATIVE_TOLERANCE, certify};
 pub use distance::{euclidean_costs, wasserstein1};
 pub use error::ClusterError;
 pub use frames::{Candidate, Frames};
-pub use permutation::PermutationTest;
+pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
 pub use transport::{Entry, MAX_COST, TransportPlan, transport};
