@@ -227,29 +227,33 @@ fn judge_calibrated<R: Rng + ?Sized>(
             verdict: Verdict::Accepted,
         });
     }
-    let rollouts = match look {
-        Look::First => 1,
-        Look::Second => 2,
+    let size = match look {
+        Look::First => settings.first_look(),
+        Look::Second => settings.second_look(),
     };
-    let test = permutation_test(candidate, settings.size(rollouts), rng)?;
+    let test = permutation_test(candidate, size, rng)?;
     Ok(weigh(test, settings, look))
 }
 
-/// The first look trusts the exact p-value alone; the level of the second is finer than the number
-/// of splits resolves, hence the tail.
+/// The first look trusts the exact p-value alone. The level of the second is finer than the number
+/// of splits resolves, hence the tail; and what is significant may still be no more than drift.
 fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
-    let (p_value, limit, otherwise) = match look {
-        Look::First => (test.p_value, settings.doubt, Verdict::Doubted),
-        Look::Second => (test.tail_p_value, settings.level, Verdict::Refused),
+    let (limit, verdict) = match look {
+        Look::First if test.p_value <= settings.doubt => (settings.doubt, Verdict::Doubted),
+        Look::First => (settings.doubt, Verdict::Accepted),
+        Look::Second => (settings.level, settle(&test, settings)),
     };
     Evidence {
         distance: test.distance,
         judgement: Judgement::Tested { test, limit },
-        verdict: if p_value > limit {
-            Verdict::Accepted
-        } else {
-            otherwise
-        },
+        verdict,
+    }
+}
+
+fn settle(test: &PermutationTest, settings: &Calibrated) -> Verdict {
+    match test.tail_p_value <= settings.level && test.ratio() >= settings.min_ratio {
+        true => Verdict::Refused,
+        false => Verdict::Accepted,
     }
 }
 
@@ -278,7 +282,7 @@ mod tests {
     use super::*;
     use crate::permutation::NullDistribution;
 
-    fn test(p_value: f64, tail_p_value: f64) -> PermutationTest {
+    fn test(p_value: f64, tail_p_value: f64, distance: f64) -> PermutationTest {
         let null = NullDistribution {
             permutations: 100,
             mean: 1.0,
@@ -290,9 +294,9 @@ mod tests {
             max: 1.0,
         };
         PermutationTest {
-            distance: 1.0,
+            distance,
             null,
-            score: 0.0,
+            score: distance - 1.0,
             p_value,
             tail_p_value,
         }
@@ -303,14 +307,44 @@ mod tests {
         use Verdict::{Accepted, Doubted, Refused};
         let settings = Calibrated::default();
         let cases = [
-            (Look::First, 0.021, 0.0, Accepted),
-            (Look::First, 0.02, 1.0, Doubted),
-            (Look::Second, 0.0, 1.1e-4, Accepted),
-            (Look::Second, 1.0, 1e-4, Refused),
+            (Look::First, 0.021, 0.0, 9.0, Accepted),
+            (Look::First, 0.02, 1.0, 0.5, Doubted),
+            (Look::Second, 0.0, 1.1e-4, 9.0, Accepted),
+            (Look::Second, 1.0, 1e-4, 1.1, Refused),
+            (Look::Second, 0.0, 1e-9, 1.09, Accepted),
         ];
-        for (look, p_value, tail, verdict) in cases {
-            let evidence = weigh(test(p_value, tail), &settings, look);
-            assert_eq!(evidence.verdict, verdict, "{look:?} {p_value} {tail}");
+        for (look, p_value, tail, distance, verdict) in cases {
+            let evidence = weigh(test(p_value, tail, distance), &settings, look);
+            assert_eq!(
+                evidence.verdict, verdict,
+                "{look:?} {p_value} {tail} {distance}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_lowest_score_wins_and_untested_candidates_come_last() {
+        let settings = Calibrated::default();
+        let tested = |p, distance| weigh(test(p, 0.0, distance), &settings, Look::First);
+        let small = |distance| Evidence {
+            distance,
+            judgement: Judgement::BufferTooSmall {
+                episodes: 1,
+                needed: 8,
+            },
+            verdict: Verdict::Accepted,
+        };
+        let (near, far, doubted) = (tested(0.5, 1.0), tested(0.1, 3.0), tested(0.01, 0.1));
+        let cases = [
+            (vec![far, near, near], Decision::Existing(1)),
+            (vec![small(0.1), far], Decision::Existing(1)),
+            (vec![small(2.0), doubted, small(1.0)], Decision::Existing(2)),
+            (vec![doubted, far], Decision::Existing(1)),
+            (vec![doubted], Decision::Undecided),
+            (vec![], Decision::New),
+        ];
+        for (evidence, decision) in cases {
+            assert_eq!(decide(&evidence), decision, "{evidence:?}");
         }
     }
 }

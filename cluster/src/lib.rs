@@ -45,8 +45,9 @@
 //!     let features = (0..20 * 4 * 8).map(|_| centre + rng.random_range(-1.0..1.0)).collect();
 //!     Frames::new(features, 4, 8)
 //! };
-//! let far = Candidate { buffer: episodes(5.0)?, rollout: episodes(0.0)? };
-//! let near = Candidate { buffer: episodes(0.0)?, rollout: episodes(0.0)? };
+//! let (known, rollout, another) = (episodes(0.0)?, episodes(0.0)?, episodes(0.0)?);
+//! let near = Candidate { buffer: known, rollout: rollout.clone() };
+//! let far = Candidate { buffer: episodes(5.0)?, rollout: rollout.clone() };
 //!
 //! let assigner = Assigner::default();
 //! let assignment = assigner.assign(&[far.clone(), near], &mut rng)?;
@@ -54,8 +55,9 @@
 //! assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
 //!
 //! // a policy is never opened on one rollout: collect another one, and have both judged
-//! assert_eq!(assigner.assign(&[far.clone()], &mut rng)?.decision, Decision::Undecided);
-//! let both = Candidate { buffer: far.buffer, rollout: episodes(0.0)?.joined(&far.rollout)? };
+//! let first = assigner.assign(&[far.clone()], &mut rng)?;
+//! assert_eq!(first.decision, Decision::Undecided);
+//! let both = Candidate { rollout: rollout.joined(&another)?, ..far };
 //! assert_eq!(assigner.settle(&[both], &mut rng)?.decision, Decision::New);
 //! # Ok::<(), cluster::ClusterError>(())
 //! ```

@@ -38,11 +38,16 @@ pub struct Calibrated {
     /// Level of the first look, in `(0, 1)`: share of rollouts of a known group that ask for a
     /// second rollout. Compared with the exact p-value.
     pub doubt: f64,
-    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, superfluous
-    /// policies for each rollout of a known group. Compared with the tail's p-value.
+    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, which open a
+    /// superfluous policy, among rollouts of a known group. Compared with the tail's p-value.
     pub level: f64,
-    /// Random splits of the pooled episodes that make up the null distribution, at least 20 and
-    /// enough for an exact p-value of `doubt`: `1 / (1 + permutations) <= doubt`.
+    /// Least ratio of `W1` to its mean over random splits for a refusal at the second look, at
+    /// least 1: less counts as drift, however significant it is. Take 1 for features that vary in
+    /// many directions, where all distances are alike.
+    pub min_ratio: f64,
+    /// Random splits of the pooled episodes at the first look, at least 20 and enough for an exact
+    /// p-value of `doubt`: `1 / (1 + permutations) <= doubt`. The second look, which is rare and
+    /// final, takes four times as many.
     pub permutations: usize,
     /// Episodes that each side must hold for the test to mean something, at least 4.
     pub min_episodes: usize,
@@ -58,6 +63,7 @@ impl Default for Calibrated {
         Self {
             doubt: 0.02,
             level: 1e-4,
+            min_ratio: 1.1,
             permutations: 100,
             min_episodes: 8,
             rollout_episodes: 20,
@@ -103,6 +109,13 @@ impl Calibrated {
         )?;
         let expected = "a probability above 0 and at most doubt";
         within("level", self.level, level(self.level, self.doubt), expected)?;
+        let (ratio, expected) = (self.min_ratio, "a finite number, at least 1");
+        within(
+            "min_ratio",
+            ratio,
+            (1.0..f64::INFINITY).contains(&ratio),
+            expected,
+        )?;
         at_least("permutations", self.permutations, 20, "at least 20")?;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
         let expected = "at least 1 / (1 + permutations), the smallest exact p-value";
@@ -114,12 +127,19 @@ impl Calibrated {
         at_least("buffer_episodes", self.buffer_episodes, least, expected)
     }
 
-    /// The size of a test that looks at `rollouts` rollouts.
-    pub(crate) fn size(&self, rollouts: usize) -> TestSize {
+    pub(crate) fn first_look(&self) -> TestSize {
         TestSize {
-            rollout: self.rollout_episodes.saturating_mul(rollouts),
+            rollout: self.rollout_episodes,
             buffer: self.buffer_episodes,
             permutations: self.permutations,
+        }
+    }
+
+    pub(crate) fn second_look(&self) -> TestSize {
+        TestSize {
+            rollout: self.rollout_episodes.saturating_mul(2),
+            permutations: self.permutations.saturating_mul(4),
+            ..self.first_look()
         }
     }
 }
