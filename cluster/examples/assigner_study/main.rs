@@ -62,7 +62,7 @@ const SCENARIOS: [(Scenario, usize); 6] = {
                 frames: 4,
                 ..main
             },
-            500,
+            200,
         ),
     ]
 };
