@@ -14,7 +14,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 const MAIN: Scenario = Scenario {
-    name: "one frame an episode",
     frames: 1,
     drift: 0.0,
     apart: 1.0,

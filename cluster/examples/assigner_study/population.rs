@@ -17,7 +17,6 @@ const COMMON: f32 = 0.9;
 /// What decisions are drawn from; lengths in units of the spread of episodes.
 #[derive(Clone, Copy, Debug)]
 pub struct Scenario {
-    pub name: &'static str,
     /// Frames an episode.
     pub frames: usize,
     /// Spread of the offsets that whole rollouts have within a group.
