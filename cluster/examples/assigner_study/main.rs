@@ -10,7 +10,10 @@ use population::Scenario;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use rules::{Answer, NAMES, answers};
+use rules::{Answer, NAMES, answers, p_values};
+
+/// Tests whose p-values are compared with their levels.
+const LEVEL_TESTS: usize = 20_000;
 
 /// What a stream of tasks looks like to the learner: one frame an episode.
 const MAIN: Scenario = Scenario {
@@ -55,8 +58,36 @@ fn main() -> Result<(), ClusterError> {
         "nominal: second looks {} and false alarms at most {} of known groups",
         settings.doubt, settings.level
     );
+    print_levels("one cluster", &MAIN)?;
+    print_levels(
+        "four clusters",
+        &Scenario {
+            clusters: 4,
+            ..MAIN
+        },
+    )?;
     for (name, scenario, decisions) in &SCENARIOS {
         print_rates(name, scenario, *decisions)?;
+    }
+    Ok(())
+}
+
+/// How often the p-values of known groups fall to a level or below, over the level itself.
+fn print_levels(title: &str, scenario: &Scenario) -> Result<(), ClusterError> {
+    let one = |index: usize| {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        rng.set_stream(index as u64);
+        p_values(&scenario.draw(true, &mut rng)?, &mut rng)
+    };
+    let values: Result<Vec<_>, _> = (0..LEVEL_TESTS).into_par_iter().map(one).collect();
+    let values = values?;
+    println!("\n{title}: {LEVEL_TESTS} tests of known groups\nlevel    exact p   fitted p");
+    for level in [0.1, 0.02, 0.01, 0.001, 0.0001] {
+        let rate = |which: usize| {
+            let below = values.iter().filter(|p| p[which] <= level).count();
+            below as f64 / LEVEL_TESTS as f64
+        };
+        println!("{level:<8} {:.5}   {:.5}", rate(0), rate(1));
     }
     Ok(())
 }

@@ -55,6 +55,13 @@ pub fn answers(case: &Case, rng: &mut ChaCha8Rng) -> Result<[Answer; 8], Cluster
     ])
 }
 
+/// Both p-values of the default's first look.
+pub fn p_values(case: &Case, rng: &mut ChaCha8Rng) -> Result<[f64; 2], ClusterError> {
+    let assignment = Assigner::default().assign(&[candidate(case, false)?], rng)?;
+    let test = assignment.evidence[0].test();
+    Ok(test.map_or([1.0; 2], |test| [test.p_value, test.tail_p_value]))
+}
+
 /// The default rule, as a learner with one policy uses it.
 pub fn default(case: &Case, rng: &mut ChaCha8Rng) -> Result<Answer, ClusterError> {
     let assigner = Assigner::default();
