@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use rules::{Answer, NAMES, answers, p_values};
 
 /// Tests whose p-values are compared with their levels.
-const LEVEL_TESTS: usize = 20_000;
+const LEVEL_TESTS: usize = 10_000;
 
 /// What a stream of tasks looks like to the learner: one frame an episode.
 const MAIN: Scenario = Scenario {
