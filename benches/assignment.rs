@@ -34,21 +34,21 @@ fn distances(c: &mut Criterion) {
 
 fn candidate(shift: f32, rng: &mut ChaCha8Rng) -> Result<Candidate, ClusterError> {
     Ok(Candidate {
-        buffer: Frames::new(cloud(40 * FRAMES, shift, rng), FRAMES, DIM)?,
+        buffer: Frames::new(cloud(20 * FRAMES, shift, rng), FRAMES, DIM)?,
         rollout: Frames::new(cloud(20 * FRAMES, 0.0, rng), FRAMES, DIM)?,
     })
 }
 
 fn decision(c: &mut Criterion) {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let shifts = [2.0, 0.0, 1.0, 3.0];
+    let shifts = [2.0, 0.0, 1.0, 3.0, 4.0, 5.0, 6.0, 7.0];
     let candidates: Result<Vec<_>, _> =
         shifts.map(|s| candidate(s, &mut rng)).into_iter().collect();
     let Ok(candidates) = candidates else {
         panic!("the clouds are refused");
     };
     let assigner = Assigner::default();
-    c.bench_function("assign_among_4_policies", |b| {
+    c.bench_function("assign_among_8_policies", |b| {
         b.iter(|| {
             let assignment = assigner.assign(black_box(&candidates), &mut rng);
             assert!(assignment.is_ok_and(|a| a.decision == Decision::Existing(1)));

@@ -4,8 +4,7 @@
 //! CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
 
 use cluster::{
-    Assigner, AssignerSettings, Assignment, Calibrated, Candidate, Decision, Evidence, Reservoir,
-    Rule,
+    Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir, Rule,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -37,22 +36,12 @@ pub struct CoversSettings {
     pub seed: u64,
 }
 
-/// Limits for one frame an episode: in seven runs of the short budget, scores within a group stayed below 5.5 (340 assignments) and
-/// a group met for the first time scored at least 7.6 against every policy (18 cases).
-const ONE_FRAME: Calibrated = Calibrated {
-    max_score: 5.5,
-    certain_score: 7.0,
-    ..Calibrated::DEFAULT
-};
-
 impl Default for CoversSettings {
     fn default() -> Self {
         Self {
             network: NetworkSettings::default(),
             ppo: PpoSettings::default(),
-            assigner: AssignerSettings {
-                rule: Rule::Calibrated(ONE_FRAME),
-            },
+            assigner: AssignerSettings::default(),
             first_frames: 1,
             rollout_steps: 1000,
             buffer_episodes: 100,
@@ -92,6 +81,13 @@ impl Streams {
     }
 }
 
+/// Whether the assigner may ask for one more rollout.
+#[derive(Clone, Copy)]
+enum Look {
+    First,
+    Second,
+}
+
 /// What one call of [`Covers::learn`] did.
 #[derive(Clone, Debug)]
 pub struct Report {
@@ -101,6 +97,9 @@ pub struct Report {
     pub created: bool,
     /// Evidence of the assignment, one item a policy that existed before.
     pub evidence: Vec<Evidence>,
+    /// Evidence of the first look, where it left the assigner undecided and one more rollout was collected: `evidence` is
+    /// that of both.
+    pub first_look: Option<Vec<Evidence>>,
     /// Decisions taken, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that updated the policy.
@@ -145,15 +144,21 @@ impl Covers {
     /// # Errors
     /// What the environment, the policy or the assigner says.
     pub fn learn<E: VectorEnv>(&mut self, env: &mut E) -> Result<Report, CoversError> {
+        let collector = self.current;
         let mut stats = self.roll_out(env)?;
         let mut decisions = stats.decisions;
-        let collector = self.current;
-        let frames = first_frames(&self.rollout, self.settings.first_frames);
-        self.check_episodes(frames.len())?;
-        let rng = &mut self.streams.assignment;
-        let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
-        let created = assignment.decision == Decision::New;
-        self.adopt(assignment.decision, frames)?;
+        let mut frames = self.first_frames()?;
+        let mut assignment = self.assign(&frames, Look::First)?;
+        let mut first_look = None;
+        // the paper opens a policy on a single rollout
+        if assignment.decision == Decision::Undecided {
+            stats = self.roll_out(env)?;
+            decisions += stats.decisions;
+            frames.extend(self.first_frames()?);
+            first_look = Some(assignment.evidence);
+            assignment = self.assign(&frames, Look::Second)?;
+        }
+        let created = self.adopt(assignment.decision, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
             stats = self.roll_out(env)?;
@@ -168,6 +173,7 @@ impl Covers {
             policy: self.current,
             created,
             evidence: assignment.evidence,
+            first_look,
             decisions,
             rollout: stats,
             update,
@@ -180,6 +186,13 @@ impl Covers {
         let policy = &mut self.members[self.current].policy;
         let (buffer, rng) = (&mut self.rollout, &mut self.streams.actions);
         Ok(collect(env, policy, buffer, &mut state, rng)?)
+    }
+
+    /// The first frames of the rollout's episodes.
+    fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
+        let frames = first_frames(&self.rollout, self.settings.first_frames);
+        self.check_episodes(frames.len())?;
+        Ok(frames)
     }
 
     /// Refuses a rollout that shows too few first frames to be assigned.
@@ -195,17 +208,23 @@ impl Covers {
         })
     }
 
-    /// Makes the assigned policy current and gives it the frames.
-    fn adopt(&mut self, decision: Decision, frames: Vec<FirstFrames>) -> Result<(), CoversError> {
+    fn assign(&mut self, frames: &[FirstFrames], look: Look) -> Result<Assignment, CoversError> {
+        let rng = &mut self.streams.assignment;
+        assign(&self.assigner, &mut self.members, frames, look, rng)
+    }
+
+    /// Makes the assigned policy current and gives it the frames; returns whether it was created for them.
+    fn adopt(&mut self, decision: Decision, frames: Vec<FirstFrames>) -> Result<bool, CoversError> {
+        let policies = self.members.len();
         self.current = match decision {
             Decision::Existing(index) => index,
-            Decision::New => self.open_policy()?,
+            Decision::New | Decision::Undecided => self.open_policy()?,
         };
         let buffer = &mut self.members[self.current].buffer;
         for episode in frames {
             buffer.offer(episode, &mut self.streams.assignment);
         }
-        Ok(())
+        Ok(self.current == policies)
     }
 
     /// Adds a random policy with an empty buffer; returns its index.
@@ -225,7 +244,7 @@ impl Covers {
     /// Finds the policy for what `env` runs, from the first frames of as many episodes as the assigner needs, at least one in
     /// each environment; learns nothing.
     ///
-    /// Where the assigner would open a new policy, the nearest one answers. All draws come from `rng`, so that looking
+    /// Where the assigner accepts none, the nearest one answers. All draws come from `rng`, so that looking
     /// does not change what is learnt next.
     ///
     /// # Errors
@@ -248,10 +267,11 @@ impl Covers {
             }
             frames.extend(seen);
         }
-        let assignment = assign(&self.assigner, &mut self.members, &frames, rng)?;
+        let members = &mut self.members;
+        let assignment = assign(&self.assigner, members, &frames, Look::First, rng)?;
         Ok(match assignment.decision {
             Decision::Existing(index) => index,
-            Decision::New => nearest(&assignment.evidence),
+            Decision::New | Decision::Undecided => assignment.nearest().unwrap_or(0),
         })
     }
 
@@ -289,6 +309,7 @@ fn assign(
     assigner: &Assigner,
     members: &mut [Member],
     rollout: &[FirstFrames],
+    look: Look,
     rng: &mut ChaCha8Rng,
 ) -> Result<Assignment, CoversError> {
     if let [only] = members
@@ -308,16 +329,10 @@ fn assign(
             })
         })
         .collect::<Result<Vec<_>, CoversError>>()?;
-    Ok(assigner.assign(&candidates, rng)?)
-}
-
-fn nearest(evidence: &[Evidence]) -> usize {
-    let rank = |e: &Evidence| e.score().unwrap_or(e.distance);
-    let best = evidence
-        .iter()
-        .enumerate()
-        .min_by(|(_, a), (_, b)| rank(a).total_cmp(&rank(b)));
-    best.map_or(0, |(index, _)| index)
+    Ok(match look {
+        Look::First => assigner.assign(&candidates, rng)?,
+        Look::Second => assigner.settle(&candidates, rng)?,
+    })
 }
 
 impl CoversSettings {

@@ -5,7 +5,8 @@ use std::fmt::Write;
 use crate::experiment::Summary;
 use crate::progress::Progress;
 
-/// The line of one rollout: decisions, true group, assigned policy, W1 to each policy, mean reward, success.
+/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a second rollout to recall it), mean
+/// reward, success, W1 to each policy.
 pub fn rollout_line(progress: &Progress) -> String {
     let report = &progress.report;
     let distances: Vec<String> = report
@@ -16,12 +17,16 @@ pub fn rollout_line(progress: &Progress) -> String {
             None => format!("{:.2}", evidence.distance),
         })
         .collect();
+    let remark = match (report.created, &report.first_look) {
+        (true, _) => " new",
+        (false, Some(_)) => " 2nd",
+        (false, None) => "    ",
+    };
     format!(
-        "{:>7}  {:<12}  policy {}{}  reward {:>5}  success {:>4}  W1 [{}]",
+        "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
         progress.decisions,
         progress.group.name(),
         report.policy,
-        if report.created { " new" } else { "    " },
         number(progress.reward, 1),
         number(progress.success, 2),
         distances.join(", "),

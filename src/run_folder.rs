@@ -4,6 +4,7 @@ use std::fs::{File, create_dir, create_dir_all};
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
+use cluster::{Evidence, PermutationTest};
 use serde::Serialize;
 
 use crate::CoversError;
@@ -95,9 +96,15 @@ struct Row<'a> {
     group: &'a str,
     policy: usize,
     created: bool,
-    /// W1 to each policy that existed before, and its standardised score; joined by semicolons.
+    /// Rollouts that the assignment looked at: 2 where the first left it undecided.
+    looks: u8,
+    /// W1 to each policy that existed before, and what the permutation test made of it; joined by semicolons.
     distances: String,
+    null_means: String,
+    null_maxima: String,
     scores: String,
+    p_values: String,
+    tail_p_values: String,
     reward: Option<f64>,
     success: Option<f64>,
     success_at_end: Option<f64>,
@@ -127,15 +134,23 @@ impl Metrics {
 impl<'a> Row<'a> {
     fn new(progress: &'a Progress) -> Self {
         let (report, update) = (&progress.report, &progress.report.update);
-        let evidence = report.evidence.iter();
+        let tests = |figure: fn(&PermutationTest) -> f64| {
+            let tests = report.evidence.iter().map(Evidence::test);
+            join(tests.map(|test| test.map(figure)))
+        };
         Self {
             rollout: progress.rollout,
             decisions: progress.decisions,
             group: progress.group.name(),
             policy: report.policy,
             created: report.created,
-            distances: join(evidence.clone().map(|e| Some(e.distance))),
-            scores: join(evidence.map(cluster::Evidence::score)),
+            looks: 1 + u8::from(report.first_look.is_some()),
+            distances: join(report.evidence.iter().map(|e| Some(e.distance))),
+            null_means: tests(|test| test.null.mean),
+            null_maxima: tests(|test| test.null.max),
+            scores: tests(|test| test.score),
+            p_values: tests(|test| test.p_value),
+            tail_p_values: tests(|test| test.tail_p_value),
             reward: progress.reward,
             success: progress.success,
             success_at_end: report.rollout.success_at_end_rate(),

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use cluster::{Evidence, Verdict};
 use covers::{Covers, CoversSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -122,10 +123,17 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
         [false, false, true, false, false, false, false, false]
     );
     assert_eq!(covers.policies(), 2);
-    // the first rollout has nothing to be compared with; a rollout that changes hands is collected twice
+    // the first rollout has nothing to be compared with; a rollout that changes hands is collected twice, and a policy is opened
+    // after a second look
     assert!(assigned[0].evidence.is_empty());
     let decisions: Vec<usize> = assigned.iter().map(|report| report.decisions).collect();
-    assert_eq!(decisions, [100, 100, 200, 100, 200, 200, 200, 100]);
+    assert_eq!(decisions, [100, 100, 300, 100, 200, 200, 200, 100]);
+    let twice: Vec<bool> = assigned.iter().map(|r| r.first_look.is_some()).collect();
+    assert_eq!(twice, created);
+    let verdicts = |evidence: &[Evidence]| evidence.iter().map(|e| e.verdict).collect::<Vec<_>>();
+    let doubted = assigned[2].first_look.as_deref().unwrap();
+    assert_eq!(verdicts(doubted), [Verdict::Doubted]);
+    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Refused]);
 }
 
 #[test]

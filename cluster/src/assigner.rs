@@ -15,15 +15,37 @@ pub enum Decision {
     Existing(usize),
     /// No candidate fits: the rollout seeds a policy of its own.
     New,
+    /// No candidate fits, but one rollout is too little to open a policy on: collect one more of
+    /// the same unknown task, and let [`Assigner::settle`] judge the episodes of both.
+    Undecided,
+}
+
+/// What a look at a rollout says about one candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// The rollout may belong to the candidate's group.
+    Accepted,
+    /// It seems not to; the second look will tell.
+    Doubted,
+    /// It does not.
+    Refused,
 }
 
 /// How the distance of a candidate was judged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Judgement {
     /// Against a fixed threshold.
-    Threshold,
+    Threshold {
+        /// Largest distance that is accepted, in the features' unit.
+        limit: f64,
+    },
     /// Against random splits of the pooled episodes.
-    Tested(PermutationTest),
+    Tested {
+        /// The test.
+        test: PermutationTest,
+        /// Largest p-value that is not accepted.
+        limit: f64,
+    },
     /// Not at all: the buffer holds too few episodes for a test. Such a candidate is accepted,
     /// since nothing speaks against it, but only taken if no tested candidate is accepted.
     BufferTooSmall {
@@ -34,7 +56,7 @@ pub enum Judgement {
     },
 }
 
-/// What speaks for and against one candidate; a log of these is what limits are tuned on.
+/// What speaks for and against one candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// `W1` between rollout and buffer (under [`Judgement::Tested`]: the sampled episodes), in the
@@ -42,26 +64,22 @@ pub struct Evidence {
     pub distance: f64,
     /// How the distance was judged.
     pub judgement: Judgement,
-    /// Whether the rollout may belong to this candidate's group.
-    pub accepted: bool,
+    /// The outcome.
+    pub verdict: Verdict,
 }
 
 impl Evidence {
+    /// Returns the test, where one was made.
+    pub fn test(&self) -> Option<&PermutationTest> {
+        match &self.judgement {
+            Judgement::Tested { test, .. } => Some(test),
+            Judgement::Threshold { .. } | Judgement::BufferTooSmall { .. } => None,
+        }
+    }
+
     /// Returns the score in standard deviations, where a test was made.
     pub fn score(&self) -> Option<f64> {
         self.test().map(|test| test.score)
-    }
-
-    /// Returns the ratio of the distance to the largest permuted one, where a test was made.
-    pub fn ratio(&self) -> Option<f64> {
-        self.test().map(|test| test.ratio)
-    }
-
-    fn test(&self) -> Option<&PermutationTest> {
-        match &self.judgement {
-            Judgement::Tested(test) => Some(test),
-            Judgement::Threshold | Judgement::BufferTooSmall { .. } => None,
-        }
     }
 
     /// Sorts candidates: tested ones by score, then the others by distance.
@@ -82,10 +100,24 @@ pub struct Assignment {
     pub evidence: Vec<Evidence>,
 }
 
+impl Assignment {
+    /// Returns the index of the candidate that fits best, accepted or not; none without candidates.
+    pub fn nearest(&self) -> Option<usize> {
+        best(&self.evidence, |_| true)
+    }
+}
+
 /// Assigns rollouts to policies by 1-Wasserstein distances in feature space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Assigner {
     settings: AssignerSettings,
+}
+
+/// How many rollouts the decision may rest on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Look {
+    First,
+    Second,
 }
 
 impl Assigner {
@@ -103,12 +135,14 @@ impl Assigner {
         &self.settings
     }
 
-    /// Compares the rollout with each candidate's buffer, in that candidate's own feature space,
+    /// Compares one rollout with each candidate's buffer, in that candidate's own feature space,
     /// and decides.
     ///
     /// The accepted candidate with the lowest score wins (with the lowest distance under
-    /// [`Rule::Fixed`]); the first of equals. Without candidates the decision is [`Decision::New`].
-    /// Only the calibrated rule draws from `rng`; equal generators give equal results.
+    /// [`Rule::Fixed`]); the first of equals. If none is accepted, the calibrated rule answers
+    /// [`Decision::Undecided`] and the fixed one [`Decision::New`]. Without candidates the decision
+    /// is [`Decision::New`]. Only the calibrated rule draws from `rng`; equal generators give equal
+    /// results.
     ///
     /// # Errors
     /// Clouds that cannot be compared, or a rollout of fewer than `min_episodes` under the
@@ -118,24 +152,41 @@ impl Assigner {
         candidates: &[Candidate],
         rng: &mut R,
     ) -> Result<Assignment, ClusterError> {
-        let mut evidence = Vec::with_capacity(candidates.len());
-        for (index, candidate) in candidates.iter().enumerate() {
-            candidate.check(index)?;
-            evidence.push(self.judge(candidate, rng)?);
-        }
-        let decision = decide(&evidence);
-        Ok(Assignment { decision, evidence })
+        self.look(Look::First, candidates, rng)
     }
 
-    fn judge<R: Rng + ?Sized>(
+    /// Decides as [`assign`](Self::assign) does, but for good, after it was undecided: the rollouts
+    /// of the candidates hold the episodes of the first rollout and of one more.
+    ///
+    /// # Errors
+    /// Those of [`assign`](Self::assign).
+    pub fn settle<R: Rng + ?Sized>(
         &self,
-        candidate: &Candidate,
+        candidates: &[Candidate],
         rng: &mut R,
-    ) -> Result<Evidence, ClusterError> {
-        match &self.settings.rule {
-            Rule::Fixed { threshold } => judge_fixed(candidate, *threshold),
-            Rule::Calibrated(settings) => judge_calibrated(candidate, settings, rng),
+    ) -> Result<Assignment, ClusterError> {
+        self.look(Look::Second, candidates, rng)
+    }
+
+    fn look<R: Rng + ?Sized>(
+        &self,
+        look: Look,
+        candidates: &[Candidate],
+        rng: &mut R,
+    ) -> Result<Assignment, ClusterError> {
+        for (index, candidate) in candidates.iter().enumerate() {
+            candidate.check(index)?;
         }
+        let judge = |candidate| match &self.settings.rule {
+            Rule::Fixed { threshold } => judge_fixed(candidate, *threshold),
+            Rule::Calibrated(settings) => judge_calibrated(candidate, settings, look, rng),
+        };
+        let evidence = candidates
+            .iter()
+            .map(judge)
+            .collect::<Result<Vec<_>, _>>()?;
+        let decision = decide(&evidence);
+        Ok(Assignment { decision, evidence })
     }
 }
 
@@ -144,19 +195,23 @@ fn distance(candidate: &Candidate) -> Result<f64, ClusterError> {
     wasserstein1(o.features(), b.features(), o.dim())
 }
 
-fn judge_fixed(candidate: &Candidate, threshold: f64) -> Result<Evidence, ClusterError> {
+fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence, ClusterError> {
     let distance = distance(candidate)?;
-    let accepted = distance <= threshold;
+    let verdict = match distance <= limit {
+        true => Verdict::Accepted,
+        false => Verdict::Refused,
+    };
     Ok(Evidence {
         distance,
-        judgement: Judgement::Threshold,
-        accepted,
+        judgement: Judgement::Threshold { limit },
+        verdict,
     })
 }
 
 fn judge_calibrated<R: Rng + ?Sized>(
     candidate: &Candidate,
     settings: &Calibrated,
+    look: Look,
     rng: &mut R,
 ) -> Result<Evidence, ClusterError> {
     let needed = settings.min_episodes;
@@ -166,27 +221,130 @@ fn judge_calibrated<R: Rng + ?Sized>(
     }
     let episodes = candidate.buffer.episodes();
     if episodes < needed {
-        let judgement = Judgement::BufferTooSmall { episodes, needed };
         return Ok(Evidence {
             distance: distance(candidate)?,
-            judgement,
-            accepted: true,
+            judgement: Judgement::BufferTooSmall { episodes, needed },
+            verdict: Verdict::Accepted,
         });
     }
-    let test = permutation_test(candidate, settings, rng)?;
-    let accepted = settings.accepts(&test);
-    Ok(Evidence {
+    let size = match look {
+        Look::First => settings.first_look(),
+        Look::Second => settings.second_look(),
+    };
+    let test = permutation_test(candidate, size, rng)?;
+    Ok(weigh(test, settings, look))
+}
+
+/// The first look trusts the exact p-value alone. The level of the second is finer than the number
+/// of splits resolves, hence the tail; and what is significant may still be no more than drift.
+fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
+    let (limit, verdict) = match look {
+        Look::First if test.p_value <= settings.doubt => (settings.doubt, Verdict::Doubted),
+        Look::First => (settings.doubt, Verdict::Accepted),
+        Look::Second => (settings.level, settle(&test, settings)),
+    };
+    Evidence {
         distance: test.distance,
-        judgement: Judgement::Tested(test),
-        accepted,
-    })
+        judgement: Judgement::Tested { test, limit },
+        verdict,
+    }
+}
+
+fn settle(test: &PermutationTest, settings: &Calibrated) -> Verdict {
+    match test.tail_p_value <= settings.level && test.ratio() >= settings.min_ratio {
+        true => Verdict::Refused,
+        false => Verdict::Accepted,
+    }
 }
 
 fn decide(evidence: &[Evidence]) -> Decision {
-    let accepted = evidence.iter().enumerate().filter(|(_, e)| e.accepted);
-    let best = accepted.min_by(|(_, a), (_, b)| {
+    let accepted = |e: &Evidence| e.verdict == Verdict::Accepted;
+    let doubted = evidence.iter().any(|e| e.verdict == Verdict::Doubted);
+    match best(evidence, accepted) {
+        Some(index) => Decision::Existing(index),
+        None if doubted => Decision::Undecided,
+        None => Decision::New,
+    }
+}
+
+/// The index of the best candidate among those that `eligible` lets pass; the first of equals.
+fn best(evidence: &[Evidence], eligible: impl Fn(&Evidence) -> bool) -> Option<usize> {
+    let eligible = evidence.iter().enumerate().filter(|(_, e)| eligible(e));
+    let best = eligible.min_by(|(_, a), (_, b)| {
         let ((a_last, a), (b_last, b)) = (a.rank(), b.rank());
         a_last.cmp(&b_last).then(a.total_cmp(&b))
     });
-    best.map_or(Decision::New, |(index, _)| Decision::Existing(index))
+    best.map(|(index, _)| index)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::permutation::NullDistribution;
+
+    fn test(p_value: f64, tail_p_value: f64, distance: f64) -> PermutationTest {
+        let null = NullDistribution {
+            permutations: 100,
+            mean: 1.0,
+            sd: 1.0,
+            skewness: 0.0,
+            q05: 1.0,
+            q50: 1.0,
+            q95: 1.0,
+            max: 1.0,
+        };
+        PermutationTest {
+            distance,
+            null,
+            score: distance - 1.0,
+            p_value,
+            tail_p_value,
+        }
+    }
+
+    #[test]
+    fn each_look_compares_its_own_p_value_with_its_own_level() {
+        use Verdict::{Accepted, Doubted, Refused};
+        let settings = Calibrated::default();
+        let cases = [
+            (Look::First, 0.021, 0.0, 9.0, Accepted),
+            (Look::First, 0.02, 1.0, 0.5, Doubted),
+            (Look::Second, 0.0, 1.1e-4, 9.0, Accepted),
+            (Look::Second, 1.0, 1e-4, 1.1, Refused),
+            (Look::Second, 0.0, 1e-9, 1.09, Accepted),
+        ];
+        for (look, p_value, tail, distance, verdict) in cases {
+            let evidence = weigh(test(p_value, tail, distance), &settings, look);
+            assert_eq!(
+                evidence.verdict, verdict,
+                "{look:?} {p_value} {tail} {distance}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_lowest_score_wins_and_untested_candidates_come_last() {
+        let settings = Calibrated::default();
+        let tested = |p, distance| weigh(test(p, 0.0, distance), &settings, Look::First);
+        let small = |distance| Evidence {
+            distance,
+            judgement: Judgement::BufferTooSmall {
+                episodes: 1,
+                needed: 8,
+            },
+            verdict: Verdict::Accepted,
+        };
+        let (near, far, doubted) = (tested(0.5, 1.0), tested(0.1, 3.0), tested(0.01, 0.1));
+        let cases = [
+            (vec![far, near, near], Decision::Existing(1)),
+            (vec![small(0.1), far], Decision::Existing(1)),
+            (vec![small(2.0), doubted, small(1.0)], Decision::Existing(2)),
+            (vec![doubted, far], Decision::Existing(1)),
+            (vec![doubted], Decision::Undecided),
+            (vec![], Decision::New),
+        ];
+        for (evidence, decision) in cases {
+            assert_eq!(decide(&evidence), decision, "{evidence:?}");
+        }
+    }
 }

@@ -176,6 +176,16 @@ pub enum ClusterError {
         /// Its value in the rollout.
         rollout: usize,
     },
+    /// Frames of two rollouts that do not go together.
+    #[error("{what} is {first} in one rollout and {second} in the other, expected the same")]
+    FramesMismatch {
+        /// Name of the size that differs.
+        what: &'static str,
+        /// Its value in the first.
+        first: usize,
+        /// Its value in the second.
+        second: usize,
+    },
     /// The rollout holds too few episodes for the calibrated rule, whatever the buffers hold.
     #[error(
         "the rollout has {episodes} episodes: the calibrated rule expects at least {needed}; \

@@ -64,6 +64,35 @@ impl Frames {
         &self.features[index * self.episode_len()..][..self.episode_len()]
     }
 
+    /// Returns the episodes of both, those of `self` first: what [`Assigner::settle`] is to judge.
+    ///
+    /// # Errors
+    /// Another number of features, or of frames an episode.
+    ///
+    /// [`Assigner::settle`]: crate::Assigner::settle
+    pub fn joined(&self, other: &Self) -> Result<Self, ClusterError> {
+        for (what, first, second) in self.sizes(other) {
+            if first != second {
+                return Err(ClusterError::FramesMismatch {
+                    what,
+                    first,
+                    second,
+                });
+            }
+        }
+        let features = [self.features.as_slice(), &other.features].concat();
+        Ok(Self { features, ..*self })
+    }
+
+    /// The sizes that comparable frames share: name, ours, theirs.
+    fn sizes(&self, other: &Self) -> [(&'static str, usize, usize); 2] {
+        let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
+        [
+            ("dim", self.dim, other.dim),
+            ("frames_per_episode", ours, theirs),
+        ]
+    }
+
     fn episode_len(&self) -> usize {
         self.frames_per_episode * self.dim
     }
@@ -82,16 +111,7 @@ pub struct Candidate {
 impl Candidate {
     /// Checks that both clouds live in the same space; `index` names the candidate in the message.
     pub(crate) fn check(&self, index: usize) -> Result<(), ClusterError> {
-        let (b, o) = (&self.buffer, &self.rollout);
-        let sizes = [
-            ("dim", b.dim, o.dim),
-            (
-                "frames_per_episode",
-                b.frames_per_episode,
-                o.frames_per_episode,
-            ),
-        ];
-        for (what, buffer, rollout) in sizes {
+        for (what, buffer, rollout) in self.buffer.sizes(&self.rollout) {
             if buffer != rollout {
                 return Err(ClusterError::CandidateMismatch {
                     candidate: index,

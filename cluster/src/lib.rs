@@ -26,11 +26,11 @@
 //! splits of the pooled episodes,
 //!
 //! ```text
-//! score = (W1 - mean) / sd,    ratio = W1 / max,
+//! score = (W1 - mean) / sd,    p = (1 + splits at least as far apart) / (1 + splits),
 //! ```
 //!
 //! and therefore depends neither on the scale of a network's features nor on the spread of its
-//! group; see [`Calibrated`].
+//! group. Where no group fits, it asks for one more rollout; see [`Calibrated`].
 //!
 //! # Example
 //!
@@ -45,12 +45,20 @@
 //!     let features = (0..20 * 4 * 8).map(|_| centre + rng.random_range(-1.0..1.0)).collect();
 //!     Frames::new(features, 4, 8)
 //! };
-//! let far = Candidate { buffer: episodes(5.0)?, rollout: episodes(0.0)? };
-//! let near = Candidate { buffer: episodes(0.0)?, rollout: episodes(0.0)? };
+//! let (known, rollout, another) = (episodes(0.0)?, episodes(0.0)?, episodes(0.0)?);
+//! let near = Candidate { buffer: known, rollout: rollout.clone() };
+//! let far = Candidate { buffer: episodes(5.0)?, rollout: rollout.clone() };
 //!
-//! let assignment = Assigner::default().assign(&[far, near], &mut rng)?;
+//! let assigner = Assigner::default();
+//! let assignment = assigner.assign(&[far.clone(), near], &mut rng)?;
 //! assert_eq!(assignment.decision, Decision::Existing(1));
-//! assert!(assignment.evidence[0].ratio() > assignment.evidence[1].ratio());
+//! assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
+//!
+//! // a policy is never opened on one rollout: collect another one, and have both judged
+//! let first = assigner.assign(&[far.clone()], &mut rng)?;
+//! assert_eq!(first.decision, Decision::Undecided);
+//! let both = Candidate { rollout: rollout.joined(&another)?, ..far };
+//! assert_eq!(assigner.settle(&[both], &mut rng)?.decision, Decision::New);
 //! # Ok::<(), cluster::ClusterError>(())
 //! ```
 
@@ -69,16 +77,17 @@ mod pricing;
 mod reservoir;
 mod settings;
 mod start;
+mod tail;
 mod transport;
 mod wasserstein;
 
-pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement};
+pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
 pub use certificate::{Certificate, RELATIVE_TOLERANCE, certify};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
 pub use line::wasserstein1_line;
-pub use permutation::PermutationTest;
+pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
 pub use transport::{Entry, MAX_COST, Solver, TransportPlan, Weights, transport};

@@ -6,28 +6,67 @@ use rand::seq::SliceRandom;
 use crate::ClusterError;
 use crate::euclidean::EuclideanCosts;
 use crate::frames::{Candidate, Frames};
-use crate::settings::Calibrated;
+use crate::tail::pearson3_tail;
 use crate::transport::{Solver, Weights};
 
-/// Rounding allowance for the spread of the null distribution, as a fraction of the largest pooled
-/// distance.
-const SPREAD_FLOOR: f64 = 1e-9;
+/// Rounding allowance for distances, as a fraction of the largest pooled one.
+const ROUNDING: f64 = 1e-9;
+
+/// `W1` over random splits of the pooled episodes, in the features' unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NullDistribution {
+    /// Number of splits.
+    pub permutations: usize,
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation.
+    pub sd: f64,
+    /// Third standardised moment; distances are skewed to the right.
+    pub skewness: f64,
+    /// 5 % quantile.
+    pub q05: f64,
+    /// Median.
+    pub q50: f64,
+    /// 95 % quantile.
+    pub q95: f64,
+    /// Largest value.
+    pub max: f64,
+}
 
 /// Result of a permutation test. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermutationTest {
     /// `W1` between the episodes of the rollout and those of the buffer that entered the test.
     pub distance: f64,
-    /// Mean of `W1` over random splits of the pooled episodes.
-    pub mean: f64,
-    /// Standard deviation of `W1` over random splits.
-    pub sd: f64,
-    /// Largest `W1` over random splits.
-    pub max: f64,
+    /// `W1` if rollout and buffer were exchangeable.
+    pub null: NullDistribution,
     /// `(distance - mean) / sd`; zero where all splits and the distance agree.
     pub score: f64,
-    /// `distance / max`; zero where all pooled frames are equal.
-    pub ratio: f64,
+    /// `(1 + splits at least as far apart) / (1 + splits)`, in `(0, 1]`. Exact: for exchangeable
+    /// episodes it is at most `a` with probability at most `a`, whatever the features.
+    pub p_value: f64,
+    /// Probability of the score under the Pearson type III distribution of the null's moments, in
+    /// `[0, 1]`: an approximation, for levels that the number of splits does not resolve.
+    pub tail_p_value: f64,
+}
+
+impl PermutationTest {
+    /// Returns the distance in units of the mean distance between random splits; zero where all
+    /// pooled frames are equal.
+    pub fn ratio(&self) -> f64 {
+        self.distance / self.null.mean.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Sizes of a test.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TestSize {
+    /// Most episodes of the rollout.
+    pub(crate) rollout: usize,
+    /// Most episodes of the buffer.
+    pub(crate) buffer: usize,
+    /// Number of random splits.
+    pub(crate) permutations: usize,
 }
 
 /// Runs the test of "rollout and buffer have one distribution" for a checked candidate.
@@ -37,26 +76,23 @@ pub struct PermutationTest {
 /// frames serves all splits.
 pub(crate) fn permutation_test<R: Rng + ?Sized>(
     candidate: &Candidate,
-    settings: &Calibrated,
+    size: TestSize,
     rng: &mut R,
 ) -> Result<PermutationTest, ClusterError> {
     let mut pool = Pool::default();
-    let rollout = pool.add_sample(&candidate.rollout, settings.rollout_episodes, rng);
-    let buffer = pool.add_sample(&candidate.buffer, settings.buffer_episodes, rng);
+    let rollout = pool.add_sample(&candidate.rollout, size.rollout, rng);
+    let buffer = pool.add_sample(&candidate.buffer, size.buffer, rng);
     let mut distances = PooledDistances::new(&pool.features, &candidate.rollout)?;
 
     let mut order: Vec<usize> = (0..rollout + buffer).collect();
     let distance = distances.between(&order, rollout)?;
-    let mut null = Vec::with_capacity(settings.permutations);
-    for _ in 0..settings.permutations {
+    let mut splits = Vec::with_capacity(size.permutations);
+    for _ in 0..size.permutations {
         order.shuffle(rng);
-        null.push(distances.between(&order, rollout)?);
+        splits.push(distances.between(&order, rollout)?);
     }
-    Ok(summarise(
-        distance,
-        &null,
-        SPREAD_FLOOR * distances.largest(),
-    ))
+    let rounding = (ROUNDING * distances.largest()).max(f64::MIN_POSITIVE);
+    Ok(summarise(distance, splits, rounding))
 }
 
 /// Features of the episodes that enter the test.
@@ -109,37 +145,93 @@ impl PooledDistances {
     fn between(&mut self, order: &[usize], split: usize) -> Result<f64, ClusterError> {
         let k = self.per_episode;
         let (left, right) = order.split_at(split);
+        // the solver is fastest with more sources than sinks
+        let (sources, sinks) = if split < right.len() {
+            (right, left)
+        } else {
+            (left, right)
+        };
         self.cost.clear();
-        for frame in left
+        for frame in sources
             .iter()
             .flat_map(|episode| episode * k..(episode + 1) * k)
         {
             let row = &self.all[frame * self.frames..][..self.frames];
-            for episode in right {
+            for episode in sinks {
                 self.cost
                     .extend_from_slice(&row[episode * k..(episode + 1) * k]);
             }
         }
-        let sides = [left, right].map(|side| Weights::Uniform(side.len() * k));
-        Ok(self.solver.solve(&self.cost, sides[0], sides[1])?.cost)
+        let [a, b] = [sources, sinks].map(|side| Weights::Uniform(side.len() * k));
+        Ok(self.solver.solve(&self.cost, a, b)?.cost)
     }
 }
 
-/// The floor keeps the score and the ratio finite where all splits are equally far apart.
-fn summarise(distance: f64, null: &[f64], floor: f64) -> PermutationTest {
-    let count = null.len() as f64;
-    let mean = null.iter().sum::<f64>() / count;
-    let variance = null.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (count - 1.0);
-    let sd = variance.sqrt();
-    let max = null.iter().copied().fold(0.0, f64::max);
-    let floor = floor.max(f64::MIN_POSITIVE);
-    let score = (distance - mean) / sd.max(floor);
+/// Distances that differ by less than `rounding` count as equal, and spreads below it as equal to
+/// it: all figures stay finite where all splits are equally far apart.
+fn summarise(distance: f64, splits: Vec<f64>, rounding: f64) -> PermutationTest {
+    let exceeding = splits.iter().filter(|&&w| w >= distance - rounding).count();
+    let p_value = (1 + exceeding) as f64 / (1 + splits.len()) as f64;
+    let null = describe(splits, rounding);
+    let score = (distance - null.mean) / null.sd.max(rounding);
+    let skewness = null.skewness.max(0.0) + skewness_error(null.permutations);
     PermutationTest {
         distance,
+        null,
+        score,
+        p_value,
+        tail_p_value: pearson3_tail(score, skewness),
+    }
+}
+
+/// Standard error of the skewness of a normal sample. It is added to the skewness measured, since a
+/// tail that is taken for too light costs a false alarm, and one that is taken for too heavy little.
+fn skewness_error(permutations: usize) -> f64 {
+    (6.0 / permutations as f64).sqrt()
+}
+
+fn describe(mut splits: Vec<f64>, rounding: f64) -> NullDistribution {
+    splits.sort_unstable_by(f64::total_cmp);
+    let count = splits.len() as f64;
+    let mean = splits.iter().sum::<f64>() / count;
+    let sd = (splits.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
+    let standardised = splits.iter().map(|w| (w - mean) / sd.max(rounding));
+    let quantile = |share: f64| splits[(share * (count - 1.0)).round() as usize];
+    NullDistribution {
+        permutations: splits.len(),
         mean,
         sd,
-        max,
-        score,
-        ratio: distance / max.max(floor),
+        skewness: standardised.map(|z| z.powi(3)).sum::<f64>() / count,
+        q05: quantile(0.05),
+        q50: quantile(0.5),
+        q95: quantile(0.95),
+        max: quantile(1.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn figures_of_a_known_null_distribution() {
+        // 0, 1, ..., 100, in an order that is not sorted
+        let splits: Vec<f64> = (0..=100).map(|i| f64::from(i * 37 % 101)).collect();
+        let test = summarise(90.0, splits, 1e-9);
+        let null = test.null;
+        assert_eq!((null.permutations, null.mean, null.max), (101, 50.0, 100.0));
+        assert_eq!((null.q05, null.q50, null.q95), (5.0, 50.0, 95.0));
+        assert!((null.sd - 858.5_f64.sqrt()).abs() < 1e-12 && null.skewness.abs() < 1e-12);
+        assert!((test.score - 40.0 / 858.5_f64.sqrt()).abs() < 1e-12);
+        // 90 to 100 are at least as large
+        assert!((test.p_value - 12.0 / 102.0).abs() < 1e-12);
+        assert!((test.ratio() - 1.8).abs() < 1e-12);
+    }
+
+    #[test]
+    fn distances_that_differ_by_rounding_are_equal() {
+        let test = summarise(1.0 + 1e-12, vec![1.0; 20], 1e-9);
+        assert_eq!((test.p_value, test.null.skewness), (1.0, 0.0));
+        assert!(test.score.abs() < 0.01 && test.tail_p_value > 0.1);
     }
 }

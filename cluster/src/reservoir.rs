@@ -28,7 +28,8 @@ impl<E> Reservoir<E> {
     }
 
     /// Restores a reservoir from what [`capacity`](Self::capacity), [`seen`](Self::seen) and
-    /// [`into_episodes`](Self::into_episodes) gave.
+    /// [`episodes`](Self::episodes) gave, in the same order. That is all of its state: with the
+    /// same generator it goes on alike.
     ///
     /// # Errors
     /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
@@ -64,7 +65,7 @@ impl<E> Reservoir<E> {
         }
     }
 
-    /// Returns the episodes held, in no meaningful order.
+    /// Returns the episodes held. Their order says nothing about them, but is part of the state.
     pub fn episodes(&self) -> &[E] {
         &self.episodes
     }

@@ -2,7 +2,7 @@
 
 use crate::ClusterError;
 use crate::check::at_least;
-use crate::permutation::PermutationTest;
+use crate::permutation::TestSize;
 
 /// How the assigner decides whether a rollout belongs to a policy's group.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,8 +13,8 @@ pub enum Rule {
         /// Largest distance within a group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
-    /// A two-sample permutation test by whole episodes. Does not depend on the scale of the
-    /// features.
+    /// A two-sample permutation test by whole episodes, with a second look before a new policy.
+    /// Does not depend on the scale of the features.
     Calibrated(Calibrated),
 }
 
@@ -31,46 +31,44 @@ impl Default for Rule {
 
 /// Settings of the calibrated rule.
 ///
-/// A rollout is refused if its score *and* its ratio exceed their limits, or if its score alone
-/// exceeds `certain_score`. Where the limits come from is told in the crate's README.
+/// The first look at a rollout accepts or doubts a group, the second one accepts or refuses it.
+/// Where the values come from is told in the crate's README.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibrated {
-    /// Random splits of the pooled episodes that make up the null distribution, at least 20. More splits raise their largest
-    /// distance, so `max_ratio` belongs to this number.
+    /// Level of the first look, in `(0, 1)`: share of rollouts of a known group that ask for a
+    /// second rollout. Compared with the exact p-value.
+    pub doubt: f64,
+    /// Level of the second look, in `(0, doubt]`: the nominal rate of false alarms, which open a
+    /// superfluous policy, among rollouts of a known group. Compared with the tail's p-value.
+    pub level: f64,
+    /// Least ratio of `W1` to its mean over random splits for a refusal at the second look, at
+    /// least 1: less counts as drift, however significant it is. Take 1 for features that vary in
+    /// many directions, where all distances are alike.
+    pub min_ratio: f64,
+    /// Random splits of the pooled episodes at the first look, at least 20 and enough for an exact
+    /// p-value of `doubt`: `1 / (1 + permutations) <= doubt`. The second look, which is rare and
+    /// final, takes four times as many.
     pub permutations: usize,
-    /// Largest score `(W1 - mean) / sd` within a group, in standard deviations of the null
-    /// distribution.
-    pub max_score: f64,
-    /// Score above which a rollout is refused whatever its ratio; at least `max_score`. It matters
-    /// for features that vary in many directions: there all distances are alike, and the ratio
-    /// stays near 1.
-    pub certain_score: f64,
-    /// Largest ratio of `W1` to the largest distance under the null distribution within a group.
-    pub max_ratio: f64,
     /// Episodes that each side must hold for the test to mean something, at least 4.
     pub min_episodes: usize,
-    /// Episodes of the rollout that enter the test; more are sampled down.
+    /// Episodes of each rollout that enter the test; more are sampled down. The second look pools
+    /// two rollouts and takes twice as many.
     pub rollout_episodes: usize,
     /// Episodes of the buffer that enter the test; more are sampled down.
     pub buffer_episodes: usize,
 }
 
-impl Calibrated {
-    /// The limits of the README's study.
-    pub const DEFAULT: Self = Self {
-        permutations: 60,
-        max_score: 3.5,
-        certain_score: 6.0,
-        max_ratio: 1.12,
-        min_episodes: 8,
-        rollout_episodes: 20,
-        buffer_episodes: 40,
-    };
-}
-
 impl Default for Calibrated {
     fn default() -> Self {
-        Self::DEFAULT
+        Self {
+            doubt: 0.02,
+            level: 1e-4,
+            min_ratio: 1.1,
+            permutations: 100,
+            min_episodes: 8,
+            rollout_episodes: 20,
+            buffer_episodes: 40,
+        }
     }
 }
 
@@ -88,7 +86,12 @@ impl AssignerSettings {
     /// The first setting outside its range, with its value.
     pub fn check(&self) -> Result<(), ClusterError> {
         match &self.rule {
-            Rule::Fixed { threshold } => non_negative("threshold", *threshold),
+            Rule::Fixed { threshold } => within(
+                "threshold",
+                *threshold,
+                (0.0..f64::INFINITY).contains(threshold),
+                "a finite number, at least 0",
+            ),
             Rule::Calibrated(settings) => settings.check(),
         }
     }
@@ -96,82 +99,63 @@ impl AssignerSettings {
 
 impl Calibrated {
     fn check(&self) -> Result<(), ClusterError> {
+        let level = |value: f64, most: f64| value > 0.0 && value <= most;
+        let expected = "a probability above 0 and below 1";
+        within(
+            "doubt",
+            self.doubt,
+            level(self.doubt, 1.0 - f64::EPSILON),
+            expected,
+        )?;
+        let expected = "a probability above 0 and at most doubt";
+        within("level", self.level, level(self.level, self.doubt), expected)?;
+        let (ratio, expected) = (self.min_ratio, "a finite number, at least 1");
+        within(
+            "min_ratio",
+            ratio,
+            (1.0..f64::INFINITY).contains(&ratio),
+            expected,
+        )?;
         at_least("permutations", self.permutations, 20, "at least 20")?;
-        at_least("min_episodes", self.min_episodes, 4, "at least 4")?;
-        let needed = "at least min_episodes";
-        at_least(
-            "rollout_episodes",
-            self.rollout_episodes,
-            self.min_episodes,
-            needed,
-        )?;
-        at_least(
-            "buffer_episodes",
-            self.buffer_episodes,
-            self.min_episodes,
-            needed,
-        )?;
-        non_negative("max_score", self.max_score)?;
-        non_negative("max_ratio", self.max_ratio)?;
-        non_negative("certain_score", self.certain_score)?;
-        if self.certain_score < self.max_score {
-            let (name, value) = ("certain_score", self.certain_score);
-            return Err(ClusterError::OutOfRange {
-                name,
-                value,
-                expected: "at least max_score",
-            });
-        }
-        Ok(())
+        let smallest = 1.0 / (1.0 + self.permutations as f64);
+        let expected = "at least 1 / (1 + permutations), the smallest exact p-value";
+        within("doubt", self.doubt, smallest <= self.doubt, expected)?;
+        let least = self.min_episodes;
+        at_least("min_episodes", least, 4, "at least 4")?;
+        let expected = "at least min_episodes";
+        at_least("rollout_episodes", self.rollout_episodes, least, expected)?;
+        at_least("buffer_episodes", self.buffer_episodes, least, expected)
     }
 
-    /// Returns whether a test speaks for one group.
-    pub(crate) fn accepts(&self, test: &PermutationTest) -> bool {
-        let both = test.score > self.max_score && test.ratio > self.max_ratio;
-        !(both || test.score > self.certain_score)
+    pub(crate) fn first_look(&self) -> TestSize {
+        TestSize {
+            rollout: self.rollout_episodes,
+            buffer: self.buffer_episodes,
+            permutations: self.permutations,
+        }
+    }
+
+    pub(crate) fn second_look(&self) -> TestSize {
+        TestSize {
+            rollout: self.rollout_episodes.saturating_mul(2),
+            permutations: self.permutations.saturating_mul(4),
+            ..self.first_look()
+        }
     }
 }
 
-fn non_negative(name: &'static str, value: f64) -> Result<(), ClusterError> {
-    if value.is_finite() && value >= 0.0 {
+fn within(
+    name: &'static str,
+    value: f64,
+    inside: bool,
+    expected: &'static str,
+) -> Result<(), ClusterError> {
+    if inside {
         return Ok(());
     }
-    let expected = "a finite number, at least 0";
     Err(ClusterError::OutOfRange {
         name,
         value,
         expected,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn refuses_by_score_and_ratio_together_or_by_a_certain_score() {
-        let cases = [
-            (0.0, 0.9, true),
-            (3.5, 9.0, true),
-            (3.6, 1.12, true),
-            (3.6, 1.13, false),
-            (6.0, 1.12, true),
-            (6.1, 0.9, false),
-        ];
-        for (score, ratio, accepted) in cases {
-            let test = PermutationTest {
-                distance: 1.0,
-                mean: 1.0,
-                sd: 1.0,
-                max: 1.0,
-                score,
-                ratio,
-            };
-            assert_eq!(
-                Calibrated::default().accepts(&test),
-                accepted,
-                "{score}, {ratio}"
-            );
-        }
-    }
 }

@@ -7,7 +7,7 @@ mod common;
 
 use cluster::{
     Assigner, AssignerSettings, Assignment, Calibrated, Candidate, ClusterError, Decision, Frames,
-    Judgement, Rule,
+    Judgement, Rule, Verdict,
 };
 use common::{normal, normals};
 use rand::SeedableRng;
@@ -65,6 +65,13 @@ fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
     })
 }
 
+fn settle(candidates: &[Candidate], seed: u64) -> Assignment {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    Assigner::default()
+        .settle(candidates, &mut rng)
+        .expect("comparable candidates")
+}
+
 fn decide(candidates: &[Candidate], seed: u64) -> Assignment {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     Assigner::default()
@@ -72,37 +79,99 @@ fn decide(candidates: &[Candidate], seed: u64) -> Assignment {
         .expect("comparable candidates")
 }
 
+/// The exact p-value of exchangeable episodes is uniform on its 101 steps, whatever the features.
 #[test]
-fn one_distribution_is_accepted() {
+fn the_level_is_exact_for_one_distribution() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut scores = Vec::new();
-    for seed in 0..100 {
-        let assignment = decide(&[candidate(&mut rng, 30, 0.0)], seed);
-        assert!(assignment.evidence[0].accepted == (assignment.decision == Decision::Existing(0)));
-        scores.push((
-            assignment.evidence[0].accepted,
-            assignment.evidence[0].score().unwrap(),
-        ));
+    let decisions = 600;
+    let mut tests = Vec::new();
+    for seed in 0..decisions {
+        let candidate = Candidate {
+            buffer: frames(&mut rng, 12, 0.0),
+            rollout: frames(&mut rng, 8, 0.0),
+        };
+        let assignment = decide(&[candidate], seed);
+        let doubted = assignment.evidence[0].verdict == Verdict::Doubted;
+        assert_eq!(doubted, assignment.decision == Decision::Undecided);
+        let test = *assignment.evidence[0].test().unwrap();
+        assert_eq!(doubted, test.p_value <= 0.02);
+        tests.push(test);
     }
-    let accepted = scores.iter().filter(|(accepted, _)| *accepted).count();
-    assert!(accepted >= 95, "{accepted} of 100");
-    // a calibrated score is about standard normal: the mean of 100 lies within 0.4 of zero
-    let mean = scores.iter().map(|(_, score)| score).sum::<f64>() / 100.0;
-    assert!(mean.abs() < 0.4, "{mean}");
+    for level in [0.02_f64, 0.1, 0.3, 0.5, 0.8] {
+        let nominal = (level * 101.0).floor() / 101.0;
+        let expected = nominal * decisions as f64;
+        let count = tests.iter().filter(|t| t.p_value <= level).count() as f64;
+        // within four standard deviations of the binomial
+        let deviation = 4.0 * (expected * (1.0 - nominal)).sqrt();
+        assert!(
+            (count - expected).abs() < deviation,
+            "{count} at {level}, expected {expected}"
+        );
+    }
+    let tail = tests.iter().filter(|t| t.tail_p_value <= 0.02).count();
+    assert!((2..=24).contains(&tail), "{tail} of 12 expected");
 }
 
 #[test]
-fn a_shifted_distribution_is_refused() {
+fn a_shifted_distribution_is_doubted_and_then_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
-    for seed in 0..20 {
-        let assignment = decide(&[candidate(&mut rng, 30, 1.0)], seed);
-        assert_eq!(
-            assignment.decision,
-            Decision::New,
-            "{:?}",
-            assignment.evidence
-        );
+    for seed in 0..4 {
+        let one = candidate(&mut rng, 20, 1.0);
+        let first = decide(std::slice::from_ref(&one), seed);
+        assert_eq!(first.decision, Decision::Undecided, "{:?}", first.evidence);
+        let both = Candidate {
+            rollout: one.rollout.joined(&frames(&mut rng, 20, 0.0)).unwrap(),
+            ..one
+        };
+        let second = settle(&[both], seed);
+        assert_eq!(second.decision, Decision::New, "{:?}", second.evidence);
+        assert_eq!(second.evidence[0].verdict, Verdict::Refused);
     }
+}
+
+/// Rollouts of a known group that look odd once: the second one clears them up.
+#[test]
+fn doubts_about_a_known_group_are_settled_in_its_favour() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut doubted = 0;
+    for seed in 0..200 {
+        let one = Candidate {
+            buffer: frames(&mut rng, 10, 0.0),
+            rollout: frames(&mut rng, 10, 0.0),
+        };
+        if decide(std::slice::from_ref(&one), seed).decision == Decision::Undecided {
+            doubted += 1;
+            let both = Candidate {
+                rollout: one.rollout.joined(&frames(&mut rng, 10, 0.0)).unwrap(),
+                ..one
+            };
+            assert_eq!(settle(&[both], seed).decision, Decision::Existing(0));
+        }
+    }
+    assert!((1..=12).contains(&doubted), "{doubted} of 4 expected");
+}
+
+/// What is significant and yet no more than drift opens no policy.
+#[test]
+fn a_small_effect_is_no_new_group() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let one = Candidate {
+        buffer: frames(&mut rng, 40, 0.4),
+        rollout: frames(&mut rng, 40, 0.0),
+    };
+    let tolerant = settle(std::slice::from_ref(&one), 1);
+    let test = tolerant.evidence[0].test().unwrap();
+    assert!(test.tail_p_value <= 1e-4 && test.ratio() < 1.1, "{test:?}");
+    assert_eq!(tolerant.decision, Decision::Existing(0));
+    let strict = Calibrated {
+        min_ratio: 1.0,
+        ..Calibrated::default()
+    };
+    let strict = calibrated(strict)
+        .unwrap()
+        .settle(&[one], &mut rng)
+        .unwrap();
+    assert_eq!(strict.decision, Decision::New);
 }
 
 #[test]
@@ -129,30 +198,33 @@ fn the_right_one_of_several_policies_is_recalled() {
 }
 
 #[test]
-fn the_lowest_score_wins_over_the_lowest_distance() {
+fn the_lowest_score_counts_and_not_the_lowest_distance() {
     let mut rng = ChaCha8Rng::seed_from_u64(10);
-    let lenient = Calibrated {
-        max_score: 1e9,
-        certain_score: 1e9,
-        ..Calibrated::default()
-    };
     let other_group_small_features = scaled(&candidate(&mut rng, 20, 1.0), 1e-3);
     let candidates = [other_group_small_features, candidate(&mut rng, 20, 0.0)];
-    let assigner = calibrated(lenient).unwrap();
-    let assignment = assigner.assign(&candidates, &mut rng).unwrap();
-    assert!(assignment.evidence.iter().all(|e| e.accepted));
+    let assignment = decide(&candidates, 1);
     assert!(assignment.evidence[0].distance < assignment.evidence[1].distance);
-    assert_eq!(assignment.decision, Decision::Existing(1));
+    assert!(assignment.evidence[0].score() > assignment.evidence[1].score());
+    assert_eq!(assignment.nearest(), Some(1));
 }
 
 #[test]
 fn scale_does_not_matter_to_the_calibrated_rule() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
-    for (seed, shift) in [0.0, 0.3, 0.6, 1.0].into_iter().enumerate() {
-        let original = candidate(&mut rng, 25, shift);
+    for (seed, shift) in [0.0, 0.6].into_iter().enumerate() {
+        let original = candidate(&mut rng, 20, shift);
         let of = |factor| decide(&[scaled(&original, factor)], seed as u64);
-        let (base, exact) = (of(1.0), of(1024.0));
-        assert_eq!(base.evidence[0].score(), exact.evidence[0].score());
+        let base = of(1.0);
+        for factor in [2.0, 1024.0, 0.125] {
+            let (one, other) = (base.evidence[0].test().unwrap(), of(factor));
+            let other = other.evidence[0].test().unwrap();
+            let scaled = |x: f64| (x * f64::from(factor)).to_bits();
+            assert_eq!(scaled(one.distance), other.distance.to_bits());
+            assert_eq!(scaled(one.null.max), other.null.max.to_bits());
+            let bits = [one, other]
+                .map(|t| [t.score, t.p_value, t.tail_p_value, t.ratio()].map(f64::to_bits));
+            assert_eq!(bits[0], bits[1]);
+        }
         for factor in [1000.0, 1e-3, 1e30, 1e-30] {
             let other = of(factor);
             assert_eq!(base.decision, other.decision);
@@ -179,10 +251,9 @@ fn frames_of_one_episode_stay_together() {
         ..Calibrated::default()
     };
     let assigner = calibrated(all).unwrap();
-    let accepted =
-        |c: Candidate, rng: &mut _| assigner.assign(&[c], rng).unwrap().evidence[0].accepted;
-    assert!(accepted(right, &mut rng));
-    assert!(!accepted(wrong, &mut rng));
+    let score = |c, rng: &mut _| assigner.assign(&[c], rng).unwrap().evidence[0].score();
+    assert!(score(right, &mut rng).unwrap() < 2.5);
+    assert!(score(wrong, &mut rng).unwrap() > 4.0);
 }
 
 #[test]
@@ -230,8 +301,10 @@ fn the_papers_rule_compares_with_its_threshold() {
     let evidence = at(1.0, &[away(2.0)]).evidence[0];
     assert_eq!(
         (evidence.distance, evidence.judgement, evidence.score()),
-        (2.0, Judgement::Threshold, None)
+        (2.0, Judgement::Threshold { limit: 1.0 }, None)
     );
+    let settled = fixed(1.0).unwrap().settle(&[away(2.0)], &mut rng).unwrap();
+    assert_eq!(settled.decision, Decision::New);
     assert_eq!(Rule::PAPER, Rule::Fixed { threshold: 1.0 });
 }
 
@@ -246,26 +319,24 @@ fn identical_frames_are_accepted_without_nan() {
         1,
     );
     let evidence = assignment.evidence[0];
-    assert_eq!((evidence.score(), evidence.ratio()), (Some(0.0), Some(0.0)));
+    let test = evidence.test().unwrap();
+    assert_eq!((test.score, test.ratio(), test.p_value), (0.0, 0.0, 1.0));
     assert_eq!(assignment.decision, Decision::Existing(0));
 }
 
 #[test]
 fn two_constant_clouds_are_told_apart() {
     let constant = |x: f32| Frames::new(vec![x; 20 * K * DIM], K, DIM).unwrap();
-    let assignment = decide(
-        &[Candidate {
-            buffer: constant(1.0),
-            rollout: constant(2.0),
-        }],
-        1,
-    );
-    let evidence = assignment.evidence[0];
-    assert_eq!(
-        (assignment.decision, evidence.distance),
-        (Decision::New, 8.0)
-    );
-    assert!(evidence.score().unwrap().is_finite() && evidence.ratio().unwrap().is_finite());
+    let candidates = [Candidate {
+        buffer: constant(1.0),
+        rollout: constant(2.0),
+    }];
+    assert_eq!(decide(&candidates, 1).decision, Decision::Undecided);
+    let settled = settle(&candidates, 1);
+    assert_eq!(settled.decision, Decision::New);
+    let test = settled.evidence[0].test().unwrap();
+    assert_eq!(test.distance, 8.0);
+    assert!(test.score.is_finite() && test.ratio().is_finite());
 }
 
 #[test]
@@ -315,4 +386,10 @@ fn rollouts_and_candidates_that_cannot_be_compared_are_refused() {
         .unwrap_err();
     let expected = "candidate 1: dim is 2 in the buffer and 64 in the rollout, expected the same";
     assert_eq!(error.to_string(), expected);
+
+    let few_frames = frames(&mut rng, 8, 0.0);
+    let many_frames = Frames::new(vec![0.0; 8 * 3 * DIM], 3, DIM).unwrap();
+    let error = few_frames.joined(&many_frames).unwrap_err().to_string();
+    let expected = "frames_per_episode is 2 in one rollout and 3 in the other, expected the same";
+    assert_eq!(error, expected);
 }

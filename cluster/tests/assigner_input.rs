@@ -60,15 +60,26 @@ fn settings_outside_their_range_are_refused() {
             ..base
         },
         Calibrated {
-            max_score: f64::NAN,
+            doubt: f64::NAN,
+            ..base
+        },
+        Calibrated { doubt: 1.0, ..base },
+        // 100 splits do not resolve it
+        Calibrated {
+            doubt: 0.009,
+            ..base
+        },
+        Calibrated { level: 0.0, ..base },
+        Calibrated {
+            level: 0.03,
             ..base
         },
         Calibrated {
-            max_ratio: -1.0,
+            min_ratio: 0.9,
             ..base
         },
         Calibrated {
-            certain_score: 3.0,
+            min_ratio: f64::INFINITY,
             ..base
         },
     ];

@@ -63,19 +63,25 @@ fn each_episode_is_held_or_returned() {
 
 #[test]
 fn a_restored_reservoir_goes_on_alike() {
-    let mut rng = ChaCha8Rng::seed_from_u64(4);
-    let mut original = filled(&mut rng);
-    let (capacity, seen) = (original.capacity(), original.seen());
-    let mut restored =
-        Reservoir::from_parts(capacity, seen, original.clone().into_episodes()).unwrap();
-    let mut other = rng.clone();
-    for episode in STREAM..4 * STREAM {
-        assert_eq!(
-            original.offer(episode, &mut rng),
-            restored.offer(episode, &mut other)
-        );
+    // saved while empty, while there is room, when it is just full, and long after
+    for saved_at in [0, 3, CAPACITY, STREAM] {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut original = Reservoir::new(CAPACITY).unwrap();
+        for episode in 0..saved_at {
+            original.offer(episode, &mut rng);
+        }
+        let (capacity, seen) = (original.capacity(), original.seen());
+        let mut restored =
+            Reservoir::from_parts(capacity, seen, original.episodes().to_vec()).unwrap();
+        let mut other = rng.clone();
+        for episode in saved_at..4 * STREAM {
+            assert_eq!(
+                original.offer(episode, &mut rng),
+                restored.offer(episode, &mut other)
+            );
+        }
+        assert_eq!(original, restored);
     }
-    assert_eq!(original, restored);
 }
 
 #[test]

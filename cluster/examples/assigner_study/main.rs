@@ -1,0 +1,130 @@
+//! Error rates of the assigner's rule and of rules it was chosen over, on synthetic episodes.
+//!
+//! `cargo run --release -p covers-cluster --example assigner_study`
+
+mod population;
+mod rules;
+
+use cluster::{Calibrated, ClusterError};
+use population::Scenario;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use rules::{Answer, NAMES, answers, p_values};
+
+/// Tests whose p-values are compared with their levels.
+const LEVEL_TESTS: usize = 10_000;
+
+/// What a stream of tasks looks like to the learner: one frame an episode.
+const MAIN: Scenario = Scenario {
+    frames: 1,
+    drift: 0.0,
+    apart: 1.0,
+    clusters: 1,
+    rollouts: (1, 5),
+};
+
+/// Scenarios and the decisions about known groups, and as many about new ones, that each is judged by.
+const SCENARIOS: [(&str, Scenario, usize); 6] = [
+    ("one frame an episode", MAIN, 10_000),
+    ("drift", Scenario { drift: 0.2, ..MAIN }, 2_000),
+    ("close groups", Scenario { apart: 0.7, ..MAIN }, 2_000),
+    (
+        "four clusters",
+        Scenario {
+            clusters: 4,
+            ..MAIN
+        },
+        2_000,
+    ),
+    (
+        "one rollout in the buffer",
+        Scenario {
+            rollouts: (1, 1),
+            ..MAIN
+        },
+        2_000,
+    ),
+    (
+        "four frames an episode",
+        Scenario { frames: 4, ..MAIN },
+        200,
+    ),
+];
+
+fn main() -> Result<(), ClusterError> {
+    let settings = Calibrated::default();
+    println!(
+        "nominal: second looks {} and false alarms at most {} of known groups",
+        settings.doubt, settings.level
+    );
+    print_levels("one cluster", &MAIN)?;
+    print_levels(
+        "four clusters",
+        &Scenario {
+            clusters: 4,
+            ..MAIN
+        },
+    )?;
+    for (name, scenario, decisions) in &SCENARIOS {
+        print_rates(name, scenario, *decisions)?;
+    }
+    Ok(())
+}
+
+/// How often the p-values of known groups fall to a level or below, over the level itself.
+fn print_levels(title: &str, scenario: &Scenario) -> Result<(), ClusterError> {
+    let one = |index: usize| {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        rng.set_stream(index as u64);
+        p_values(&scenario.draw(true, &mut rng)?, &mut rng)
+    };
+    let values: Result<Vec<_>, _> = (0..LEVEL_TESTS).into_par_iter().map(one).collect();
+    let values = values?;
+    println!("\n{title}: {LEVEL_TESTS} tests of known groups\nlevel    exact p   fitted p");
+    for level in [0.1, 0.02, 0.01, 0.001, 0.0001] {
+        let rate = |which: usize| {
+            let below = values.iter().filter(|p| p[which] <= level).count();
+            below as f64 / LEVEL_TESTS as f64
+        };
+        println!("{level:<8} {:.5}   {:.5}", rate(0), rate(1));
+    }
+    Ok(())
+}
+
+fn print_rates(title: &str, scenario: &Scenario, decisions: usize) -> Result<(), ClusterError> {
+    let same = decide(scenario, true, decisions)?;
+    let other = decide(scenario, false, decisions)?;
+    println!("\n{title}: {decisions} decisions each");
+    println!(
+        "{:38} {:>12} {:>12} {:>9} {:>8}",
+        "rule", "false alarms", "misses", "2nd known", "2nd new"
+    );
+    for (rule, name) in NAMES.iter().enumerate() {
+        let count = |all: &[[Answer; 8]], what: fn(&Answer) -> bool| {
+            all.iter().filter(|answers| what(&answers[rule])).count()
+        };
+        println!(
+            "{name:38} {:>12} {:>12} {:>9} {:>8}",
+            count(&same, |a| a.refused),
+            count(&other, |a| !a.refused),
+            count(&same, |a| a.looked_twice),
+            count(&other, |a| a.looked_twice),
+        );
+    }
+    Ok(())
+}
+
+/// Each decision has a random stream of its own, so that threads do not matter.
+fn decide(
+    scenario: &Scenario,
+    same: bool,
+    decisions: usize,
+) -> Result<Vec<[Answer; 8]>, ClusterError> {
+    let one = |index: usize| {
+        let mut rng = ChaCha8Rng::seed_from_u64(u64::from(same));
+        rng.set_stream(index as u64);
+        answers(&scenario.draw(same, &mut rng)?, &mut rng)
+    };
+    (0..decisions).into_par_iter().map(one).collect()
+}
