@@ -2,7 +2,7 @@
 
 use crate::ClusterError;
 use crate::mass::check_weights;
-use crate::transport::{TransportPlan, Weights, check_shape};
+use crate::transport::{TransportPlan, Weights, check_costs, check_shape};
 
 /// Rounding allowance of a certificate, as a fraction of the largest cost in magnitude (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
@@ -34,10 +34,12 @@ pub(crate) struct Scratch {
 /// marginals and each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that
 /// both are optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <=
 /// c_ij` and the equality of the two values up to [`RELATIVE_TOLERANCE`] times the
-/// largest `|c_ij|`. The plan's own `cost` field is held to the same value.
+/// largest `|c_ij|`, plus the smallest positive `f64` for each point. The plan's own `cost` field is held to
+/// the same value.
 ///
 /// # Errors
-/// The first fact that does not hold, with its numbers. NaN anywhere is a failure, never a pass.
+/// Those of [`transport`](crate::transport) about weights and costs, and the first fact that does not hold, with its
+/// numbers. NaN anywhere is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,
@@ -47,6 +49,7 @@ pub fn certify(
     check_weights("sources", sources)?;
     check_weights("sinks", sinks)?;
     check_shape(cost, sources.len(), sinks.len())?;
+    check_costs(cost)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
@@ -61,7 +64,9 @@ pub(crate) fn certify_into(
     check_lengths(plan, sources.len(), sinks.len())?;
     let marginal_error = check_marginals(scratch, sources, sinks, plan)?;
     let largest = cost.iter().fold(0.0_f64, |top, c| top.max(c.abs()));
-    let tolerance = RELATIVE_TOLERANCE * largest;
+    // sums of subnormal numbers are exact, products round to the last bit whatever their size
+    let last_bit = f64::from_bits(1) * (sources.len() + sinks.len()) as f64;
+    let tolerance = RELATIVE_TOLERANCE * largest + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
     Ok(Certificate {

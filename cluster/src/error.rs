@@ -82,6 +82,26 @@ pub enum ClusterError {
         /// The sum of the weights given.
         sum: f64,
     },
+    /// A cloud has another number of weights than of points.
+    #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]
+    WeightCount {
+        /// Name of the cloud.
+        side: &'static str,
+        /// Number of points.
+        points: usize,
+        /// Number of weights given.
+        weights: usize,
+    },
+    /// A matrix of distances does not fit in memory.
+    #[error(
+        "the distances between {points} and {others} points do not fit in memory; compare samples of the clouds"
+    )]
+    TooManyPoints {
+        /// Number of points of one cloud.
+        points: usize,
+        /// Number of points of the other.
+        others: usize,
+    },
     /// The solver used up its bound on pivots.
     #[error(
         "the network simplex method stopped after {pivots} pivots without an optimum; rescale the costs"

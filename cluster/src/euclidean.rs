@@ -53,10 +53,16 @@ impl EuclideanCosts {
     ///
     /// # Errors
     /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
-    /// finite.
+    /// finite; a matrix that does not fit in memory.
     pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64], ClusterError> {
         positive("dim", dim)?;
         let (n, m) = (rows("x", x, dim, "point")?, rows("y", y, dim, "point")?);
+        self.costs.clear();
+        let room = n.checked_mul(m).map(|len| self.costs.try_reserve(len));
+        if !matches!(room, Some(Ok(()))) {
+            let (points, others) = (n, m);
+            return Err(ClusterError::TooManyPoints { points, others });
+        }
         self.centre.clear();
         self.centre.resize(dim, 0.0);
         for point in x.chunks_exact(dim).chain(y.chunks_exact(dim)) {
@@ -64,7 +70,6 @@ impl EuclideanCosts {
         }
         self.x.fill(x, &self.centre);
         self.y.fill(y, &self.centre);
-        self.costs.clear();
         self.costs.resize(n * m, 0.0);
         let (cx, cy) = (&self.x, &self.y);
         let block = |(index, costs): (usize, &mut [f64])| {

@@ -258,7 +258,8 @@ pub(crate) fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<
     }
 }
 
-fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
+/// Checks that all costs are finite and within [`MAX_COST`].
+pub(crate) fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
     let Some(index) = cost.iter().position(|c| c.is_nan() || c.abs() > MAX_COST) else {
         return Ok(());
     };
