@@ -58,6 +58,8 @@ impl Basis {
         self.visited.clear();
         self.visited.resize(nodes, 0);
         self.search = 0;
+        // what a walk holds depends on the tree's shape, but is never more than all nodes
+        self.stack.reserve(nodes);
     }
 
     pub(crate) fn nodes(&self) -> usize {

@@ -217,6 +217,7 @@ impl Solver {
         plan.sink_potentials
             .extend(self.basis.sink_prices().iter().map(|price| -price));
         plan.entries.clear();
+        plan.entries.reserve(self.basis.nodes());
         let mut cost_in_units = 0.0;
         self.basis.for_each_arc(|source, sink, flow| {
             if flow.units > 0 {
