@@ -19,7 +19,7 @@ fn cloud(points: usize, shift: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
 fn distances(c: &mut Criterion) {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut group = c.benchmark_group("wasserstein1_d64");
-    for (n, m) in [(80, 80), (80, 160), (80, 400)] {
+    for (n, m) in [(80, 80), (80, 160), (80, 400), (80, 2000), (1000, 1000)] {
         let (x, y) = (cloud(n, 0.0, &mut rng), cloud(m, 0.5, &mut rng));
         group.throughput(Throughput::Elements((n * m) as u64));
         group.bench_function(format!("{n}x{m}"), |b| {

@@ -29,16 +29,10 @@ const PARALLEL: usize = 1 << 22;
 #[derive(Clone, Debug, Default)]
 pub struct EuclideanCosts {
     centre: Vec<f64>,
-    x: Centred,
     y: Centred,
+    /// The rows of `x` in work.
+    block: Centred,
     costs: Vec<f64>,
-}
-
-/// A cloud around a centre.
-#[derive(Clone, Debug, Default)]
-struct Centred {
-    points: Vec<f64>,
-    norms: Vec<f64>,
 }
 
 impl EuclideanCosts {
@@ -57,80 +51,115 @@ impl EuclideanCosts {
     pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64], ClusterError> {
         positive("dim", dim)?;
         let (n, m) = (rows("x", x, dim, "point")?, rows("y", y, dim, "point")?);
-        self.costs.clear();
-        let room = n.checked_mul(m).map(|len| self.costs.try_reserve(len));
+        let Self { centre, costs, .. } = self;
+        costs.clear();
+        let room = n.checked_mul(m).map(|len| costs.try_reserve(len));
         if !matches!(room, Some(Ok(()))) {
             let (points, others) = (n, m);
             return Err(ClusterError::TooManyPoints { points, others });
         }
-        self.centre.clear();
-        self.centre.resize(dim, 0.0);
+        centre.clear();
+        centre.resize(dim, 0.0);
         for point in x.chunks_exact(dim).chain(y.chunks_exact(dim)) {
-            zip(&mut self.centre, point).for_each(|(c, &p)| *c += f64::from(p) / (n + m) as f64);
+            zip(&mut *centre, point).for_each(|(c, &p)| *c += f64::from(p));
         }
-        self.x.fill(x, &self.centre);
-        self.y.fill(y, &self.centre);
-        self.costs.resize(n * m, 0.0);
-        let (cx, cy) = (&self.x, &self.y);
-        let block = |(index, costs): (usize, &mut [f64])| {
-            distances(costs, index * BLOCK_ROWS, (cx, x), (cy, y), dim);
+        centre.iter_mut().for_each(|c| *c /= (n + m) as f64);
+        self.y.fill(y, centre);
+        costs.resize(n * m, 0.0);
+        let columns = Columns {
+            centre,
+            centred: &self.y,
+            points: y,
         };
-        let blocks = BLOCK_ROWS * m;
-        match n * m * dim > PARALLEL {
-            true => self
-                .costs
-                .par_chunks_mut(blocks)
-                .enumerate()
-                .for_each(block),
-            false => self.costs.chunks_mut(blocks).enumerate().for_each(block),
+        let (points, rows) = (BLOCK_ROWS * dim, BLOCK_ROWS * m);
+        if n * m * dim > PARALLEL {
+            let blocks = costs.par_chunks_mut(rows).zip(x.par_chunks(points));
+            blocks.for_each_init(Centred::default, |block, (costs, x)| {
+                columns.distances(block, x, costs);
+            });
+        } else {
+            let blocks = costs.chunks_mut(rows).zip(x.chunks(points));
+            blocks.for_each(|(costs, x)| columns.distances(&mut self.block, x, costs));
         }
         Ok(&self.costs)
     }
 }
 
+/// A cloud around a centre.
+#[derive(Clone, Debug, Default)]
+struct Centred {
+    points: Vec<f64>,
+    norms: Vec<f64>,
+}
+
 impl Centred {
     fn fill(&mut self, cloud: &[f32], centre: &[f64]) {
         self.points.clear();
+        self.points.resize(cloud.len(), 0.0);
         self.norms.clear();
-        for point in cloud.chunks_exact(centre.len()) {
-            let centred = zip(point, centre).map(|(&p, c)| f64::from(p) - c);
-            let start = self.points.len();
-            self.points.extend(centred);
-            self.norms
-                .push(self.points[start..].iter().map(|p| p * p).sum());
-        }
+        let rows = zip(
+            self.points.chunks_exact_mut(centre.len()),
+            cloud.chunks_exact(centre.len()),
+        );
+        Arch::new().dispatch(
+            #[inline(always)]
+            || {
+                self.norms
+                    .extend(rows.map(|(row, point)| centred_row(row, point, centre)))
+            },
+        );
     }
 }
 
-/// Writes the rows from `first` on.
-fn distances(
-    costs: &mut [f64],
-    first: usize,
-    (cx, x): (&Centred, &[f32]),
-    (cy, y): (&Centred, &[f32]),
-    dim: usize,
-) {
-    let m = cy.norms.len();
-    let n = costs.len() / m;
-    let left = &cx.points[first * dim..(first + n) * dim];
-    matmul(
-        MatMut::from_row_major_slice_mut(costs, n, m),
-        Accum::Replace,
-        MatRef::from_row_major_slice(left, n, dim),
-        MatRef::from_row_major_slice(&cy.points, m, dim).transpose(),
-        -2.0,
-        Par::Seq,
-    );
-    let arch = Arch::new();
-    for (i, row) in costs.chunks_exact_mut(m).enumerate() {
-        let own = cx.norms[first + i];
-        let cancelled = arch.dispatch(
-            #[inline(always)]
-            || finish_row(row, own, &cy.norms),
+/// Writes a point around the centre and returns its squared norm.
+#[inline(always)]
+fn centred_row(row: &mut [f64], point: &[f32], centre: &[f64]) -> f64 {
+    for (out, (&p, c)) in zip(&mut *row, zip(point, centre)) {
+        *out = f64::from(p) - c;
+    }
+    // sums in flight: a single one would wait for each addition in turn
+    let mut sums = [0.0; 8];
+    let (blocks, rest) = row.as_chunks::<8>();
+    for block in blocks {
+        zip(&mut sums, block).for_each(|(sum, p)| *sum += p * p);
+    }
+    sums.iter().sum::<f64>() + rest.iter().map(|p| p * p).sum::<f64>()
+}
+
+/// The points to which distances are computed.
+#[derive(Clone, Copy)]
+struct Columns<'a> {
+    centre: &'a [f64],
+    centred: &'a Centred,
+    points: &'a [f32],
+}
+
+impl Columns<'_> {
+    /// Writes the rows `[n, m]` of distances from the points `x` `[n, dim]`.
+    fn distances(self, block: &mut Centred, x: &[f32], costs: &mut [f64]) {
+        let (dim, norms) = (self.centre.len(), &self.centred.norms);
+        let (n, m) = (x.len() / dim, norms.len());
+        block.fill(x, self.centre);
+        matmul(
+            MatMut::from_row_major_slice_mut(costs, n, m),
+            Accum::Replace,
+            MatRef::from_row_major_slice(&block.points, n, dim),
+            MatRef::from_row_major_slice(&self.centred.points, m, dim).transpose(),
+            -2.0,
+            Par::Seq,
         );
-        if cancelled {
-            let p = &x[(first + i) * dim..][..dim];
-            mend_row(row, own, p, &cy.norms, y);
+        let arch = Arch::new();
+        for ((row, &own), p) in zip(
+            zip(costs.chunks_exact_mut(m), &block.norms),
+            x.chunks_exact(dim),
+        ) {
+            let cancelled = arch.dispatch(
+                #[inline(always)]
+                || finish_row(row, own, norms),
+            );
+            if cancelled {
+                mend_row(row, own, p, norms, self.points);
+            }
         }
     }
 }
