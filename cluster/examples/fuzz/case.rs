@@ -20,23 +20,22 @@ pub enum Outcome {
     Refused,
 }
 
-/// Workspaces that are kept from input to input, as a program would.
-#[derive(Default)]
-pub struct Workspaces {
-    solver: Solver,
-    clouds: Wasserstein,
-}
-
-/// Solves the input of this seed.
+/// Solves the input of this seed, after another one in the same workspace as often as not.
 ///
 /// # Errors
 /// A well-formed input that is refused, a malformed one that is answered, an answer that is no optimum.
-pub fn run(seed: u64, workspaces: &mut Workspaces) -> Result<Outcome, String> {
+pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    match rng.random_range(0..3) {
-        0 => clouds(&mut rng, &mut workspaces.clouds),
-        _ => matrix(&mut rng, &mut workspaces.solver),
+    let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
+    let mut solve = |rng: &mut ChaCha8Rng, with_points| match with_points {
+        true => clouds(rng, &mut workspace),
+        false => matrix(rng, &mut solver),
+    };
+    let with_points = rng.random_ratio(1, 3);
+    if rng.random() {
+        solve(&mut rng, with_points)?;
     }
+    solve(&mut rng, with_points)
 }
 
 /// The weights of one side.
@@ -76,10 +75,10 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
     }
     let mut cost = costs(rng, n, m);
     let (mut a, mut b) = (side(rng, n), side(rng, m));
-    let sound = match rng.random_ratio(1, 8) {
-        true => !spoil_matrix(rng, &mut cost, &mut a, &mut b),
-        false => true,
-    };
+    let sound = !rng.random_ratio(1, 8);
+    if !sound {
+        spoil_matrix(rng, &mut cost, &mut a, &mut b);
+    }
     let result = match rng.random::<bool>() {
         true => solver.solve(&cost, a.weights(), b.weights()),
         false => solver.solve_again(&cost, a.weights(), b.weights()),
@@ -98,10 +97,10 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
     let mut dim = *[1, 1, 2, 3, 64].choose(rng).unwrap_or(&1);
     let (mut x, mut y) = points(rng, n, m, dim);
     let (mut a, mut b) = (side(rng, n), side(rng, m));
-    let sound = match rng.random_ratio(1, 8) {
-        true => !spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim),
-        false => true,
-    };
+    let sound = !rng.random_ratio(1, 8);
+    if !sound {
+        spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim);
+    }
     let result = match rng.random::<bool>() {
         true => workspace.solve(&x, a.weights(), &y, b.weights(), dim),
         false => workspace.solve_again(&x, a.weights(), &y, b.weights(), dim),
@@ -118,7 +117,10 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
 }
 
 /// Holds a verdict to the one that the input deserves.
-fn expected(
+///
+/// # Errors
+/// The difference.
+pub fn expected(
     sound: bool,
     result: Result<&TransportPlan, ClusterError>,
 ) -> Result<Option<&TransportPlan>, String> {
@@ -138,7 +140,11 @@ fn recertify(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> Result<(
     }
 }
 
-fn agree(got: f64, value: Option<f64>, tolerance: f64) -> Result<Outcome, String> {
+/// Holds a cost to an oracle's, if there is one.
+///
+/// # Errors
+/// Both, where they differ.
+pub fn agree(got: f64, value: Option<f64>, tolerance: f64) -> Result<Outcome, String> {
     match value {
         None => Ok(Outcome::Certified),
         Some(value) if (got - value).abs() <= tolerance => Ok(Outcome::Confirmed),
@@ -197,17 +203,16 @@ fn side(rng: &mut ChaCha8Rng, points: usize) -> Side {
     Side::Given(raw.iter().map(|w| w / sum * off).collect())
 }
 
-/// Makes an input that must be refused; returns false where the flaw that was drawn does not apply.
-fn spoil_matrix(rng: &mut ChaCha8Rng, cost: &mut Vec<f64>, a: &mut Side, b: &mut Side) -> bool {
+/// Makes an input that must be refused.
+fn spoil_matrix(rng: &mut ChaCha8Rng, cost: &mut Vec<f64>, a: &mut Side, b: &mut Side) {
     let place = rng.random_range(0..cost.len());
     match rng.random_range(0..5) {
         0 => cost[place] = unfit(rng),
         1 => cost.truncate(place),
         2 => cost.push(0.0),
-        3 => return spoil_side(rng, a),
-        _ => return spoil_side(rng, b),
+        3 => spoil_side(rng, a),
+        _ => spoil_side(rng, b),
     }
-    true
 }
 
 fn unfit(rng: &mut ChaCha8Rng) -> f64 {
@@ -221,7 +226,7 @@ fn unfit(rng: &mut ChaCha8Rng) -> f64 {
     *unfit.choose(rng).unwrap_or(&f64::NAN)
 }
 
-fn spoil_side(rng: &mut impl Rng, side: &mut Side) -> bool {
+fn spoil_side(rng: &mut impl Rng, side: &mut Side) {
     match side {
         Side::Uniform(points) => {
             let wrong = [0, *points + 1, usize::MAX, usize::MAX / *points];
@@ -239,11 +244,10 @@ fn spoil_side(rng: &mut impl Rng, side: &mut Side) -> bool {
             }
         }
     }
-    true
 }
 
 fn points(rng: &mut ChaCha8Rng, n: usize, m: usize, dim: usize) -> (Vec<f32>, Vec<f32>) {
-    let kind = rng.random_range(0..6);
+    let kind = rng.random_range(0..7);
     let mut cloud = |points: usize| -> Vec<f32> {
         (0..points * dim)
             .map(|k| match kind {
@@ -252,6 +256,9 @@ fn points(rng: &mut ChaCha8Rng, n: usize, m: usize, dim: usize) -> (Vec<f32>, Ve
                 2 => 1e30 * rng.random_range(-1.0_f32..1.0),
                 3 => f32::from_bits(rng.random_range(0..100)),
                 4 => 1e6 + rng.random_range(0.0..1.0),
+                // an outlier a million times farther than the rest is wide
+                5 if k < dim => 1e6,
+                5 => rng.random_range(-1.0..1.0),
                 _ => (k / dim) as f32,
             })
             .collect()
@@ -264,7 +271,7 @@ fn spoil_clouds(
     (x, y): (&mut Vec<f32>, &mut Vec<f32>),
     (a, b): (&mut Side, &mut Side),
     dim: &mut usize,
-) -> bool {
+) {
     let place = rng.random_range(0..x.len());
     match rng.random_range(0..7) {
         0 => x[place] = f32::NAN,
@@ -272,8 +279,7 @@ fn spoil_clouds(
         2 => y.clear(),
         3 => *dim = 0,
         4 => y.push(0.0), // half a point, or one without a weight
-        5 => return spoil_side(rng, a),
-        _ => return spoil_side(rng, b),
+        5 => spoil_side(rng, a),
+        _ => spoil_side(rng, b),
     }
-    true
 }

@@ -3,7 +3,7 @@
 //! `cargo run --release -p covers-cluster --example fuzz -- 1000000 [first seed]`
 
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::catch_unwind;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -14,14 +14,12 @@ fn main() -> ExitCode {
     let mut numbers = std::env::args().skip(1).map(|text| text.parse().ok());
     let inputs: u64 = numbers.next().flatten().unwrap_or(100_000);
     let first: u64 = numbers.next().flatten().unwrap_or(0);
-    let mut workspaces = case::Workspaces::default();
     let mut counts = BTreeMap::new();
     let mut slowest = (Duration::ZERO, first);
     let start = Instant::now();
     for seed in first..first + inputs {
         let begun = Instant::now();
-        let outcome = catch_unwind(AssertUnwindSafe(|| case::run(seed, &mut workspaces)));
-        match outcome {
+        match catch_unwind(|| case::run(seed)) {
             Ok(Ok(outcome)) => *counts.entry(outcome).or_insert(0_u64) += 1,
             Ok(Err(wrong)) => return fail(seed, &wrong),
             Err(_) => return fail(seed, "panicked"),

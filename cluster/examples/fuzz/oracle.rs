@@ -1,6 +1,6 @@
 //! Values of small transport problems, found without the crate's solver.
 
-/// Returns the optimal value where one side is one or two points, or where up to six meet as many of equal weight.
+/// Returns the optimal value where one side is one or two points, or where up to eight meet as many of equal weight.
 pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
     let (n, m) = (a.len(), b.len());
     let transposed = || -> Vec<f64> { (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect() };
@@ -10,7 +10,7 @@ pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
         (_, 1) => Some(dot(cost, a)),
         (2, _) => Some(two_sources(cost, a[0], b)),
         (_, 2) => Some(two_sources(&transposed(), b[0], a)),
-        _ if n == m && n <= 6 && equal(a) && equal(b) => {
+        _ if n == m && n <= 8 && equal(a) && equal(b) => {
             Some(cheapest_matching(cost, n, 0, &mut vec![false; n]) / n as f64)
         }
         _ => None,
@@ -38,7 +38,7 @@ fn two_sources(cost: &[f64], first: f64, b: &[f64]) -> f64 {
 }
 
 /// Returns the smallest total cost of a perfect matching of the rows from `row` on with the unused columns.
-pub fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -> f64 {
+fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -> f64 {
     if row == n {
         return 0.0;
     }
