@@ -74,6 +74,11 @@ impl Basis {
         &self.price[self.sources..]
     }
 
+    /// Returns the largest magnitude of a price.
+    pub(crate) fn largest_price(&self) -> f64 {
+        self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
+    }
+
     pub(crate) fn is_root(&self, node: u32) -> bool {
         self.parent[node as usize] == NONE
     }

@@ -5,11 +5,15 @@
 
 mod common;
 
+use std::cmp::Ordering;
+
 use cluster::{
     ClusterError, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein, Weights, certify,
     transport, wasserstein1_line,
 };
-use common::{random_costs, uniform};
+use common::{normals, random_costs, uniform};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 fn solved(x: &[f32], a: Weights, y: &[f32], b: Weights, dim: usize) -> Result<f64, ClusterError> {
     Ok(Wasserstein::new().solve(x, a, y, b, dim)?.cost)
@@ -168,4 +172,48 @@ fn weights_at_the_edge_of_a_distribution() {
     let far: Vec<f64> = (0..10_000).map(f64::from).collect();
     let plan = transport(&far, Weights::Given(&many), Weights::Uniform(1)).unwrap();
     assert!((plan.cost - 4999.5).abs() < 1e-9);
+}
+
+#[test]
+fn forbidden_pairs_take_no_precision_from_the_others() {
+    // on and below the diagonal some pairs are dear, above it most are
+    let n = 60;
+    let (mut cost, coin) = (random_costs(3, n * n), random_costs(4, n * n));
+    let forbidden = |k: &usize| match (k / n).cmp(&(k % n)) {
+        Ordering::Less => coin[*k] > -0.8,
+        Ordering::Equal => false,
+        Ordering::Greater => coin[*k] > 0.8,
+    };
+    let forbidden: Vec<usize> = (0..n * n).filter(forbidden).collect();
+    let mut value = |dear: f64| {
+        forbidden.iter().for_each(|&k| cost[k] = dear);
+        uniform(&cost, n, n).unwrap().cost
+    };
+    let expected = value(100.0);
+    for dear in [1e6, 1e12, 1e18, 1e30, MAX_COST] {
+        let got = value(dear);
+        assert!((got - expected).abs() < 1e-14, "{dear:e}: {got}");
+    }
+}
+
+#[test]
+fn a_far_point_costs_no_more_precision_than_the_certificate_admits() {
+    let n = 100;
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let (mut x, mut y) = (normals(&mut rng, 2 * n), normals(&mut rng, 2 * n));
+    let near = solved(&x, Weights::Uniform(n), &y, Weights::Uniform(n), 2).unwrap();
+    let expected = near * n as f64 / (n + 1) as f64;
+    // one point of each cloud, in the same place
+    x.extend([0.0; 2]);
+    y.extend([0.0; 2]);
+    for far in [1e4, 1e8, 1e12, 1e16] {
+        x[2 * n..].fill(far);
+        y[2 * n..].fill(far);
+        let mut workspace = Wasserstein::new();
+        let sides = (Weights::Uniform(n + 1), Weights::Uniform(n + 1));
+        let plan = workspace.solve(&x, sides.0, &y, sides.1, 2).unwrap();
+        let error = plan.cost - expected;
+        let admitted = plan.certificate.gap + plan.certificate.violation + 1e-15;
+        assert!(error.abs() <= admitted, "{far:e}: {error:e} {admitted:e}");
+    }
 }
