@@ -10,6 +10,9 @@ use crate::mass::Mass;
 /// The absent node.
 pub(crate) const NONE: u32 = u32::MAX;
 
+/// Rounding of a reduced cost, as a fraction of the largest price: a few last bits.
+const PRICE_TOLERANCE: f64 = 1e-14;
+
 /// An arc that would lower the cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entering {
@@ -74,9 +77,9 @@ impl Basis {
         &self.price[self.sources..]
     }
 
-    /// Returns the largest magnitude of a price.
-    pub(crate) fn largest_price(&self) -> f64 {
-        self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
+    /// Returns how far below zero a reduced cost may be for rounding alone.
+    pub(crate) fn price_tolerance(&self) -> f64 {
+        PRICE_TOLERANCE * self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
     }
 
     pub(crate) fn is_root(&self, node: u32) -> bool {

@@ -11,11 +11,7 @@ use crate::start::Start;
 /// overflow.
 pub const MAX_COST: f64 = 1e100;
 
-/// Reduced costs below zero by less than this fraction of the largest potential count as zero: a few of its
-/// roundings.
-const PRICING_TOLERANCE: f64 = 1e-14;
-
-/// Factor by which the tolerance may exceed the one that the last potentials ask for.
+/// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
 const COARSER: f64 = 16.0;
 
 /// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a line 60.
@@ -195,19 +191,15 @@ impl Solver {
     fn improve(&mut self, cost: &[f64]) -> Result<usize, ClusterError> {
         let mut pivots = 0;
         loop {
-            let tolerance = self.tolerance();
-            self.pricing.reset(cost, &self.basis, tolerance);
+            self.pricing
+                .reset(cost, &self.basis, self.basis.price_tolerance());
             self.descend(cost, &mut pivots)?;
             self.basis.refresh_prices(cost);
-            // dear arcs of the first basis make large potentials: once they have left, cheap arcs can be told apart
-            if COARSER * self.tolerance() >= tolerance {
+            // dear arcs make large potentials: once they have left the basis, cheap arcs can be told apart
+            if COARSER * self.basis.price_tolerance() >= self.pricing.tolerance() {
                 return Ok(pivots);
             }
         }
-    }
-
-    fn tolerance(&self) -> f64 {
-        PRICING_TOLERANCE * self.basis.largest_price()
     }
 
     fn descend(&mut self, cost: &[f64], pivots: &mut usize) -> Result<(), ClusterError> {
@@ -220,6 +212,7 @@ impl Solver {
             *pivots += 1;
             if pivots.is_multiple_of(nodes) {
                 self.basis.refresh_prices(cost);
+                self.pricing.tolerate(self.basis.price_tolerance());
             }
         }
         Ok(())
