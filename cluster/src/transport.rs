@@ -254,7 +254,20 @@ fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<(), ClusterEr
     check_weights("sources", sources)?;
     check_weights("sinks", sinks)?;
     check_shape(cost, sources.len(), sinks.len())?;
+    check_nodes(sources.len(), sinks.len())?;
     check_costs(cost)
+}
+
+/// Checks that a basis can number the points of both sides.
+fn check_nodes(sources: usize, sinks: usize) -> Result<(), ClusterError> {
+    match sources.checked_add(sinks) {
+        Some(nodes) if nodes < u32::MAX as usize => Ok(()),
+        _ => Err(ClusterError::OutOfRange {
+            name: "sources + sinks",
+            value: sources as f64 + sinks as f64,
+            expected: "fewer than 2^32 - 1",
+        }),
+    }
 }
 
 /// Checks that `cost` is a matrix `[sources, sinks]`.
@@ -287,4 +300,18 @@ pub(crate) fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
             value,
         },
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_points_than_a_basis_can_number_are_refused() {
+        assert!(check_nodes(4_000_000_000, 294_967_294).is_ok());
+        let error = check_nodes(1, 5_000_000_000).unwrap_err();
+        let message = "sources + sinks is 5000000001: expected fewer than 2^32 - 1";
+        assert_eq!(error.to_string(), message);
+        assert!(check_nodes(usize::MAX, 1).is_err());
+    }
 }
