@@ -305,6 +305,7 @@ pub(crate) fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mass::Mass;
 
     #[test]
     fn more_points_than_a_basis_can_number_are_refused() {
@@ -313,5 +314,29 @@ mod tests {
         let message = "sources + sinks is 5000000001: expected fewer than 2^32 - 1";
         assert_eq!(error.to_string(), message);
         assert!(check_nodes(usize::MAX, 1).is_err());
+    }
+
+    #[test]
+    fn each_basic_flow_is_positive_and_all_are_balanced() {
+        // equal and zero weights on tied costs, where nothing but the nudge keeps the basis from degeneracy
+        let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
+        let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
+        let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
+        for (a, b) in [
+            (equal, equal),
+            (given, equal),
+            (equal, given),
+            (given, given),
+        ] {
+            let cost = &cost[..a.len() * b.len()];
+            assert!(solver.solve_again(cost, a, b).unwrap().pivots > 0);
+            let mut left = solver.balance.masses.clone();
+            solver.basis.for_each_arc(|source, sink, flow| {
+                assert!(flow > Mass::ZERO, "{source} to {sink}: {flow:?}");
+                left[source] -= flow;
+                left[a.len() + sink] -= flow;
+            });
+            assert!(left.iter().all(|mass| *mass == Mass::ZERO), "{left:?}");
+        }
     }
 }
