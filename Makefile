@@ -14,6 +14,7 @@ test: deps
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 	cargo test --workspace --locked
+	cargo run --locked --example embed_cluster
 	cargo run --locked --example continual_stream -- --budget smoke --json
 
 deps:

@@ -10,6 +10,9 @@ use crate::mass::Mass;
 /// The absent node.
 pub(crate) const NONE: u32 = u32::MAX;
 
+/// Rounding of a reduced cost, as a fraction of the largest price: a few last bits.
+const PRICE_TOLERANCE: f64 = 1e-14;
+
 /// An arc that would lower the cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entering {
@@ -58,6 +61,8 @@ impl Basis {
         self.visited.clear();
         self.visited.resize(nodes, 0);
         self.search = 0;
+        // what a walk holds depends on the tree's shape, but is never more than all nodes
+        self.stack.reserve(nodes);
     }
 
     pub(crate) fn nodes(&self) -> usize {
@@ -70,6 +75,11 @@ impl Basis {
 
     pub(crate) fn sink_prices(&self) -> &[f64] {
         &self.price[self.sources..]
+    }
+
+    /// Returns how far below zero a reduced cost may be for rounding alone.
+    pub(crate) fn price_tolerance(&self) -> f64 {
+        PRICE_TOLERANCE * self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
     }
 
     pub(crate) fn is_root(&self, node: u32) -> bool {

@@ -2,9 +2,10 @@
 
 use crate::ClusterError;
 use crate::mass::check_weights;
-use crate::transport::{TransportPlan, Weights, check_shape};
+use crate::transport::{TransportPlan, Weights, check_costs, check_shape};
 
-/// Rounding allowance of a certificate, as a fraction of the largest cost in magnitude (of one, for masses).
+/// Rounding allowance of a certificate, as a fraction of the largest cost or potential in magnitude, whichever is less
+/// (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
 /// How exactly a plan and its potentials prove each other optimal.
@@ -32,12 +33,14 @@ pub(crate) struct Scratch {
 /// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
 /// `sum_ij gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j` for each plan `gamma` with these
 /// marginals and each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that
-/// both are optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <=
-/// c_ij` and the equality of the two values up to [`RELATIVE_TOLERANCE`] times the
-/// largest `|c_ij|`. The plan's own `cost` field is held to the same value.
+/// both are optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <= c_ij` and the
+/// equality of the two values up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest `|u_i|` or `|v_j|` if
+/// that is less, plus the smallest positive `f64` for each point. The plan's own `cost` field is held to the same
+/// value.
 ///
 /// # Errors
-/// The first fact that does not hold, with its numbers. NaN anywhere is a failure, never a pass.
+/// Those of [`transport`](crate::transport) about weights and costs, and the first fact that does not hold, with its
+/// numbers. NaN anywhere is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,
@@ -47,6 +50,7 @@ pub fn certify(
     check_weights("sources", sources)?;
     check_weights("sinks", sinks)?;
     check_shape(cost, sources.len(), sinks.len())?;
+    check_costs(cost)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
@@ -60,8 +64,12 @@ pub(crate) fn certify_into(
 ) -> Result<Certificate, ClusterError> {
     check_lengths(plan, sources.len(), sinks.len())?;
     let marginal_error = check_marginals(scratch, sources, sinks, plan)?;
-    let largest = cost.iter().fold(0.0_f64, |top, c| top.max(c.abs()));
-    let tolerance = RELATIVE_TOLERANCE * largest;
+    let largest = |values: &[f64]| values.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
+    let potential = largest(&plan.source_potentials).max(largest(&plan.sink_potentials));
+    let scale = potential.min(largest(cost));
+    // sums of subnormal numbers are exact, products round to the last bit whatever their size
+    let last_bit = f64::from_bits(1) * (sources.len() + sinks.len()) as f64;
+    let tolerance = RELATIVE_TOLERANCE * scale + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
     Ok(Certificate {

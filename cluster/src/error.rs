@@ -65,9 +65,9 @@ pub enum ClusterError {
         sinks: usize,
     },
     /// A weight is negative or not a number.
-    #[error("weight {index} of the {side} is {value}: expected a finite number, at least 0")]
+    #[error("weight {index} of {side} is {value}: expected a finite number, at least 0")]
     Weight {
-        /// `sources` or `sinks`.
+        /// `sources` or `sinks`, or the name of a cloud.
         side: &'static str,
         /// Index of the point.
         index: usize,
@@ -75,12 +75,32 @@ pub enum ClusterError {
         value: f64,
     },
     /// The weights of one side are no distribution.
-    #[error("the weights of the {side} add up to {sum}: expected 1; divide them by their sum")]
+    #[error("the weights of {side} add up to {sum}: expected 1; divide them by their sum")]
     WeightSum {
-        /// `sources` or `sinks`.
+        /// `sources` or `sinks`, or the name of a cloud.
         side: &'static str,
         /// The sum of the weights given.
         sum: f64,
+    },
+    /// A cloud has another number of weights than of points.
+    #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]
+    WeightCount {
+        /// Name of the cloud.
+        side: &'static str,
+        /// Number of points.
+        points: usize,
+        /// Number of weights given.
+        weights: usize,
+    },
+    /// A matrix of distances does not fit in memory.
+    #[error(
+        "the distances between {points} and {others} points do not fit in memory; compare samples of the clouds"
+    )]
+    TooManyPoints {
+        /// Number of points of one cloud.
+        points: usize,
+        /// Number of points of the other.
+        others: usize,
     },
     /// The solver used up its bound on pivots.
     #[error(

@@ -47,11 +47,17 @@ impl EuclideanCosts {
     ///
     /// # Errors
     /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
-    /// finite.
+    /// finite; a matrix that does not fit in memory.
     pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64], ClusterError> {
         positive("dim", dim)?;
         let (n, m) = (rows("x", x, dim, "point")?, rows("y", y, dim, "point")?);
         let Self { centre, costs, .. } = self;
+        costs.clear();
+        let room = n.checked_mul(m).map(|len| costs.try_reserve(len));
+        if !matches!(room, Some(Ok(()))) {
+            let (points, others) = (n, m);
+            return Err(ClusterError::TooManyPoints { points, others });
+        }
         centre.clear();
         centre.resize(dim, 0.0);
         for point in x.chunks_exact(dim).chain(y.chunks_exact(dim)) {
@@ -59,7 +65,6 @@ impl EuclideanCosts {
         }
         centre.iter_mut().for_each(|c| *c /= (n + m) as f64);
         self.y.fill(y, centre);
-        costs.clear();
         costs.resize(n * m, 0.0);
         let columns = Columns {
             centre,

@@ -4,7 +4,7 @@ use std::iter::zip;
 
 use crate::ClusterError;
 use crate::check::rows;
-use crate::mass::check_weights;
+use crate::mass::check_weights_of;
 use crate::transport::Weights;
 
 /// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in their unit.
@@ -48,16 +48,7 @@ fn steps(
     weights: Weights,
     sign: f64,
 ) -> Result<Vec<(f64, f64)>, ClusterError> {
-    check_weights(side, weights)?;
-    let got = rows(side, points, 1, "point")?;
-    if got != weights.len() {
-        let (what, expected) = (side, weights.len());
-        return Err(ClusterError::PlanShape {
-            what,
-            got,
-            expected,
-        });
-    }
+    check_weights_of(side, weights, rows(side, points, 1, "point")?)?;
     let sum = weights.sum();
     let height = |i| sign * weights.get(i) / sum;
     Ok(points

@@ -136,6 +136,23 @@ pub(crate) fn check_weights(side: &'static str, weights: Weights) -> Result<(), 
     }
 }
 
+/// Checks the weights of a cloud of this many points.
+pub(crate) fn check_weights_of(
+    side: &'static str,
+    weights: Weights,
+    points: usize,
+) -> Result<(), ClusterError> {
+    check_weights(side, weights)?;
+    match weights.len() {
+        len if len == points => Ok(()),
+        weights => Err(ClusterError::WeightCount {
+            side,
+            points,
+            weights,
+        }),
+    }
+}
+
 fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }

@@ -48,6 +48,15 @@ impl Pricing {
         }
     }
 
+    pub(crate) fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// Counts reduced costs above `-tolerance` as zero from now on.
+    pub(crate) fn tolerate(&mut self, tolerance: f64) {
+        self.tolerance = tolerance;
+    }
+
     /// Returns an arc that lowers the cost, or none if the basis is optimal.
     pub(crate) fn next(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         match self.short {

@@ -3,7 +3,7 @@
 use crate::ClusterError;
 use crate::check::{positive, rows};
 use crate::euclidean::EuclideanCosts;
-use crate::mass::check_weights;
+use crate::mass::check_weights_of;
 use crate::transport::{Solver, TransportPlan, Weights};
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]` with equal
@@ -73,9 +73,9 @@ impl Wasserstein {
         b: Weights,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        check_weights("x", a)?;
-        check_weights("y", b)?;
         let costs = self.costs.compute(x, y, dim)?;
+        check_weights_of("x", a, x.len() / dim)?;
+        check_weights_of("y", b, y.len() / dim)?;
         self.solver.solve(costs, a, b)
     }
 
@@ -91,9 +91,9 @@ impl Wasserstein {
         b: Weights,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        check_weights("x", a)?;
-        check_weights("y", b)?;
         let costs = self.costs.compute(x, y, dim)?;
+        check_weights_of("x", a, x.len() / dim)?;
+        check_weights_of("y", b, y.len() / dim)?;
         self.solver.solve_again(costs, a, b)
     }
 }

@@ -179,13 +179,13 @@ fn weights_that_are_no_distribution_are_refused() {
     };
     assert_eq!(
         message(&[0.5, 0.25]),
-        "the weights of the sources add up to 0.75: expected 1; divide them by their sum"
+        "the weights of sources add up to 0.75: expected 1; divide them by their sum"
     );
     assert_eq!(
         message(&[1.5, -0.5]),
-        "weight 1 of the sources is -0.5: expected a finite number, at least 0"
+        "weight 1 of sources is -0.5: expected a finite number, at least 0"
     );
-    assert!(message(&[f64::NAN]).contains("weight 0 of the sources is NaN"));
+    assert!(message(&[f64::NAN]).contains("weight 0 of sources is NaN"));
     assert!(message(&[f64::INFINITY]).contains("is inf"));
     assert_eq!(message(&[]), "sources is 0: expected at least 1");
     assert!(message(&[0.0, 0.0]).contains("add up to 0"));

@@ -1,0 +1,291 @@
+//! One hostile input for each seed, and the verdict that it must get.
+
+use cluster::{
+    ClusterError, MAX_COST, Solver, TransportPlan, Wasserstein, Weights, certify, wasserstein1_line,
+};
+use rand::seq::IndexedRandom;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::oracle;
+
+/// What became of an input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Outcome {
+    /// Solved and certified; no oracle covers it.
+    Certified,
+    /// Solved, certified, and of the value that an oracle found.
+    Confirmed,
+    /// Malformed, and refused.
+    Refused,
+}
+
+/// Solves the input of this seed, after another one in the same workspace as often as not.
+///
+/// # Errors
+/// A well-formed input that is refused, a malformed one that is answered, an answer that is no optimum.
+pub fn run(seed: u64) -> Result<Outcome, String> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
+    let mut solve = |rng: &mut ChaCha8Rng, with_points| match with_points {
+        true => clouds(rng, &mut workspace),
+        false => matrix(rng, &mut solver),
+    };
+    let with_points = rng.random_ratio(1, 3);
+    if rng.random() {
+        solve(&mut rng, with_points)?;
+    }
+    solve(&mut rng, with_points)
+}
+
+/// The weights of one side.
+enum Side {
+    Uniform(usize),
+    Given(Vec<f64>),
+}
+
+impl Side {
+    fn weights(&self) -> Weights<'_> {
+        match self {
+            Self::Uniform(points) => Weights::Uniform(*points),
+            Self::Given(weights) => Weights::Given(weights),
+        }
+    }
+
+    /// Weights as fractions of their sum, for the oracles.
+    fn fractions(&self) -> Vec<f64> {
+        match self {
+            Self::Uniform(points) => vec![1.0 / *points as f64; *points],
+            Self::Given(weights) => {
+                let sum: f64 = weights.iter().sum();
+                weights.iter().map(|w| w / sum).collect()
+            }
+        }
+    }
+}
+
+fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> {
+    let (mut n, mut m) = (size(rng), size(rng));
+    if rng.random_ratio(1, 1000) {
+        m = rng.random_range(501..560); // priced through shortlists
+    }
+    if rng.random_ratio(1, 3) {
+        n = m.min(6);
+        m = n;
+    }
+    let mut cost = costs(rng, n, m);
+    let (mut a, mut b) = (side(rng, n), side(rng, m));
+    let sound = !rng.random_ratio(1, 8);
+    if !sound {
+        spoil_matrix(rng, &mut cost, &mut a, &mut b);
+    }
+    let result = match rng.random::<bool>() {
+        true => solver.solve(&cost, a.weights(), b.weights()),
+        false => solver.solve_again(&cost, a.weights(), b.weights()),
+    };
+    let Some(plan) = expected(sound, result)? else {
+        return Ok(Outcome::Refused);
+    };
+    recertify(&cost, &a, &b, plan)?;
+    // costs that the optimum does not use must not blur it; the oracle's weights do not add up to the last bit
+    let potential = largest(&plan.source_potentials).max(largest(&plan.sink_potentials));
+    let tolerance = 1e-12 * potential + 1e-15 * largest(&cost) + 1e-320;
+    let value = oracle::transport(&cost, &a.fractions(), &b.fractions());
+    agree(plan.cost, value, tolerance)
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |top: f64, v| top.max(v.abs()))
+}
+
+fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, String> {
+    let (n, m) = (size(rng), size(rng));
+    let mut dim = *[1, 1, 2, 3, 64].choose(rng).unwrap_or(&1);
+    let (mut x, mut y) = points(rng, n, m, dim);
+    let (mut a, mut b) = (side(rng, n), side(rng, m));
+    let sound = !rng.random_ratio(1, 8);
+    if !sound {
+        spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim);
+    }
+    let result = match rng.random::<bool>() {
+        true => workspace.solve(&x, a.weights(), &y, b.weights(), dim),
+        false => workspace.solve_again(&x, a.weights(), &y, b.weights(), dim),
+    };
+    let Some(plan) = expected(sound, result)? else {
+        return Ok(Outcome::Refused);
+    };
+    if dim > 1 {
+        return Ok(Outcome::Certified);
+    }
+    let line = wasserstein1_line(&x, a.weights(), &y, b.weights()).map_err(|e| e.to_string())?;
+    let farthest = x.iter().chain(&y).fold(0.0_f32, |top, v| top.max(v.abs()));
+    agree(plan.cost, Some(line), 1e-11 * f64::from(farthest))
+}
+
+/// Holds a verdict to the one that the input deserves.
+///
+/// # Errors
+/// The difference.
+pub fn expected(
+    sound: bool,
+    result: Result<&TransportPlan, ClusterError>,
+) -> Result<Option<&TransportPlan>, String> {
+    match (sound, result) {
+        (true, Ok(plan)) => Ok(Some(plan)),
+        (false, Err(_)) => Ok(None),
+        (true, Err(error)) => Err(format!("a well-formed input was refused: {error}")),
+        (false, Ok(_)) => Err("a malformed input was answered".into()),
+    }
+}
+
+fn recertify(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> Result<(), String> {
+    let again = certify(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
+    match again == plan.certificate && plan.cost.is_finite() {
+        true => Ok(()),
+        false => Err(format!("{again:?} is not {:?}", plan.certificate)),
+    }
+}
+
+/// Holds a cost to an oracle's, if there is one.
+///
+/// # Errors
+/// Both, where they differ.
+pub fn agree(got: f64, value: Option<f64>, tolerance: f64) -> Result<Outcome, String> {
+    match value {
+        None => Ok(Outcome::Certified),
+        Some(value) if (got - value).abs() <= tolerance => Ok(Outcome::Confirmed),
+        Some(value) => Err(format!("the cost is {got:e}, an oracle says {value:e}")),
+    }
+}
+
+/// Small as a rule.
+fn size(rng: &mut ChaCha8Rng) -> usize {
+    match rng.random_ratio(1, 200) {
+        true => rng.random_range(13..80),
+        false => rng.random_range(1..=12),
+    }
+}
+
+fn costs(rng: &mut ChaCha8Rng, n: usize, m: usize) -> Vec<f64> {
+    let kind = rng.random_range(0..10);
+    let constant = rng.random_range(-3.0..3.0);
+    (0..n * m)
+        .map(|k| match kind {
+            0 => rng.random_range(-1.0..1.0),
+            1 => f64::from(rng.random_range(0..4)),
+            2 => constant,
+            3 => magnitude(rng, -30..31),
+            4 => magnitude(rng, -323..-300),
+            5 => MAX_COST * rng.random_range(-1.0..=1.0),
+            6 => *[0.1, 0.2, 0.3, 1e9].choose(rng).unwrap_or(&0.0),
+            7 => 1.0 + f64::EPSILON * f64::from(rng.random_range(0..4)),
+            8 => (k / m).abs_diff(k % m) as f64 * 0.1,
+            _ => f64::from_bits(rng.random_range(0..4)),
+        })
+        .collect()
+}
+
+fn magnitude(rng: &mut ChaCha8Rng, exponents: std::ops::Range<i32>) -> f64 {
+    let sign = if rng.random() { 1.0 } else { -1.0 };
+    sign * rng.random_range(1.0..10.0) * 10.0_f64.powi(rng.random_range(exponents))
+}
+
+fn side(rng: &mut ChaCha8Rng, points: usize) -> Side {
+    let kind = rng.random_range(0..6);
+    let heaviest = rng.random_range(0..points);
+    let raw: Vec<f64> = (0..points)
+        .map(|i| match kind {
+            0..3 => 1.0,
+            3 => f64::from(rng.random_range(0..4)) + f64::from(u8::from(i == heaviest)),
+            4 => 10.0_f64.powi(-rng.random_range(0..320)) + f64::from(u8::from(i == heaviest)),
+            _ => f64::from(u8::from(i == heaviest)),
+        })
+        .collect();
+    if kind < 2 {
+        return Side::Uniform(points);
+    }
+    let off = 1.0 + rng.random_range(-1e-10..1e-10);
+    let sum: f64 = raw.iter().sum();
+    Side::Given(raw.iter().map(|w| w / sum * off).collect())
+}
+
+/// Makes an input that must be refused.
+fn spoil_matrix(rng: &mut ChaCha8Rng, cost: &mut Vec<f64>, a: &mut Side, b: &mut Side) {
+    let place = rng.random_range(0..cost.len());
+    match rng.random_range(0..5) {
+        0 => cost[place] = unfit(rng),
+        1 => cost.truncate(place),
+        2 => cost.push(0.0),
+        3 => spoil_side(rng, a),
+        _ => spoil_side(rng, b),
+    }
+}
+
+fn unfit(rng: &mut ChaCha8Rng) -> f64 {
+    let unfit = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        2.0 * MAX_COST,
+        f64::MIN,
+    ];
+    *unfit.choose(rng).unwrap_or(&f64::NAN)
+}
+
+fn spoil_side(rng: &mut impl Rng, side: &mut Side) {
+    match side {
+        Side::Uniform(points) => {
+            let wrong = [0, *points + 1, usize::MAX, usize::MAX / *points];
+            *points = *wrong.choose(rng).unwrap_or(&0);
+        }
+        Side::Given(weights) => {
+            let place = rng.random_range(0..weights.len());
+            match rng.random_range(0..6) {
+                0 => weights[place] = f64::NAN,
+                1 => weights[place] = f64::INFINITY,
+                2 => weights[place] = -f64::MIN_POSITIVE,
+                3 => weights[place] += 1e-8,
+                4 => weights.fill(0.0),
+                _ => weights.push(0.0),
+            }
+        }
+    }
+}
+
+fn points(rng: &mut ChaCha8Rng, n: usize, m: usize, dim: usize) -> (Vec<f32>, Vec<f32>) {
+    let kind = rng.random_range(0..7);
+    let mut cloud = |points: usize| -> Vec<f32> {
+        (0..points * dim)
+            .map(|k| match kind {
+                0 => rng.random_range(-1.0..1.0),
+                1 => f32::from(rng.random_range(0_i8..3)),
+                2 => 1e30 * rng.random_range(-1.0_f32..1.0),
+                3 => f32::from_bits(rng.random_range(0..100)),
+                4 => 1e6 + rng.random_range(0.0..1.0),
+                // an outlier a million times farther than the rest is wide
+                5 if k < dim => 1e6,
+                5 => rng.random_range(-1.0..1.0),
+                _ => (k / dim) as f32,
+            })
+            .collect()
+    };
+    (cloud(n), cloud(m))
+}
+
+fn spoil_clouds(
+    rng: &mut ChaCha8Rng,
+    (x, y): (&mut Vec<f32>, &mut Vec<f32>),
+    (a, b): (&mut Side, &mut Side),
+    dim: &mut usize,
+) {
+    let place = rng.random_range(0..x.len());
+    match rng.random_range(0..7) {
+        0 => x[place] = f32::NAN,
+        1 => x[place] = f32::NEG_INFINITY,
+        2 => y.clear(),
+        3 => *dim = 0,
+        4 => y.push(0.0), // half a point, or one without a weight
+        5 => spoil_side(rng, a),
+        _ => spoil_side(rng, b),
+    }
+}

@@ -1,0 +1,55 @@
+//! A short run of the fuzz example.
+
+#[path = "../examples/fuzz/case.rs"]
+mod case;
+#[path = "../examples/fuzz/oracle.rs"]
+mod oracle;
+
+#[test]
+fn twenty_thousand_hostile_inputs_get_the_verdict_they_deserve() {
+    let mut counts = [0; 3];
+    for seed in 0..20_000 {
+        let outcome = case::run(seed);
+        counts[outcome.unwrap_or_else(|wrong| panic!("input {seed}: {wrong}")) as usize] += 1;
+    }
+    // each kind of verdict is met often, so none of the three is vacuous
+    assert!(counts.iter().all(|count| *count > 1000), "{counts:?}");
+}
+
+#[test]
+fn the_verdicts_can_be_wrong() {
+    let plan = cluster::TransportPlan::default();
+    let refused = cluster::ClusterError::Empty { what: "x" };
+    assert!(case::expected(true, Ok(&plan)).is_ok());
+    assert!(case::expected(false, Err(refused.clone())).is_ok());
+    assert!(case::expected(false, Ok(&plan)).is_err());
+    assert!(case::expected(true, Err(refused)).is_err());
+    assert!(case::agree(1.0, Some(1.0), 1e-12).is_ok());
+    assert!(case::agree(1.0, Some(1.001), 1e-12).is_err());
+    assert!(case::agree(f64::NAN, Some(1.0), 1e-12).is_err());
+}
+
+#[test]
+fn the_oracles_agree_with_one_another() {
+    let cost = [9.0, 2.0, 5.0, 4.0, 1.0, 7.0];
+    // source 1 serves sink 1 and a part of sink 2, source 0 the rest; worked by hand
+    let (a, b) = ([0.5, 0.5], [0.25, 0.25, 0.5]);
+    let value = 0.5 * 5.0 + 0.25 * 4.0 + 0.25 * 1.0;
+    assert_eq!(oracle::transport(&cost, &a, &b), Some(value));
+    let transposed = [9.0, 4.0, 2.0, 1.0, 5.0, 7.0];
+    assert_eq!(oracle::transport(&transposed, &b, &a), Some(value));
+    // two points of weight a half each are four of a quarter
+    let doubled: Vec<f64> = (0..16)
+        .map(|k| [9.0, 2.0, 4.0, 1.0][k / 8 * 2 + k % 4 / 2])
+        .collect();
+    let quarters = [0.25; 4];
+    assert_eq!(oracle::transport(&doubled, &quarters, &quarters), Some(3.0));
+    assert_eq!(
+        oracle::transport(&[9.0, 2.0, 4.0, 1.0], &a, &[0.5, 0.5]),
+        Some(3.0)
+    );
+    assert_eq!(
+        oracle::transport(&[0.0; 81], &[1.0 / 9.0; 9], &[1.0 / 9.0; 9]),
+        None
+    );
+}
