@@ -151,44 +151,54 @@ fn check_reduced_costs(
     plan: &TransportPlan,
     tolerance: f64,
 ) -> Result<f64, ClusterError> {
-    let v = &plan.sink_potentials;
+    let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
+    let finite = u.iter().chain(v).all(|p| p.is_finite());
     let mut least = 0.0_f64;
-    for (source_index, (row, u)) in cost
-        .chunks_exact(v.len())
-        .zip(&plan.source_potentials)
-        .enumerate()
-    {
-        // two passes: the first one, without a way out, is the one that compiles to vector code
-        let slack = |(c, v): (&f64, &f64)| c - v - u;
-        let sound = row
-            .iter()
-            .zip(v)
-            .map(slack)
-            .fold(true, |all, s| all & (s >= -tolerance));
-        if !sound {
-            return Err(infeasible(
-                source_index,
-                row.iter().zip(v).map(slack),
-                tolerance,
-            ));
+    for (source_index, (row, u)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
+        let slack = least_slack(row, v, *u);
+        if !(finite && slack >= -tolerance) {
+            refuse(source_index, row, v, *u, tolerance)?;
         }
-        least = row.iter().zip(v).map(slack).fold(least, f64::min);
+        least = least.min(slack);
     }
     Ok(least.abs())
 }
 
-fn infeasible(
+/// Returns the smallest `c_j - v_j - u` of finite numbers, in lanes: a single minimum would wait for each
+/// comparison in turn.
+fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
+    let lower = |a: f64, b: f64| if b < a { b } else { a };
+    let mut lanes = [f64::INFINITY; 8];
+    let ((costs, cost_rest), (vs, v_rest)) = (row.as_chunks::<8>(), v.as_chunks::<8>());
+    for (c, v) in costs.iter().zip(vs) {
+        for k in 0..8 {
+            lanes[k] = lower(lanes[k], c[k] - v[k] - u);
+        }
+    }
+    let rest = cost_rest.iter().zip(v_rest).map(|(c, v)| c - v - u);
+    lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
+}
+
+/// Refuses the first pair of a row whose slack is too small or not a number, if there is one.
+fn refuse(
     source_index: usize,
-    slacks: impl Iterator<Item = f64>,
+    row: &[f64],
+    v: &[f64],
+    u: f64,
     tolerance: f64,
-) -> ClusterError {
-    let refused = slacks.enumerate().find(|&(_, s)| !at_least(s, -tolerance));
-    let (sink_index, slack) = refused.unwrap_or((0, f64::NAN));
-    ClusterError::DualInfeasible {
-        source_index,
-        sink_index,
-        slack,
-        tolerance,
+) -> Result<(), ClusterError> {
+    let slacks = row.iter().zip(v).map(|(c, v)| c - v - u);
+    match slacks
+        .enumerate()
+        .find(|&(_, slack)| !at_least(slack, -tolerance))
+    {
+        Some((sink_index, slack)) => Err(ClusterError::DualInfeasible {
+            source_index,
+            sink_index,
+            slack,
+            tolerance,
+        }),
+        None => Ok(()),
     }
 }
 

@@ -50,7 +50,19 @@ impl EuclideanCosts {
     /// finite; a matrix that does not fit in memory.
     pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64], ClusterError> {
         positive("dim", dim)?;
-        let (n, m) = (rows("x", x, dim, "point")?, rows("y", y, dim, "point")?);
+        rows("x", x, dim, "point")?;
+        rows("y", y, dim, "point")?;
+        self.compute_checked(x, y, dim)
+    }
+
+    /// Does the same for clouds that have been checked.
+    pub(crate) fn compute_checked(
+        &mut self,
+        x: &[f32],
+        y: &[f32],
+        dim: usize,
+    ) -> Result<&[f64], ClusterError> {
+        let (n, m) = (x.len() / dim, y.len() / dim);
         let Self { centre, costs, .. } = self;
         costs.clear();
         let room = n.checked_mul(m).map(|len| costs.try_reserve(len));
@@ -60,9 +72,10 @@ impl EuclideanCosts {
         }
         centre.clear();
         centre.resize(dim, 0.0);
-        for point in x.chunks_exact(dim).chain(y.chunks_exact(dim)) {
-            zip(&mut *centre, point).for_each(|(c, &p)| *c += f64::from(p));
-        }
+        Arch::new().dispatch(
+            #[inline(always)]
+            || add_points(centre, x, y),
+        );
         centre.iter_mut().for_each(|c| *c /= (n + m) as f64);
         self.y.fill(y, centre);
         costs.resize(n * m, 0.0);
@@ -82,6 +95,13 @@ impl EuclideanCosts {
             blocks.for_each(|(costs, x)| columns.distances(&mut self.block, x, costs));
         }
         Ok(&self.costs)
+    }
+}
+
+#[inline(always)]
+fn add_points(sum: &mut [f64], x: &[f32], y: &[f32]) {
+    for point in x.chunks_exact(sum.len()).chain(y.chunks_exact(sum.len())) {
+        zip(&mut *sum, point).for_each(|(sum, &p)| *sum += f64::from(p));
     }
 }
 

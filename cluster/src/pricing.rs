@@ -6,8 +6,8 @@ use crate::lanes::Lanes;
 /// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as fast as
 /// the scattered prices of a shortlist.
 const DENSE_SINKS: usize = 500;
-/// Costs in one block of dense pricing.
-const BLOCK: usize = 1024;
+/// Costs in one block of dense pricing, as a multiple of the root of their number: larger problems repay a wider search.
+const BLOCK: f64 = 3.0;
 /// Sinks on the shortlist of a source.
 const SHORT: usize = 32;
 /// Sources whose shortlists are priced for one pivot.
@@ -69,7 +69,8 @@ impl Pricing {
 
     fn next_dense(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         let (own, prices) = (basis.source_prices(), basis.sink_prices());
-        let rows = (BLOCK / prices.len()).max(1);
+        let block = BLOCK * (cost.len() as f64).sqrt();
+        let rows = (block as usize / prices.len()).max(1);
         let mut priced = 0;
         while priced < own.len() {
             let (first, last) = (self.source, (self.source + rows).min(own.len()));

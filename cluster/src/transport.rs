@@ -284,9 +284,12 @@ pub(crate) fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<
 
 /// Checks that all costs are finite and within [`MAX_COST`].
 pub(crate) fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
-    let Some(index) = cost.iter().position(|c| c.is_nan() || c.abs() > MAX_COST) else {
+    let accepted = |c: &f64| c.abs() <= MAX_COST;
+    // the whole matrix, without a way out: such a loop compiles to vector code
+    if cost.iter().fold(true, |all, c| all & accepted(c)) {
         return Ok(());
-    };
+    }
+    let index = cost.iter().position(|c| !accepted(c)).unwrap_or(0);
     let value = cost[index];
     Err(match value.is_finite() {
         true => ClusterError::CostTooLarge {
