@@ -1,10 +1,9 @@
 //! The dense kernel of a steerable convolution: the slow twin of the fold.
 
-use std::f64::consts::FRAC_1_SQRT_2;
-
 use symmetry::{FieldType, Irrep};
 
 use crate::hadamard::hadamard;
+use crate::taps::Taps;
 use crate::{Layer, LayerError, R2Conv, Scalar};
 
 impl R2Conv {
@@ -17,44 +16,17 @@ impl R2Conv {
     /// When `params` does not hold the layer's parameters.
     pub fn expanded_kernel<T: Scalar>(&self, params: &[T]) -> Vec<T> {
         assert_eq!(params.len(), Layer::<T>::num_params(self));
-        let fold = self.fold();
-        let k = fold.kernel().size;
-        let mut kernel = vec![T::ZERO; self.out_type().dim() * fold.in_type().dim() * k * k];
+        let taps = self.fold().taps();
+        let per_output = taps.in_type().dim() * taps.size() * taps.size();
+        let mut kernel = vec![T::ZERO; self.out_type().dim() * per_output];
         for b in Irrep::ALL {
             let weights = &params[self.blocks().weights(b)];
-            let rows = weights.chunks_exact(fold.cols(b).max(1));
+            let rows = weights.chunks_exact(taps.cols(b).max(1));
             for (out, row) in self.out_type().range(b).zip(rows) {
-                for parity in Irrep::ALL {
-                    self.expand_row(
-                        b,
-                        parity,
-                        row,
-                        &mut kernel[out * fold.in_type().dim() * k * k..],
-                    );
-                }
+                expand_row(taps, b, row, &mut kernel[out * per_output..][..per_output]);
             }
         }
         kernel
-    }
-
-    /// Adds what the folded taps of one parity contribute to the kernel of one output channel.
-    fn expand_row<T: Scalar>(&self, b: Irrep, parity: Irrep, row: &[T], kernel: &mut [T]) {
-        let fold = self.fold();
-        let k = fold.kernel().size;
-        let (x_odd, y_odd) = (parity.index() & 1, parity.index() >> 1);
-        for i in 0..fold.axis_taps(y_odd) {
-            for j in 0..fold.axis_taps(x_odd) {
-                let column = fold.column(b, (y_odd, i), (x_odd, j));
-                for (c, channel) in fold.in_type().range(b * parity).enumerate() {
-                    for (ty, y_part) in tap_parts(k, y_odd, i) {
-                        for (tx, x_part) in tap_parts(k, x_odd, j) {
-                            let part = T::from_f64(y_part * x_part);
-                            kernel[(channel * k + ty) * k + tx] += row[column + c] * part;
-                        }
-                    }
-                }
-            }
-        }
     }
 
     /// The dense kernel `[C_out, C_in, size, size]` in the regular basis.
@@ -88,14 +60,17 @@ impl R2Conv {
     }
 }
 
-/// The taps of an axis that make up a folded tap, with their coefficients.
-fn tap_parts(k: usize, odd: usize, i: usize) -> Vec<(usize, f64)> {
-    let mirrored = k - 1 - i;
-    if mirrored == i {
-        return vec![(i, 1.0)];
+/// Writes the kernel `[C_in, size, size]` of one output channel of irrep b.
+fn expand_row<T: Scalar>(taps: &Taps, b: Irrep, row: &[T], kernel: &mut [T]) {
+    let (size, mut weights) = (taps.size(), row.iter());
+    for function in taps.functions() {
+        let channels = taps.in_type().range(taps.input(b, function.parity));
+        for (channel, &weight) in channels.zip(&mut weights) {
+            for &([ty, tx], c) in &function.parts {
+                kernel[(channel * size + ty) * size + tx] += weight * T::from_f64(c);
+            }
+        }
     }
-    let sign = if odd == 1 { -1.0 } else { 1.0 };
-    vec![(i, FRAC_1_SQRT_2), (mirrored, sign * FRAC_1_SQRT_2)]
 }
 
 /// Transforms the first axis, the channels, of `[dim, inner]` values.
@@ -105,7 +80,7 @@ fn to_regular<T: Scalar>(fields: FieldType, values: &mut [T], inner: usize) {
     }
     for i in 0..inner {
         let mut channels: Vec<T> = values[i..].iter().step_by(inner).copied().collect();
-        hadamard(&mut channels);
+        hadamard(fields.group(), &mut channels);
         for (value, channel) in values[i..].iter_mut().step_by(inner).zip(channels) {
             *value = channel;
         }

@@ -6,7 +6,7 @@ use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
 use crate::blocks::{Blocks, Rows, RowsMut};
-use crate::{Layer, Scalar, Shape};
+use crate::{Layer, LayerError, Scalar, Shape};
 
 /// A linear map of vectors, with a bias on the trivial irrep.
 ///
@@ -21,13 +21,17 @@ pub struct Linear {
 
 impl Linear {
     /// The map between two types; an output irrep that the input lacks is zero.
-    pub fn new(in_type: FieldType, out_type: FieldType) -> Linear {
+    ///
+    /// # Errors
+    /// When the groups of the types differ.
+    pub fn new(in_type: FieldType, out_type: FieldType) -> Result<Linear, LayerError> {
+        LayerError::check_groups("Linear", in_type, out_type)?;
         let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
-        Linear {
+        Ok(Linear {
             in_type,
             out_type,
             blocks: Blocks::new(cols, out_type),
-        }
+        })
     }
 
     fn block_of<'a, T>(&self, b: Irrep, x: &'a [T]) -> Rows<'a, T> {

@@ -1,4 +1,4 @@
-//! Shapes of feature maps and the action of D2 on them.
+//! Shapes of feature maps and the action of the group on them.
 
 use std::fmt;
 
@@ -49,7 +49,7 @@ impl Shape {
     /// The transformed copy of one sample: pixels move, and channels of odd irreps change sign.
     ///
     /// # Panics
-    /// When `sample` does not hold [`len`](Shape::len) values.
+    /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len) values.
     pub fn act<T: Scalar>(&self, g: D2, sample: &[T]) -> Vec<T> {
         let dim = self.fields.dim();
         let mut moved = g.transform_image(sample, self.height, self.width, dim);

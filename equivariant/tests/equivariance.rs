@@ -3,7 +3,7 @@
 mod common;
 
 use common::{layers, params, rng};
-use equivariant::{FieldType, Scalar, Shape, equivariance_error, equivariance_error_of};
+use equivariant::{FieldType, Group, Scalar, Shape, equivariance_error, equivariance_error_of};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {
@@ -30,22 +30,22 @@ fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
 
 #[test]
 fn the_checker_refuses_a_wrong_action_on_channels() {
-    let right = Shape::image(2, 3, FieldType::new([1, 1, 0, 0]));
-    let wrong = Shape::image(2, 3, FieldType::new([1, 0, 1, 0]));
+    let right = Shape::image(2, 3, FieldType::new(Group::D2, [1, 1, 0, 0]));
+    let wrong = Shape::image(2, 3, FieldType::new(Group::D2, [1, 0, 1, 0]));
     assert_eq!(identity_between(right, right), 0.0);
     assert!(identity_between(right, wrong) > 0.1);
 }
 
 #[test]
 fn the_checker_refuses_a_wrong_action_on_pixels() {
-    let tall = Shape::image(3, 2, FieldType::trivial(1));
-    let wide = Shape::image(2, 3, FieldType::trivial(1));
+    let tall = Shape::image(3, 2, Group::D2.trivial(1));
+    let wide = Shape::image(2, 3, Group::D2.trivial(1));
     assert!(identity_between(tall, wide) > 0.1);
 }
 
 #[test]
 fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
-    let shape = Shape::vector(FieldType::new([0, 4, 0, 0]));
+    let shape = Shape::vector(FieldType::new(Group::D2, [0, 4, 0, 0]));
     let relu = |x: &[f32], y: &mut [f32]| {
         for (y, &x) in y.iter_mut().zip(x) {
             *y = x.max(0.0);
@@ -55,8 +55,23 @@ fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
 }
 
 #[test]
+fn the_checker_applies_every_element_of_the_group() {
+    // x and y change places: the half turn does not see it
+    let swapped = |group: Group| {
+        let shape = Shape::vector(FieldType::new(group, [0, 1, 1, 0]));
+        let f = |v: &[f64], y: &mut [f64]| y.copy_from_slice(&[v[1], v[0]]);
+        equivariance_error_of(shape, shape, f, 3, &mut rng(0))
+    };
+    assert_eq!(swapped(Group::C1), 0.0);
+    assert_eq!(swapped(Group::C2), 0.0);
+    for group in [Group::D1x, Group::D1y, Group::D2] {
+        assert!(swapped(group) > 0.1, "{group}");
+    }
+}
+
+#[test]
 fn the_checker_refuses_what_is_not_finite() {
-    let shape = Shape::vector(FieldType::trivial(2));
+    let shape = Shape::vector(Group::D2.trivial(2));
     let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);
     assert_eq!(
         equivariance_error_of(shape, shape, nan, 1, &mut rng(0)),

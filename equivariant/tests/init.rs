@@ -4,8 +4,8 @@
 
 mod common;
 
-use common::{conv, forward, network, normal, rng};
-use equivariant::{FieldType, Layer, LayerError, Linear, Relu, Sequential};
+use common::{boxed, conv, forward, network, normal, rng};
+use equivariant::{Group, Layer, LayerError, Linear, Relu, Sequential};
 
 fn second_moment(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64
@@ -20,12 +20,12 @@ fn output_moment(layer: &dyn Layer<f64>, gain: f64) -> f64 {
 
 #[test]
 fn unit_variance_in_gives_the_gain_squared_out() {
-    let regular = FieldType::regular;
+    let regular = |n| Group::D2.regular(n);
     // no padding: zeros in the window would lower the variance
     let wide: [Box<dyn Layer<f64>>; 3] = [
         conv(regular(8), regular(16), [4, 2, 0], [4, 4]),
-        conv(FieldType::trivial(6), regular(64), [3, 1, 0], [3, 3]),
-        Box::new(Linear::new(regular(64), regular(64))),
+        conv(Group::D2.trivial(6), regular(64), [3, 1, 0], [3, 3]),
+        boxed(Linear::new(regular(64), regular(64))),
     ];
     for layer in wide {
         for gain in [0.01, 1.0, std::f64::consts::SQRT_2] {
@@ -37,7 +37,7 @@ fn unit_variance_in_gives_the_gain_squared_out() {
 
 #[test]
 fn the_default_keeps_the_second_moment_across_a_relu() {
-    let linear = Linear::new(FieldType::regular(64), FieldType::regular(64));
+    let linear = Linear::new(Group::D2.regular(64), Group::D2.regular(64)).unwrap();
     let relu = Relu::new(Layer::<f64>::out_shape(&linear)).unwrap();
     let net = Sequential::new(vec![
         Box::new(linear) as Box<dyn Layer<f64>>,
@@ -52,7 +52,7 @@ fn the_default_keeps_the_second_moment_across_a_relu() {
 
 #[test]
 fn biases_start_at_zero_and_equal_seeds_give_equal_weights() {
-    let net = network::<f32>();
+    let net = network::<f32>(Group::D2);
     let draw = |seed| {
         let mut params = vec![f32::NAN; net.num_params()];
         net.init(&mut rng(seed), &mut params);
@@ -67,7 +67,7 @@ fn biases_start_at_zero_and_equal_seeds_give_equal_weights() {
 
 #[test]
 fn the_gain_of_a_chain_is_that_of_its_last_layer_with_parameters() {
-    let net = network::<f64>();
+    let net = network::<f64>(Group::D2);
     let draw = |gain| {
         let mut params = vec![0.0; net.num_params()];
         net.init_scaled(&mut rng(1), gain, &mut params);
@@ -84,7 +84,7 @@ fn the_gain_of_a_chain_is_that_of_its_last_layer_with_parameters() {
 #[test]
 fn chains_that_do_not_fit_are_refused_with_both_shapes() {
     let linear = |a, b| -> Box<dyn Layer<f32>> {
-        Box::new(Linear::new(FieldType::regular(a), FieldType::regular(b)))
+        boxed(Linear::new(Group::D2.regular(a), Group::D2.regular(b)))
     };
     let error = Sequential::new(vec![linear(1, 2), linear(3, 1)]).unwrap_err();
     let message = error.to_string();
