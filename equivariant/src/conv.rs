@@ -51,6 +51,27 @@ impl R2Conv {
         })
     }
 
+    /// A convolution whose window is the whole map: it flattens a square map to a vector.
+    ///
+    /// # Errors
+    /// When the groups of the types differ or the map is not square.
+    pub fn flatten(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
+        let Shape { height, width, .. } = shape;
+        if height != width {
+            return Err(LayerError::NotSquare {
+                layer: "R2Conv::flatten",
+                height,
+                width,
+            });
+        }
+        let kernel = Kernel {
+            size: height,
+            stride: 1,
+            padding: 0,
+        };
+        R2Conv::new(shape.fields, out_type, kernel, [height, width])
+    }
+
     pub(crate) fn fold(&self) -> &Fold {
         &self.fold
     }

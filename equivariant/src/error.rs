@@ -68,6 +68,53 @@ pub enum LayerError {
         /// The other.
         second: FieldType,
     },
+    /// A window can lie in the padding altogether, where nothing can be pooled.
+    #[error(
+        "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
+    )]
+    Padding {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Pixels added on each side.
+        padding: usize,
+        /// Side of the window in pixels.
+        size: usize,
+    },
+    /// A layer that needs a square map was given another one.
+    #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
+    NotSquare {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Rows of pixels.
+        height: usize,
+        /// Columns of pixels.
+        width: usize,
+    },
+    /// Two maps that belong together have different sizes.
+    #[error(
+        "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
+        first[0], first[1], second[0], second[1]
+    )]
+    Sizes {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Height and width of one map in pixels.
+        first: [usize; 2],
+        /// Those of the other.
+        second: [usize; 2],
+    },
+    /// A number of the layer's settings is out of its range.
+    #[error("{layer}: got the {setting} {got}, expected {expected}")]
+    Setting {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Name of the setting.
+        setting: &'static str,
+        /// The refused value.
+        got: String,
+        /// What the layer takes.
+        expected: &'static str,
+    },
     /// Neighbouring layers of a sequence disagree.
     #[error(
         "layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",

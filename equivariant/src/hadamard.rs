@@ -39,21 +39,8 @@ pub fn hadamard<T: Scalar>(group: Group, channels: &mut [T]) {
         channels.len(),
         group.order()
     );
-    match group.order() {
-        1 => {}
-        2 => transform_fields::<T, 2>(channels),
-        _ => transform_fields::<T, 4>(channels),
-    }
-}
-
-fn transform_fields<T: Scalar, const G: usize>(channels: &mut [T]) {
-    let n = channels.len() / G;
-    for f in 0..n {
-        let values = transform::<T, G>(from_fn(|a| channels[a * n + f]));
-        for (a, value) in values.into_iter().enumerate() {
-            channels[a * n + f] = value;
-        }
-    }
+    let n = channels.len() / group.order();
+    transform_pixels(group.order(), n, channels);
 }
 
 /// The order of the group and the number of fields of a type that has a basis which the group permutes.
@@ -65,6 +52,31 @@ pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
     }
     let n = fields.regular_fields()?;
     Some((fields.group().order(), n))
+}
+
+/// Transforms n fields of this order in place at every pixel.
+pub(crate) fn transform_pixels<T: Scalar>(order: usize, n: usize, pixels: &mut [T]) {
+    match order {
+        1 => {}
+        2 => transform_each::<T, 2>(n, pixels),
+        _ => transform_each::<T, 4>(n, pixels),
+    }
+}
+
+#[expect(
+    clippy::needless_range_loop,
+    reason = "f indexes every part of a pixel"
+)]
+fn transform_each<T: Scalar, const G: usize>(n: usize, pixels: &mut [T]) {
+    for pixel in pixels.chunks_exact_mut((G * n).max(1)) {
+        let parts = parts_mut::<T, G>(pixel, n);
+        for f in 0..n {
+            let values = transform::<T, G>(from_fn(|a| parts[a][f]));
+            for a in 0..G {
+                parts[a][f] = values[a];
+            }
+        }
+    }
 }
 
 /// Splits the channels of one pixel into those of the irreps.

@@ -10,7 +10,8 @@ const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 /// An equivariant map of feature maps that owns no weights.
 ///
 /// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
-/// `in_shape().len()`. Methods panic when the lengths of their slices do not agree.
+/// `in_shape().len()`. Methods panic when the lengths of their slices do not agree. What the trait provides is right
+/// for a layer without parameters or scratch.
 pub trait Layer<T: Scalar>: Send + Sync {
     /// The shape of one input sample.
     fn in_shape(&self) -> Shape;
@@ -19,14 +20,16 @@ pub trait Layer<T: Scalar>: Send + Sync {
     fn out_shape(&self) -> Shape;
 
     /// The number of parameters.
-    fn num_params(&self) -> usize;
+    fn num_params(&self) -> usize {
+        0
+    }
 
     /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
     ///
     /// For inputs of unit second moment every output then has the second moment gain^2,
     /// averaged over the weights. In a sequence, `gain` is that of the last layer with parameters;
     /// the layers before it keep the gain of [`init`](Layer::init).
-    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]);
+    fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
 
     /// Draws the weights for a layer followed by a ReLU: gain sqrt(2).
     ///
@@ -36,7 +39,9 @@ pub trait Layer<T: Scalar>: Send + Sync {
     }
 
     /// The length that `scratch` must at least have for this many samples.
-    fn scratch_len(&self, samples: usize) -> usize;
+    fn scratch_len(&self, _samples: usize) -> usize {
+        0
+    }
 
     /// Whether `backward` reads what `forward` left in `scratch`.
     fn keeps_scratch(&self) -> bool {

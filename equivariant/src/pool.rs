@@ -3,10 +3,10 @@
 use std::array::from_fn;
 use std::fmt;
 
-use rand::Rng;
 use symmetry::Group;
 
 use crate::hadamard::{parts, parts_mut, transform};
+use crate::scalar::exceeds;
 use crate::{Layer, LayerError, Scalar, Shape};
 
 /// The maximum over the group of every regular field.
@@ -52,16 +52,6 @@ impl<T: Scalar> Layer<T> for GroupMaxPool {
             fields: self.group().trivial(self.fields),
             ..self.shape
         }
-    }
-
-    fn num_params(&self) -> usize {
-        0
-    }
-
-    fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
-
-    fn scratch_len(&self, _samples: usize) -> usize {
-        0
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
@@ -125,7 +115,7 @@ fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]
 fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     let mut best = (0, values[0]);
     for (g, &value) in values.iter().enumerate().skip(1) {
-        if value > best.1 || value.partial_cmp(&value).is_none() {
+        if exceeds(value, best.1) {
             best = (g, value);
         }
     }

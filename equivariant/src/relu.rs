@@ -3,8 +3,6 @@
 use std::array::from_fn;
 use std::fmt;
 
-use rand::Rng;
-
 use crate::hadamard::{parts, parts_mut, permuted, transform};
 use crate::{Layer, LayerError, Scalar, Shape};
 
@@ -45,16 +43,6 @@ impl<T: Scalar> Layer<T> for Relu {
 
     fn out_shape(&self) -> Shape {
         self.shape
-    }
-
-    fn num_params(&self) -> usize {
-        0
-    }
-
-    fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
-
-    fn scratch_len(&self, _samples: usize) -> usize {
-        0
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {

@@ -1,6 +1,7 @@
 //! Shapes of feature maps and the action of the group on them.
 
 use std::fmt;
+use std::slice::{ChunksExact, ChunksExactMut};
 
 use symmetry::{D2, FieldType};
 
@@ -57,6 +58,16 @@ impl Shape {
             self.fields.act(g, pixel);
         }
         moved
+    }
+
+    /// The samples of a slice.
+    pub(crate) fn each<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
+        values.chunks_exact(self.len().max(1))
+    }
+
+    /// The same, to be written.
+    pub(crate) fn each_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
+        values.chunks_exact_mut(self.len().max(1))
     }
 
     /// The number of samples in a slice of `len` values.

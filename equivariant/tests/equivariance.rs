@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{layers, params, rng};
+use common::{exact_layers_of, layers, params, rng};
 use equivariant::{FieldType, Group, Scalar, Shape, equivariance_error, equivariance_error_of};
 
 fn worst<T: Scalar>(tolerance: f64) {
@@ -21,6 +21,16 @@ fn layers_are_equivariant_in_double_precision() {
 #[test]
 fn layers_are_equivariant_in_single_precision() {
     worst::<f32>(1e-5);
+}
+
+#[test]
+fn layers_that_only_permute_and_compare_are_exact() {
+    for group in Group::ALL {
+        for (name, layer) in exact_layers_of::<f32>(group) {
+            let error = equivariance_error(layer.as_ref(), &[], 5, &mut rng(5));
+            assert_eq!(error, 0.0, "{name} of {group}");
+        }
+    }
 }
 
 fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
