@@ -7,7 +7,7 @@ use symmetry::{FieldType, Irrep};
 
 use crate::blocks::{Blocks, Rows, RowsMut};
 use crate::fold::{Fold, Matrices};
-use crate::{Kernel, Layer, LayerError, Scalar, Shape};
+use crate::{Dense, Kernel, Layer, LayerError, Scalar, Shape};
 
 /// Output pixels that go into one matrix product; small images are batched up to it.
 const GROUP_PIXELS: usize = 144;
@@ -72,16 +72,16 @@ impl R2Conv {
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 
-    pub(crate) fn fold(&self) -> &Fold {
-        &self.fold
-    }
-
-    pub(crate) fn blocks(&self) -> &Blocks {
-        &self.blocks
-    }
-
-    pub(crate) fn out_type(&self) -> FieldType {
-        self.out_type
+    /// The layer as an ordinary convolution.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "R2Conv",
+            taps: self.fold.taps().clone(),
+            blocks: &self.blocks,
+            window: self.fold.kernel(),
+            in_shape: self.shape_in(),
+            out_shape: self.shape_out(),
+        }
     }
 
     fn shape_in(&self) -> Shape {
@@ -137,6 +137,10 @@ impl<T: Scalar> Layer<T> for R2Conv {
 
     fn num_params(&self) -> usize {
         self.blocks.num_params()
+    }
+
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        Some(self.dense())
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {

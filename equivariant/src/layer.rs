@@ -1,8 +1,10 @@
 //! What a layer is.
 
+use std::fmt;
+
 use rand::Rng;
 
-use crate::{Scalar, Shape};
+use crate::{Dense, Scalar, Shape};
 
 /// The gain of weights that are followed by a ReLU: it halves the second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
@@ -12,7 +14,7 @@ const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 /// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
 /// `in_shape().len()`. Methods panic when the lengths of their slices do not agree. What the trait provides is right
 /// for a layer without parameters or scratch.
-pub trait Layer<T: Scalar>: Send + Sync {
+pub trait Layer<T: Scalar>: fmt::Display + Send + Sync {
     /// The shape of one input sample.
     fn in_shape(&self) -> Shape;
 
@@ -36,6 +38,16 @@ pub trait Layer<T: Scalar>: Send + Sync {
     /// He et al., "Delving deep into rectifiers", ICCV 2015, equation 10.
     fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {
         self.init_scaled(rng, RELU_GAIN, params);
+    }
+
+    /// The layer as an ordinary convolution, if it is linear and has weights.
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        None
+    }
+
+    /// The layers of a chain, in order; their parameters follow one another. Other layers have none.
+    fn layers(&self) -> &[Box<dyn Layer<T>>] {
+        &[]
     }
 
     /// The length that `scratch` must at least have for this many samples.

@@ -6,7 +6,8 @@ use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
 use crate::blocks::{Blocks, Rows, RowsMut};
-use crate::{Layer, LayerError, Scalar, Shape};
+use crate::taps::Taps;
+use crate::{Dense, Kernel, Layer, LayerError, Scalar, Shape};
 
 /// A linear map of vectors, with a bias on the trivial irrep.
 ///
@@ -34,6 +35,22 @@ impl Linear {
         })
     }
 
+    /// The layer as an ordinary convolution of one tap.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "Linear",
+            taps: Taps::new(self.in_type, 1),
+            blocks: &self.blocks,
+            window: Kernel {
+                size: 1,
+                stride: 1,
+                padding: 0,
+            },
+            in_shape: Shape::vector(self.in_type),
+            out_shape: Shape::vector(self.out_type),
+        }
+    }
+
     fn block_of<'a, T>(&self, b: Irrep, x: &'a [T]) -> Rows<'a, T> {
         Rows {
             data: x.get(self.in_type.range(b).start..).unwrap_or_default(),
@@ -53,6 +70,10 @@ impl<T: Scalar> Layer<T> for Linear {
 
     fn num_params(&self) -> usize {
         self.blocks.num_params()
+    }
+
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        Some(self.dense())
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {

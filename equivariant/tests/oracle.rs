@@ -84,7 +84,7 @@ proptest! {
         prop_assert_eq!(layer.is_ok(), exact == [true, true]);
         let Ok(layer) = layer else { return Ok(()) };
         let params = with_zero_bias(&layer, seed);
-        let kernel = layer.expanded_kernel(&params);
+        let kernel = layer.dense().kernel(&params);
         let len = Layer::<f64>::in_shape(&layer).len();
         // five samples: more than a group of small images, and a group that is not full
         let x = normal::<f64>(5 * len, seed + 1);
@@ -117,7 +117,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     regular_x
         .chunks_mut(8)
         .for_each(|pixel| hadamard(Group::D2, pixel));
-    let kernel = layer.expanded_regular_kernel(&params).unwrap();
+    let kernel = layer.dense().regular_kernel(&params).unwrap();
     let y = naive(&layer, &kernel, window, &regular_x);
     assert!(largest_difference(&y, &expected) < 1e-12);
 }
@@ -126,7 +126,8 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
 fn the_regular_kernel_obeys_the_steerability_constraint() {
     let (layer, window) = regular_layer();
     let kernel = layer
-        .expanded_regular_kernel(&params::<f64>(&layer, 9))
+        .dense()
+        .regular_kernel(&params::<f64>(&layer, 9))
         .unwrap();
     let (n_in, n_out, k) = (2, 3, window.size);
     let at = |h_out: D2, h_in: D2, out: usize, input: usize, ty: usize, tx: usize| {
@@ -158,7 +159,7 @@ fn the_parameters_span_all_steerable_kernels() {
         .map(|i| {
             let mut unit = vec![0.0f64; dense / 4 + biases];
             unit[i] = 1.0;
-            layer.expanded_kernel(&unit)
+            layer.dense().kernel(&unit)
         })
         .collect();
     for (i, a) in kernels.iter().enumerate() {
@@ -187,6 +188,6 @@ fn a_type_without_a_regular_basis_is_refused() {
         [1, 1],
     )
     .unwrap();
-    let refused = layer.expanded_regular_kernel(&params::<f64>(&layer, 0));
+    let refused = layer.dense().regular_kernel(&params::<f64>(&layer, 0));
     assert!(matches!(refused, Err(LayerError::Type { .. })));
 }
