@@ -222,16 +222,12 @@ impl R2Conv {
 
 impl fmt::Display for R2Conv {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Kernel {
-            size,
-            stride,
-            padding,
-        } = self.fold.kernel();
         write!(
             f,
-            "R2Conv({} -> {}, {size} x {size} stride {stride} padding {padding} | {} parameters)",
+            "R2Conv({} -> {}, {} | {} parameters)",
             self.shape_in(),
             self.shape_out(),
+            self.fold.kernel(),
             self.blocks.num_params()
         )
     }
