@@ -298,6 +298,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.shape
+            .check_lens("FieldNorm", self.shape, [x.len(), y.len()]);
         let group = self.group(x.len());
         for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
             for first in (0..self.fields).step_by(BLOCK) {
@@ -316,6 +318,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
         dparams: &mut [T],
         _scratch: &mut [T],
     ) {
+        self.shape
+            .check_lens("FieldNorm", self.shape, [x.len(), dy.len()]);
         let group = self.group(x.len());
         for (i, values) in x.chunks(group).zip(dy.chunks(group)).enumerate() {
             for first in (0..self.fields).step_by(BLOCK) {

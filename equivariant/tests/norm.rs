@@ -85,3 +85,21 @@ fn statistics_that_do_not_fit_are_refused() {
         );
     }
 }
+
+#[test]
+fn a_batch_may_transform_each_sample_by_another_element() {
+    for group in Group::ALL {
+        let shape = Shape::image(3, 2, group.regular(2));
+        let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+        let x = waves(8 * shape.len());
+        let act = |values: &[f64]| -> Vec<f64> {
+            let elements = group.elements().iter().cycle();
+            let samples = values.chunks(shape.len()).zip(elements);
+            samples.flat_map(|(x, &g)| shape.act(g, x)).collect()
+        };
+        let of_moved = normalised(&norm, &act(&x));
+        for (a, b) in of_moved.iter().zip(act(&normalised(&norm, &x))) {
+            assert!((a - b).abs() < 1e-12, "{group}");
+        }
+    }
+}
