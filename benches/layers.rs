@@ -6,7 +6,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use equivariant::{FieldType, GroupMaxPool, Kernel, Layer, LayerError, R2Conv, Relu, Sequential};
+use equivariant::{Group, GroupMaxPool, Kernel, Layer, LayerError, R2Conv, Relu, Sequential};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const SAMPLES: usize = 16;
@@ -23,9 +23,9 @@ fn encoder() -> Result<Sequential<f32>, LayerError> {
         padding: 0,
     };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    let (mut fields, mut size) = (FieldType::trivial(6), 48);
+    let (mut fields, mut size) = (Group::D2.trivial(6), 48);
     for (n, kernel) in [(4, halve), (8, halve), (16, halve), (16, halve), (32, last)] {
-        let conv = R2Conv::new(fields, FieldType::regular(n), kernel, [size; 2])?;
+        let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
         let shape = Layer::<f32>::out_shape(&conv);
         (fields, size) = (shape.fields, shape.height);
         layers.push(Box::new(conv));

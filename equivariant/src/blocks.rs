@@ -25,7 +25,7 @@ pub(crate) struct RowsMut<'a, T> {
 
 /// Parameter layout and products of an equivariant linear map.
 ///
-/// Output irrep b sees `cols[b]` inputs. Its weights are `[out multiplicity of b, cols[b]]`,
+/// Output irrep b sees `cols[b]` inputs; irreps that the group lacks see and have none. Its weights are `[out multiplicity of b, cols[b]]`,
 /// row-major, the blocks in irrep order, then one bias per trivial output channel.
 #[derive(Clone, Debug)]
 pub(crate) struct Blocks {

@@ -1,12 +1,11 @@
 //! The inner loops of the fold. Read this before editing: most of the time of a gather is spent here.
 //!
-//! Both axes carry a factor 1/sqrt2, except at a middle tap. The fold along y applies 1/2, or 1/sqrt2 at its
-//! middle line, so that the many short runs along x are bare sums and only the middle tap there is
-//! scaled back by sqrt2. Runs have one of a few constant lengths and are summed as arrays by value: written
+//! A pair of taps carries a factor 1/sqrt2, and D2 pairs along both axes. The lines that runs read are
+//! scaled by 1/2 where they are pairs themselves and by 1/sqrt2 where not, so that the many short runs are bare
+//! sums and only a tap without a partner is scaled back by sqrt2. C1 has no pairs and no factors. Runs have one of a few constant lengths and are summed as arrays by value: written
 //! as loops over slices they compile to scalar code, since the compiler must assume that the slices overlap.
 
 use std::array::from_fn;
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::ops::Range;
 
 use crate::Scalar;
@@ -28,19 +27,17 @@ pub(crate) fn unfold_lines<T: Scalar>(even: &[T], odd: &[T], sign: T, out: &mut 
     }
 }
 
-/// The middle line of an odd kernel: out = line / sqrt2.
-pub(crate) fn fold_middle<T: Scalar>(line: &[T], out: &mut [T]) {
-    let c = T::from_f64(FRAC_1_SQRT_2);
+/// out = scale line.
+pub(crate) fn scaled<T: Scalar>(line: &[T], scale: T, out: &mut [T]) {
     for (out, &x) in out.iter_mut().zip(line) {
-        *out = x * c;
+        *out = x * scale;
     }
 }
 
-/// The transpose of [`fold_middle`]: out += line / sqrt2.
-pub(crate) fn unfold_middle<T: Scalar>(line: &[T], out: &mut [T]) {
-    let c = T::from_f64(FRAC_1_SQRT_2);
+/// The transpose of [`scaled`]: out += scale line.
+pub(crate) fn add_scaled<T: Scalar>(line: &[T], scale: T, out: &mut [T]) {
     for (out, &x) in out.iter_mut().zip(line) {
-        *out += x * c;
+        *out += x * scale;
     }
 }
 
@@ -107,7 +104,7 @@ fn fold_run<T: Scalar, const N: usize>(
     let left = lines[pixels.span(run.left, N)].chunks(pixels.step);
     let Some((right, odd)) = run.odd else {
         let evens = matrices[run.even.block][pixels.rows(run.even, N)].chunks_mut(run.even.stride);
-        let c = T::from_f64(SQRT_2);
+        let c = T::from_f64(run.alone);
         for (a, even) in left.zip(evens) {
             *head_mut::<T, N>(even) = head::<T, N>(a).map(|a| a * c);
         }
@@ -135,7 +132,7 @@ fn unfold_run<T: Scalar, const N: usize>(
 ) {
     let evens = matrices[run.even.block][pixels.rows(run.even, N)].chunks(run.even.stride);
     let Some((right, odd)) = run.odd else {
-        let c = T::from_f64(SQRT_2);
+        let c = T::from_f64(run.alone);
         let left = lines[pixels.span(run.left, N)].chunks_mut(pixels.step);
         for (a, even) in left.zip(evens) {
             let (a, even) = (head_mut::<T, N>(a), head::<T, N>(even));

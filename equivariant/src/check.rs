@@ -1,16 +1,18 @@
 //! The equivariance checker.
 
 use rand::Rng;
-use symmetry::D2;
 
 use crate::init::fill_normal;
 use crate::{Layer, Scalar, Shape};
 
-/// The largest relative error of f(g x) = g f(x) over the four elements of D2.
+/// The largest relative error of f(g x) = g f(x) over the elements of the group.
 ///
 /// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of a
-/// sample `x`. D2 acts on pixels and channels as the two shapes say. The error of a trial is the
+/// sample `x`. The group of the input's type acts on pixels and channels as the two shapes say. The error of a trial is the
 /// largest absolute difference over the largest absolute output; an output that is not finite gives infinity.
+///
+/// # Panics
+/// When the types of the two shapes belong to different groups.
 pub fn equivariance_error_of<T: Scalar>(
     in_shape: Shape,
     out_shape: Shape,
@@ -18,6 +20,11 @@ pub fn equivariance_error_of<T: Scalar>(
     trials: usize,
     rng: &mut dyn Rng,
 ) -> f64 {
+    let (group, out_group) = (in_shape.fields.group(), out_shape.fields.group());
+    assert_eq!(
+        group, out_group,
+        "input and output belong to different groups"
+    );
     let mut worst: f64 = 0.0;
     let mut x = vec![T::ZERO; in_shape.len()];
     let mut y = vec![T::ZERO; out_shape.len()];
@@ -25,7 +32,7 @@ pub fn equivariance_error_of<T: Scalar>(
     for _ in 0..trials {
         fill_normal(rng, 1.0, &mut x);
         f(&x, &mut y);
-        for g in D2::ALL {
+        for &g in group.elements() {
             f(&in_shape.act(g, &x), &mut y_of_gx);
             worst = worst.max(relative_error(&y_of_gx, &out_shape.act(g, &y)));
         }

@@ -7,19 +7,20 @@ use symmetry::{FieldType, Irrep};
 
 use crate::blocks::{Blocks, Rows, RowsMut};
 use crate::fold::{Fold, Matrices};
-use crate::{Kernel, Layer, LayerError, Scalar, Shape};
+use crate::{Dense, Kernel, Layer, LayerError, Scalar, Shape};
 
 /// Output pixels that go into one matrix product; small images are batched up to it.
 const GROUP_PIXELS: usize = 144;
 
-/// A convolution that commutes with D2, with a bias on the trivial irrep.
+/// A convolution that commutes with the group of its types, with a bias on the trivial irrep.
 ///
 /// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
-/// ICLR 2017). Between irreps a and b that is w(g t) = sign_(a xor b)(g) w(t): even or odd along each axis.
-/// Patches are therefore folded into even and odd parts, and output irrep b is one product of its folded
-/// columns with a matrix of parameters `[out multiplicity of b, columns]`. The columns
-/// are ordered by parity (in x, then y), tap (row-major) and channel; the four matrices come in irrep
-/// order, then the bias. Every steerable kernel on the grid is reached.
+/// ICLR 2017). Between irreps a and b that is w(g t) = a(g) b(g) w(t): the signs of the irrep a b.
+/// Patches are therefore folded by parity (even and odd along each axis for D2), and output irrep b is one
+/// product of its folded columns with a matrix of parameters `[out multiplicity of b, columns]`. The columns are
+/// ordered by parity (in irrep order), tap (row-major) and channel; the matrices come in irrep order, then
+/// the bias. Every steerable kernel on the grid is reached. Types of C1 give an ordinary convolution
+/// whose parameters are the kernel `[C_out, size, size, C_in]`.
 #[derive(Clone, Debug)]
 pub struct R2Conv {
     fold: Fold,
@@ -31,15 +32,17 @@ impl R2Conv {
     /// A convolution of maps of `[height, width]` pixels.
     ///
     /// # Errors
-    /// When it would not commute with flips (see [`Kernel::out_size`]) or the kernel does not fit.
+    /// When the groups of the types differ, the windows do not sit symmetrically (see [`Kernel`]) or
+    /// none fits.
     pub fn new(
         in_type: FieldType,
         out_type: FieldType,
         kernel: Kernel,
-        [height, width]: [usize; 2],
+        size: [usize; 2],
     ) -> Result<R2Conv, LayerError> {
-        let out_size = [kernel.out_size(height)?, kernel.out_size(width)?];
-        let fold = Fold::new(in_type, kernel, [height, width], out_size);
+        LayerError::check_groups("R2Conv", in_type, out_type)?;
+        let out_size = kernel.windows("R2Conv", in_type.group(), size)?;
+        let fold = Fold::new(in_type, kernel, size, out_size);
         let blocks = Blocks::new(Irrep::ALL.map(|b| fold.cols(b)), out_type);
         Ok(R2Conv {
             fold,
@@ -48,16 +51,37 @@ impl R2Conv {
         })
     }
 
-    pub(crate) fn fold(&self) -> &Fold {
-        &self.fold
+    /// A convolution whose window is the whole map: it flattens a square map to a vector.
+    ///
+    /// # Errors
+    /// When the groups of the types differ or the map is not square.
+    pub fn flatten(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
+        let Shape { height, width, .. } = shape;
+        if height != width {
+            return Err(LayerError::NotSquare {
+                layer: "R2Conv::flatten",
+                height,
+                width,
+            });
+        }
+        let kernel = Kernel {
+            size: height,
+            stride: 1,
+            padding: 0,
+        };
+        R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 
-    pub(crate) fn blocks(&self) -> &Blocks {
-        &self.blocks
-    }
-
-    pub(crate) fn out_type(&self) -> FieldType {
-        self.out_type
+    /// The layer as an ordinary convolution.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "R2Conv",
+            taps: self.fold.taps().clone(),
+            blocks: &self.blocks,
+            window: self.fold.kernel(),
+            in_shape: self.shape_in(),
+            out_shape: self.shape_out(),
+        }
     }
 
     fn shape_in(&self) -> Shape {
@@ -113,6 +137,10 @@ impl<T: Scalar> Layer<T> for R2Conv {
 
     fn num_params(&self) -> usize {
         self.blocks.num_params()
+    }
+
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        Some(self.dense())
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
@@ -194,16 +222,12 @@ impl R2Conv {
 
 impl fmt::Display for R2Conv {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Kernel {
-            size,
-            stride,
-            padding,
-        } = self.fold.kernel();
         write!(
             f,
-            "R2Conv({} -> {}, {size} x {size} stride {stride} padding {padding} | {} parameters)",
+            "R2Conv({} -> {}, {} | {} parameters)",
             self.shape_in(),
             self.shape_out(),
+            self.fold.kernel(),
             self.blocks.num_params()
         )
     }

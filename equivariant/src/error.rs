@@ -1,47 +1,52 @@
 //! Why a layer cannot be built.
 
+use symmetry::Group;
 use thiserror::Error;
 
-use crate::{FieldType, Shape};
+use crate::{FieldType, Kernel, Shape};
 
 /// A layer that would not be exact, or does not fit its neighbours.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum LayerError {
-    /// A strided window does not sit symmetrically on the image, so flips would not commute with it.
+    /// A strided window does not sit symmetrically on an axis that the group flips.
     #[error(
-        "a {kernel} x {kernel} kernel of stride {stride} and padding {padding} on {size} pixels \
-         leaves a remainder: got ({size} + 2 * {padding} - {kernel}) mod {stride} = {remainder}, \
-         expected 0; change size, padding, kernel or stride so that flips stay exact"
+        "{layer}: {group} flips the {axis}, and a window of {k} pixels, stride {s} and padding {p} leaves a \
+         remainder there: got ({size} + 2 * {p} - {k}) mod {s} = {remainder}, expected 0; change size, padding, \
+         kernel or stride so that the flip stays exact",
+        k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
     Inexact {
-        /// Height or width of the input in pixels.
+        /// Name of the layer.
+        layer: &'static str,
+        /// The group of its types.
+        group: Group,
+        /// `height` or `width`.
+        axis: &'static str,
+        /// The input's length along it in pixels.
         size: usize,
-        /// Side of the kernel in pixels.
-        kernel: usize,
-        /// Step between windows in pixels.
-        stride: usize,
-        /// Zero pixels added on each side.
-        padding: usize,
+        /// The window.
+        kernel: Kernel,
         /// What the division leaves.
         remainder: usize,
     },
-    /// The kernel does not fit the padded image, or a size or stride is zero.
+    /// The window does not fit the padded image, or a size or stride is zero.
     #[error(
-        "got a {kernel} x {kernel} kernel of stride {stride} on {size} pixels padded by {padding}, \
-         expected 1 <= kernel <= {size} + 2 * {padding} and stride >= 1"
+        "{layer}: got a window of {k} pixels, stride {s} and padding {p} on the {axis} of {size}, \
+         expected 1 <= {k} <= {size} + 2 * {p} and a stride of at least 1",
+        k = kernel.size, s = kernel.stride, p = kernel.padding
     )]
     Window {
-        /// Height or width of the input in pixels.
+        /// Name of the layer.
+        layer: &'static str,
+        /// `height` or `width`.
+        axis: &'static str,
+        /// The input's length along it in pixels.
         size: usize,
-        /// Side of the kernel in pixels.
-        kernel: usize,
-        /// Step between windows in pixels.
-        stride: usize,
-        /// Zero pixels added on each side.
-        padding: usize,
+        /// The window.
+        kernel: Kernel,
     },
-    /// A pointwise layer was given a type it is not equivariant on.
-    #[error("{layer} got the type `{got}`, expected {expected}")]
+    /// A layer was given a type that it is not equivariant on.
+    #[error("{layer}: got the type `{got}`, expected {expected}")]
     Type {
         /// Name of the layer.
         layer: &'static str,
@@ -50,9 +55,69 @@ pub enum LayerError {
         /// What the layer takes.
         expected: &'static str,
     },
+    /// Two types of one layer belong to different groups.
+    #[error(
+        "{layer}: got the types `{first}` of {} and `{second}` of {}, expected one group; restrict one of them",
+        first.group(), second.group()
+    )]
+    Groups {
+        /// Name of the layer.
+        layer: &'static str,
+        /// One type.
+        first: FieldType,
+        /// The other.
+        second: FieldType,
+    },
+    /// A window can lie in the padding altogether, where nothing can be pooled.
+    #[error(
+        "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
+    )]
+    Padding {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Pixels added on each side.
+        padding: usize,
+        /// Side of the window in pixels.
+        size: usize,
+    },
+    /// A layer that needs a square map was given another one.
+    #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
+    NotSquare {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Rows of pixels.
+        height: usize,
+        /// Columns of pixels.
+        width: usize,
+    },
+    /// Two maps that belong together have different sizes.
+    #[error(
+        "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
+        first[0], first[1], second[0], second[1]
+    )]
+    Sizes {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Height and width of one map in pixels.
+        first: [usize; 2],
+        /// Those of the other.
+        second: [usize; 2],
+    },
+    /// A number of the layer's settings is out of its range.
+    #[error("{layer}: got the {setting} {got}, expected {expected}")]
+    Setting {
+        /// Name of the layer.
+        layer: &'static str,
+        /// Name of the setting.
+        setting: &'static str,
+        /// The refused value.
+        got: String,
+        /// What the layer takes.
+        expected: &'static str,
+    },
     /// Neighbouring layers of a sequence disagree.
     #[error(
-        "layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
+        "Sequential: layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
         previous = index - 1
     )]
     Mismatch {
@@ -64,6 +129,24 @@ pub enum LayerError {
         gives: Shape,
     },
     /// A sequence has no layers.
-    #[error("got 0 layers, expected at least 1")]
+    #[error("Sequential: got 0 layers, expected at least 1")]
     Empty,
+}
+
+impl LayerError {
+    /// Refuses types of different groups.
+    pub(crate) fn check_groups(
+        layer: &'static str,
+        first: FieldType,
+        second: FieldType,
+    ) -> Result<(), LayerError> {
+        if first.group() == second.group() {
+            return Ok(());
+        }
+        Err(LayerError::Groups {
+            layer,
+            first,
+            second,
+        })
+    }
 }

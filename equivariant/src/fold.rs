@@ -1,12 +1,14 @@
-//! Patches folded into even and odd parts along both axes: the gather of a steerable convolution.
+//! Patches folded by parity: the gather of a steerable convolution.
 
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use std::ops::Range;
 
-use symmetry::{FieldType, Irrep};
+use symmetry::{D2, FieldType, Group, Irrep};
 
 use crate::butterfly::{
-    Pixels, fold, fold_lines, fold_middle, pieces, unfold, unfold_lines, unfold_middle,
+    Pixels, add_scaled, fold, fold_lines, pieces, scaled, unfold, unfold_lines,
 };
+use crate::taps::Taps;
 use crate::{Kernel, Scalar};
 
 /// The four matrices of a gather, one per output irrep, each `[rows, cols(b)]`.
@@ -14,14 +16,14 @@ pub(crate) type Matrices<'a, T> = [&'a mut [T]; 4];
 
 /// The geometry of the fold.
 ///
-/// Taps t and k - 1 - t of an axis become an even part (a + b) / sqrt2 and an odd part
-/// (a - b) / sqrt2; the middle tap of an odd k is even. A folded tap of parity p = (odd in
-/// x) + 2 (odd in y) has the sign of irrep p, so it takes input irrep a to output irrep a xor p. The
-/// matrix of output irrep b is `[output pixels, cols(b)]`, its columns ordered by parity, folded tap and
-/// channel. The fold is orthonormal: unfolding is its transpose.
+/// The matrix of output irrep b is `[output pixels, cols(b)]`: the products of a patch with the functions of
+/// [`Taps`]. Orbits of one or two taps are read from copies of the k rows that a line of output pixels
+/// sees: taps t and g t become an even part (a + b) / sqrt2 and an odd part (a - b) / sqrt2,
+/// and a tap that g leaves in place is even. D2 first folds the rows along y in the same way. The fold is
+/// orthonormal: unfolding is its transpose.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
-    in_type: FieldType,
+    taps: Taps,
     kernel: Kernel,
     in_size: [usize; 2],
     out_size: [usize; 2],
@@ -37,8 +39,10 @@ pub(crate) struct Run {
     pub left: usize,
     /// Where the even part goes.
     pub even: Target,
-    /// The right tap and where the odd part goes; the middle tap has neither.
+    /// The right tap and where the odd part goes; a tap that is its own mirror image has neither.
     pub odd: Option<(usize, Target)>,
+    /// The factor of a tap without a right one; pairs are bare sums.
+    pub alone: f64,
 }
 
 /// A column of the matrix of an output irrep.
@@ -57,7 +61,7 @@ impl Fold {
         out_size: [usize; 2],
     ) -> Fold {
         let mut fold = Fold {
-            in_type,
+            taps: Taps::new(in_type, kernel.size),
             kernel,
             in_size,
             out_size,
@@ -80,33 +84,20 @@ impl Fold {
     }
 
     pub fn in_type(&self) -> FieldType {
-        self.in_type
+        self.taps.in_type()
     }
 
-    /// The number of folded taps of an axis that are even (0) or odd (1).
-    pub fn axis_taps(&self, odd: usize) -> usize {
-        (self.kernel.size + 1 - odd) / 2
+    pub fn taps(&self) -> &Taps {
+        &self.taps
     }
 
-    /// The first column, in the matrix of output irrep b, of a folded tap's channels.
-    ///
-    /// `y` and `x` are (parity, index) along the axes.
-    pub fn column(&self, b: Irrep, y: (usize, usize), x: (usize, usize)) -> usize {
-        let parity = Irrep::ALL[x.0 + 2 * y.0];
-        let before = &Irrep::ALL[..parity.index()];
-        let before: usize = before.iter().map(|&p| self.cols_of(b, p)).sum();
-        let tap = y.1 * self.axis_taps(x.0) + x.1;
-        before + tap * self.in_type.multiplicity(b * parity)
-    }
-
-    fn cols_of(&self, b: Irrep, parity: Irrep) -> usize {
-        let taps = self.axis_taps(parity.index() & 1) * self.axis_taps(parity.index() >> 1);
-        taps * self.in_type.multiplicity(b * parity)
+    fn group(&self) -> Group {
+        self.in_type().group()
     }
 
     /// The number of columns of the matrix of output irrep b.
     pub fn cols(&self, b: Irrep) -> usize {
-        Irrep::ALL.iter().map(|&p| self.cols_of(b, p)).sum()
+        self.taps.cols(b)
     }
 
     /// The length of the four matrices together, per output pixel.
@@ -119,11 +110,11 @@ impl Fold {
     }
 
     fn row_len(&self) -> usize {
-        self.in_size[1] * self.in_type.dim()
+        self.in_size[1] * self.in_type().dim()
     }
 
     fn line_len(&self) -> usize {
-        self.row_len() + 2 * self.kernel.padding * self.in_type.dim()
+        self.row_len() + 2 * self.kernel.padding * self.in_type().dim()
     }
 
     /// The length of the buffer of folded lines, with a row of zeros at its end.
@@ -133,50 +124,77 @@ impl Fold {
 
     fn list_runs(&self) -> Vec<Run> {
         let mut runs = Vec::new();
-        for y_odd in [0, 1] {
-            for i in 0..self.axis_taps(y_odd) {
-                for irrep in Irrep::ALL {
-                    for channels in pieces(self.in_type.range(irrep)) {
-                        let taps = 0..self.axis_taps(0);
-                        runs.extend(taps.map(|j| self.run((y_odd, i), j, irrep, &channels)));
-                    }
+        for line in 0..self.kernel.size {
+            for &irrep in self.group().irreps() {
+                for channels in pieces(self.in_type().range(irrep)) {
+                    let taps = 0..self.kernel.size;
+                    runs.extend(taps.filter_map(|j| self.run([line, j], irrep, &channels)));
                 }
             }
         }
         runs
     }
 
-    fn run(&self, y: (usize, usize), j: usize, irrep: Irrep, channels: &Range<usize>) -> Run {
-        let line = (y.0 * self.axis_taps(0) + y.1) * self.line_len();
-        let at = |tap: usize| line + tap * self.in_type.dim() + channels.start;
-        let target = |x_odd| {
-            let mut target = self.target(y, (x_odd, j), irrep);
-            target.column += channels.start - self.in_type.range(irrep).start;
-            target
-        };
-        let mirrored = self.kernel.size - 1 - j;
-        Run {
-            len: channels.len(),
-            left: at(j),
-            even: target(0),
-            odd: (mirrored != j).then(|| (at(mirrored), target(1))),
+    /// The parity that a line already has, and the row of taps that it starts from.
+    fn folded_line(&self, line: usize) -> (Irrep, usize) {
+        let even = self.even_lines();
+        match line.checked_sub(even) {
+            Some(odd) => (Irrep::Y, odd),
+            None => (Irrep::Trivial, line),
         }
     }
 
-    fn target(&self, y: (usize, usize), x: (usize, usize), irrep: Irrep) -> Target {
-        let b = irrep * Irrep::ALL[x.0 + 2 * y.0];
-        Target {
-            block: b.index(),
-            column: self.column(b, y, x),
-            stride: self.cols(b),
+    /// The number of lines before the odd ones: D2 folds along y, the others leave the rows as they are.
+    fn even_lines(&self) -> usize {
+        match self.group() {
+            Group::D2 => self.kernel.size.div_ceil(2),
+            _ => self.kernel.size,
         }
+    }
+
+    /// What happens to a tap of a line, unless it is the right one of a pair.
+    fn run(&self, [line, j]: [usize; 2], irrep: Irrep, channels: &Range<usize>) -> Option<Run> {
+        let k = self.kernel.size;
+        let (parity, row) = self.folded_line(line);
+        let even = self.target(parity, [row, j], irrep, channels)?;
+        // the flip that is left to the runs; C1 has none
+        let mirror = self.group().elements().get(1).copied();
+        let sign = self.group().irreps().get(1).copied();
+        let odd = sign.and_then(|sign| self.target(parity * sign, [row, j], irrep, channels));
+        let right = mirror.unwrap_or(D2::Identity).apply_pixel(line, j, k, k);
+        let at = |line, tap| line * self.line_len() + tap * self.in_type().dim() + channels.start;
+        Some(Run {
+            len: channels.len(),
+            left: at(line, j),
+            even,
+            odd: odd.map(|odd| (at(right.0, right.1), odd)),
+            alone: if mirror.is_some() { SQRT_2 } else { 1.0 },
+        })
+    }
+
+    /// Where the channels go for the function of this parity and first tap, if there is one.
+    fn target(
+        &self,
+        parity: Irrep,
+        tap: [usize; 2],
+        irrep: Irrep,
+        channels: &Range<usize>,
+    ) -> Option<Target> {
+        let function = self.taps.position(parity, tap)?;
+        let b = self.group().restrict(irrep * parity);
+        let first = channels.start - self.in_type().range(irrep).start;
+        Some(Target {
+            block: b.index(),
+            column: self.taps.column(b, function) + first,
+            stride: self.cols(b),
+        })
     }
 
     fn pixels(&self, first: usize, oy: usize) -> Pixels {
         Pixels {
             first: first + oy * self.out_size[1],
             count: self.out_size[1],
-            step: self.kernel.stride * self.in_type.dim(),
+            step: self.kernel.stride * self.in_type().dim(),
         }
     }
 
@@ -226,7 +244,7 @@ impl Fold {
 
     /// The part of folded line `i` that is not padding.
     fn line(&self, i: usize) -> Range<usize> {
-        let start = i * self.line_len() + self.kernel.padding * self.in_type.dim();
+        let start = i * self.line_len() + self.kernel.padding * self.in_type().dim();
         start..start + self.row_len()
     }
 
@@ -237,20 +255,20 @@ impl Fold {
             Some(range) => &image[range],
             None => &*zeros,
         };
-        let (even, odd) = lines.split_at_mut(self.axis_taps(0) * self.line_len());
-        for i in 0..k / 2 {
+        let (even, odd) = lines.split_at_mut(self.even_lines() * self.line_len());
+        for i in 0..k - self.even_lines() {
             let (even, odd) = (&mut even[self.line(i)], &mut odd[self.line(i)]);
             fold_lines(row(i), row(k - 1 - i), even, odd);
         }
-        if k % 2 == 1 {
-            fold_middle(row(k / 2), &mut even[self.line(k / 2)]);
+        for i in k - self.even_lines()..self.even_lines() {
+            scaled(row(i), self.row_scale(), &mut even[self.line(i)]);
         }
     }
 
     fn unfold_rows<T: Scalar>(&self, image: &mut [T], oy: usize, lines: &[T]) {
         let k = self.kernel.size;
-        let (even, odd) = lines.split_at(self.axis_taps(0) * self.line_len());
-        for i in 0..k / 2 {
+        let (even, odd) = lines.split_at(self.even_lines() * self.line_len());
+        for i in 0..k - self.even_lines() {
             let (even, odd) = (&even[self.line(i)], &odd[self.line(i)]);
             if let Some(top) = self.row(oy, i) {
                 unfold_lines(even, odd, T::from_f64(1.0), &mut image[top]);
@@ -259,10 +277,18 @@ impl Fold {
                 unfold_lines(even, odd, T::from_f64(-1.0), &mut image[bottom]);
             }
         }
-        if k % 2 == 1
-            && let Some(middle) = self.row(oy, k / 2)
-        {
-            unfold_middle(&even[self.line(k / 2)], &mut image[middle]);
+        for i in k - self.even_lines()..self.even_lines() {
+            if let Some(row) = self.row(oy, i) {
+                add_scaled(&even[self.line(i)], self.row_scale(), &mut image[row]);
+            }
         }
+    }
+
+    /// The factor of a row that is not folded with another.
+    fn row_scale<T: Scalar>(&self) -> T {
+        T::from_f64(match self.group() {
+            Group::C1 => 1.0,
+            _ => FRAC_1_SQRT_2,
+        })
     }
 }

@@ -1,7 +1,7 @@
-//! D2-equivariant layers with explicit forward and backward passes.
+//! Layers that are equivariant under D2 or a subgroup, with explicit forward and backward passes.
 //!
-//! A layer maps a feature map of one [`FieldType`] to another and commutes with the
-//! flips of the table: f(g x) = g f(x) for every g of [`symmetry::D2`]. Features live in the irrep
+//! A layer maps a feature map of one [`FieldType`] to another of the same [`Group`] and commutes with it:
+//! f(g x) = g f(x) for every element g. The group is a value: C1 gives ordinary layers. Features live in the irrep
 //! basis, where an equivariant linear map is block-diagonal (Schur's lemma), so
 //! the entries of the blocks are the parameters and nothing is expanded.
 //!
@@ -15,11 +15,11 @@
 //!   rayon pool, with the same bits for any number of threads.
 //!
 //! ```
-//! use equivariant::{FieldType, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, equivariance_error};
+//! use equivariant::{Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, equivariance_error};
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //!
 //! let kernel = Kernel { size: 4, stride: 2, padding: 1 };
-//! let conv = R2Conv::new(FieldType::trivial(3), FieldType::regular(4), kernel, [8, 8])?;
+//! let conv = R2Conv::new(Group::D2.trivial(3), Group::D2.regular(4), kernel, [8, 8])?;
 //! let relu = Relu::new(Layer::<f32>::out_shape(&conv))?;
 //! let net: Sequential<f32> = Sequential::new(vec![Box::new(conv), Box::new(relu)])?;
 //!
@@ -34,36 +34,53 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod average_pool;
 mod blocks;
 mod butterfly;
 mod check;
 mod chunks;
+mod concat;
 mod conv;
+mod dense;
 mod error;
-mod expand;
 mod fold;
+mod group_mean;
 mod hadamard;
 mod init;
+mod interchange;
 mod kernel;
 mod layer;
 mod linear;
+mod max_pool;
+mod norm;
 mod pool;
 mod relu;
 mod scalar;
 mod sequential;
 mod shape;
+mod soft_argmax;
+mod taps;
+mod window;
 
+pub use average_pool::AveragePool;
 pub use check::{equivariance_error, equivariance_error_of};
 pub use chunks::Chunks;
+pub use concat::Concat;
 pub use conv::R2Conv;
+pub use dense::{Dense, Projection};
 pub use error::LayerError;
+pub use group_mean::GroupMeanPool;
 pub use hadamard::hadamard;
+pub use interchange::{InterchangeError, load, save};
 pub use kernel::Kernel;
 pub use layer::Layer;
 pub use linear::Linear;
+pub use max_pool::MaxPool;
+pub use norm::{FieldNorm, Statistics};
 pub use pool::GroupMaxPool;
 pub use relu::Relu;
 pub use scalar::Scalar;
 pub use sequential::Sequential;
 pub use shape::Shape;
-pub use symmetry::FieldType;
+pub use soft_argmax::SpatialSoftArgmax;
+pub use symmetry::{FieldType, Group};

@@ -6,7 +6,8 @@ use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
 use crate::blocks::{Blocks, Rows, RowsMut};
-use crate::{Layer, Scalar, Shape};
+use crate::taps::Taps;
+use crate::{Dense, Kernel, Layer, LayerError, Scalar, Shape};
 
 /// A linear map of vectors, with a bias on the trivial irrep.
 ///
@@ -21,12 +22,32 @@ pub struct Linear {
 
 impl Linear {
     /// The map between two types; an output irrep that the input lacks is zero.
-    pub fn new(in_type: FieldType, out_type: FieldType) -> Linear {
+    ///
+    /// # Errors
+    /// When the groups of the types differ.
+    pub fn new(in_type: FieldType, out_type: FieldType) -> Result<Linear, LayerError> {
+        LayerError::check_groups("Linear", in_type, out_type)?;
         let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
-        Linear {
+        Ok(Linear {
             in_type,
             out_type,
             blocks: Blocks::new(cols, out_type),
+        })
+    }
+
+    /// The layer as an ordinary convolution of one tap.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "Linear",
+            taps: Taps::new(self.in_type, 1),
+            blocks: &self.blocks,
+            window: Kernel {
+                size: 1,
+                stride: 1,
+                padding: 0,
+            },
+            in_shape: Shape::vector(self.in_type),
+            out_shape: Shape::vector(self.out_type),
         }
     }
 
@@ -49,6 +70,10 @@ impl<T: Scalar> Layer<T> for Linear {
 
     fn num_params(&self) -> usize {
         self.blocks.num_params()
+    }
+
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        Some(self.dense())
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {

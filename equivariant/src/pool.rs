@@ -1,16 +1,17 @@
 //! Group pooling: from regular fields to invariants.
 
+use std::array::from_fn;
 use std::fmt;
 
-use rand::Rng;
-use symmetry::FieldType;
+use symmetry::Group;
 
-use crate::hadamard::{hadamard4, quarters, quarters_mut};
+use crate::hadamard::{parts, parts_mut, transform};
+use crate::scalar::exceeds;
 use crate::{Layer, LayerError, Scalar, Shape};
 
 /// The maximum over the group of every regular field.
 ///
-/// Maps n regular fields to n trivial channels: the largest of the four values in the regular basis. On
+/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On
 /// ties the gradient goes to the first group element.
 #[derive(Clone, Copy, Debug)]
 pub struct GroupMaxPool {
@@ -35,6 +36,12 @@ impl GroupMaxPool {
     }
 }
 
+impl GroupMaxPool {
+    fn group(&self) -> Group {
+        self.shape.fields.group()
+    }
+}
+
 impl<T: Scalar> Layer<T> for GroupMaxPool {
     fn in_shape(&self) -> Shape {
         self.shape
@@ -42,29 +49,18 @@ impl<T: Scalar> Layer<T> for GroupMaxPool {
 
     fn out_shape(&self) -> Shape {
         Shape {
-            fields: FieldType::trivial(self.fields),
+            fields: self.group().trivial(self.fields),
             ..self.shape
         }
     }
 
-    fn num_params(&self) -> usize {
-        0
-    }
-
-    fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
-
-    fn scratch_len(&self, _samples: usize) -> usize {
-        0
-    }
-
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        assert_eq!(x.len(), 4 * y.len(), "expected one output for four inputs");
-        let n = self.fields.max(1);
-        for (x, y) in x.chunks_exact(4 * n).zip(y.chunks_exact_mut(n)) {
-            let [a, b, c, d] = quarters(x, n);
-            for f in 0..n {
-                y[f] = first_maximum(hadamard4([a[f], b[f], c[f], d[f]])).1;
-            }
+        let order = self.group().order();
+        assert_eq!(x.len(), order * y.len(), "expected one output per field");
+        match order {
+            1 => forward::<T, 1>(self.fields, x, y),
+            2 => forward::<T, 2>(self.fields, x, y),
+            _ => forward::<T, 4>(self.fields, x, y),
         }
     }
 
@@ -79,26 +75,47 @@ impl<T: Scalar> Layer<T> for GroupMaxPool {
         _scratch: &mut [T],
     ) {
         let Some(dx) = dx else { return };
-        let n = self.fields.max(1);
-        let inputs = x.chunks_exact(4 * n).zip(dy.chunks_exact(n));
-        for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(4 * n)) {
-            let [a, b, c, d] = quarters(x, n);
-            let [da, db, dc, dd] = quarters_mut(dx, n);
-            for f in 0..n {
-                let (g, _) = first_maximum(hadamard4([a[f], b[f], c[f], d[f]]));
-                let mut values = [T::ZERO; 4];
-                values[g] = dy[f];
-                [da[f], db[f], dc[f], dd[f]] = hadamard4(values);
+        match self.group().order() {
+            1 => backward::<T, 1>(self.fields, x, dy, dx),
+            2 => backward::<T, 2>(self.fields, x, dy, dx),
+            _ => backward::<T, 4>(self.fields, x, dy, dx),
+        }
+    }
+}
+
+fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
+    let n = n.max(1);
+    for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
+        let x = parts::<T, G>(x, n);
+        for f in 0..n {
+            y[f] = first_maximum(transform::<T, G>(from_fn(|a| x[a][f]))).1;
+        }
+    }
+}
+
+fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
+    let n = n.max(1);
+    let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
+    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
+        let x = parts::<T, G>(x, n);
+        let dx = parts_mut::<T, G>(dx, n);
+        for f in 0..n {
+            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| x[a][f])));
+            let mut values = [T::ZERO; G];
+            values[g] = dy[f];
+            let values = transform(values);
+            for a in 0..G {
+                dx[a][f] = values[a];
             }
         }
     }
 }
 
 /// The first of the largest values, and its place; not a number counts as larger than anything.
-fn first_maximum<T: Scalar>(values: [T; 4]) -> (usize, T) {
+fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     let mut best = (0, values[0]);
     for (g, &value) in values.iter().enumerate().skip(1) {
-        if value > best.1 || value.partial_cmp(&value).is_none() {
+        if exceeds(value, best.1) {
             best = (g, value);
         }
     }
@@ -131,19 +148,19 @@ mod tests {
 
     #[test]
     fn the_largest_value_of_the_regular_basis_comes_out() {
-        let pool = GroupMaxPool::new(Shape::vector(FieldType::regular(1))).unwrap();
-        let x: [f64; 4] = hadamard4([1.0, -2.0, 3.0, -4.0]);
+        let pool = GroupMaxPool::new(Shape::vector(Group::D2.regular(1))).unwrap();
+        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
         let mut y = [0.0];
         pool.forward(&[], &x, &mut y, &mut []);
         assert_eq!(y, [3.0]);
         let mut dx = [0.0; 4];
         pool.backward(&[], &x, &y, &[2.0], Some(&mut dx), &mut [], &mut []);
-        assert_eq!(hadamard4(dx), [0.0, 0.0, 2.0, 0.0]);
+        assert_eq!(transform(dx), [0.0, 0.0, 2.0, 0.0]);
     }
 
     #[test]
     fn trivial_channels_are_refused() {
-        let shape = Shape::vector(FieldType::trivial(4));
+        let shape = Shape::vector(Group::D2.trivial(4));
         let message = GroupMaxPool::new(shape).unwrap_err().to_string();
         assert!(
             message.contains("got the type `4 1`, expected regular"),

@@ -16,6 +16,9 @@ pub trait Scalar:
 
     /// The value in double precision.
     fn to_f64(self) -> f64;
+
+    /// e to the power of the value.
+    fn exp(self) -> Self;
 }
 
 impl Scalar for f32 {
@@ -27,6 +30,10 @@ impl Scalar for f32 {
 
     fn to_f64(self) -> f64 {
         f64::from(self)
+    }
+
+    fn exp(self) -> f32 {
+        f32::exp(self)
     }
 }
 
@@ -40,4 +47,14 @@ impl Scalar for f64 {
     fn to_f64(self) -> f64 {
         self
     }
+
+    fn exp(self) -> f64 {
+        f64::exp(self)
+    }
+}
+
+/// Whether a running maximum moves on to this value; not a number counts as larger than anything.
+#[inline(always)]
+pub(crate) fn exceeds<T: Scalar>(value: T, best: T) -> bool {
+    value > best || value.partial_cmp(&value).is_none()
 }

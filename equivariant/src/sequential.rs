@@ -48,11 +48,6 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// The layers in order.
-    pub fn layers(&self) -> &[Box<dyn Layer<T>>] {
-        &self.layers
-    }
-
     /// Where the parameters of layer `index` lie among those of the chain.
     pub fn params_of(&self, index: usize) -> Range<usize> {
         self.params[index].clone()
@@ -106,6 +101,10 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
 
     fn num_params(&self) -> usize {
         self.params[self.last()].end
+    }
+
+    fn layers(&self) -> &[Box<dyn Layer<T>>] {
+        &self.layers
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
@@ -228,6 +227,13 @@ fn take_back_mut<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     let (front, back) = std::mem::take(rest).split_at_mut(at);
     *rest = front;
     back
+}
+
+impl<T: Scalar> fmt::Display for Sequential<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let layers: Vec<String> = self.layers.iter().map(|layer| layer.to_string()).collect();
+        write!(f, "Sequential({})", layers.join(", "))
+    }
 }
 
 impl<T: Scalar> fmt::Debug for Sequential<T> {

@@ -1,6 +1,7 @@
-//! Shapes of feature maps and the action of D2 on them.
+//! Shapes of feature maps and the action of the group on them.
 
 use std::fmt;
+use std::slice::{ChunksExact, ChunksExactMut};
 
 use symmetry::{D2, FieldType};
 
@@ -49,7 +50,7 @@ impl Shape {
     /// The transformed copy of one sample: pixels move, and channels of odd irreps change sign.
     ///
     /// # Panics
-    /// When `sample` does not hold [`len`](Shape::len) values.
+    /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len) values.
     pub fn act<T: Scalar>(&self, g: D2, sample: &[T]) -> Vec<T> {
         let dim = self.fields.dim();
         let mut moved = g.transform_image(sample, self.height, self.width, dim);
@@ -57,6 +58,26 @@ impl Shape {
             self.fields.act(g, pixel);
         }
         moved
+    }
+
+    /// The samples of a slice.
+    pub(crate) fn each<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
+        values.chunks_exact(self.len().max(1))
+    }
+
+    /// The same, to be written.
+    pub(crate) fn each_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
+        values.chunks_exact_mut(self.len().max(1))
+    }
+
+    /// Panics, naming the layer, unless slices of these lengths hold as many inputs of this shape as outputs of another.
+    pub(crate) fn check_lens(&self, layer: &str, out_shape: Shape, [x, y]: [usize; 2]) {
+        let (each, out_each) = (self.len(), out_shape.len());
+        let samples = x / each.max(1);
+        assert!(
+            x == samples * each && y == samples * out_each,
+            "{layer}: got an input of {x} values and an output of {y}, expected N * {each} and N * {out_each}"
+        );
     }
 
     /// The number of samples in a slice of `len` values.

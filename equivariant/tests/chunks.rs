@@ -5,7 +5,7 @@
 mod common;
 
 use common::{forward, network, normal, params};
-use equivariant::{Chunks, Layer, Sequential};
+use equivariant::{Chunks, Group, Layer, Sequential};
 
 const SAMPLES: usize = 150;
 const CHUNK: usize = 2;
@@ -25,7 +25,7 @@ fn engine(net: &Sequential<f32>) -> Chunks<f32, Workspace> {
 
 /// Gradient and losses of half the squared output, after `rounds` calls.
 fn gradient(threads: usize, rounds: usize) -> (Vec<f32>, Vec<f32>) {
-    let net = network::<f32>();
+    let net = network::<f32>(Group::D2);
     let params = params(&net, 1);
     let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
     let x = normal::<f32>(SAMPLES * in_len, 2);
@@ -66,7 +66,7 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
 
 #[test]
 fn the_sum_over_chunks_is_the_gradient_of_the_batch() {
-    let net = network::<f32>();
+    let net = network::<f32>(Group::D2);
     let params = params(&net, 1);
     let x = normal::<f32>(SAMPLES * net.in_shape().len(), 2);
     let mut scratch = vec![0.0; net.scratch_len(SAMPLES)];
@@ -100,7 +100,7 @@ fn accumulate_adds_to_what_is_there() {
 
 #[test]
 fn rows_of_inference_arrive_in_order() {
-    let net = network::<f32>();
+    let net = network::<f32>(Group::D2);
     let params = params(&net, 1);
     let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
     let x = normal::<f32>(7 * in_len, 2);

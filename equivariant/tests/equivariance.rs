@@ -1,9 +1,14 @@
 //! f(g x) = g f(x) for every layer, and a checker that can fail.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod common;
 
-use common::{layers, params, rng};
-use equivariant::{FieldType, Scalar, Shape, equivariance_error, equivariance_error_of};
+use common::{boxed, conv, exact_layers_of, layers, params, rng};
+use equivariant::{
+    FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, equivariance_error,
+    equivariance_error_of,
+};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {
@@ -23,6 +28,49 @@ fn layers_are_equivariant_in_single_precision() {
     worst::<f32>(1e-5);
 }
 
+#[test]
+fn layers_that_only_permute_and_compare_are_exact() {
+    for group in Group::ALL {
+        for (name, layer) in exact_layers_of::<f32>(group) {
+            let error = equivariance_error(layer.as_ref(), &[], 5, &mut rng(5));
+            assert_eq!(error, 0.0, "{name} of {group}");
+        }
+    }
+}
+
+/// The reference encoder: four halving convolutions from 64 x 64 x 6 to 4 x 4, each with a ReLU.
+fn reference<T: Scalar>(group: Group) -> Sequential<T> {
+    let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
+    let mut shape = Shape::image(64, 64, group.trivial(6));
+    for n in [8, 16, 32, 32] {
+        layers.push(conv(
+            shape.fields,
+            group.regular(n),
+            [4, 2, 1],
+            [shape.height; 2],
+        ));
+        shape = layers[layers.len() - 1].out_shape();
+        layers.push(boxed(Relu::new(shape)));
+    }
+    Sequential::new(layers).unwrap()
+}
+
+fn reference_error<T: Scalar>(group: Group) -> f64 {
+    let net = reference::<T>(group);
+    let mut params = vec![T::ZERO; net.num_params()];
+    net.init(&mut rng(6), &mut params);
+    equivariance_error(&net, &params, 1, &mut rng(7))
+}
+
+#[test]
+fn the_reference_network_is_equivariant() {
+    for group in Group::ALL {
+        let (single, double) = (reference_error::<f32>(group), reference_error::<f64>(group));
+        assert!(single <= 1e-5, "{group} in single precision: {single}");
+        assert!(double <= 1e-12, "{group} in double precision: {double}");
+    }
+}
+
 fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
     let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
     equivariance_error_of(in_shape, out_shape, copy, 3, &mut rng(0))
@@ -30,22 +78,22 @@ fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
 
 #[test]
 fn the_checker_refuses_a_wrong_action_on_channels() {
-    let right = Shape::image(2, 3, FieldType::new([1, 1, 0, 0]));
-    let wrong = Shape::image(2, 3, FieldType::new([1, 0, 1, 0]));
+    let right = Shape::image(2, 3, FieldType::new(Group::D2, [1, 1, 0, 0]));
+    let wrong = Shape::image(2, 3, FieldType::new(Group::D2, [1, 0, 1, 0]));
     assert_eq!(identity_between(right, right), 0.0);
     assert!(identity_between(right, wrong) > 0.1);
 }
 
 #[test]
 fn the_checker_refuses_a_wrong_action_on_pixels() {
-    let tall = Shape::image(3, 2, FieldType::trivial(1));
-    let wide = Shape::image(2, 3, FieldType::trivial(1));
+    let tall = Shape::image(3, 2, Group::D2.trivial(1));
+    let wide = Shape::image(2, 3, Group::D2.trivial(1));
     assert!(identity_between(tall, wide) > 0.1);
 }
 
 #[test]
 fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
-    let shape = Shape::vector(FieldType::new([0, 4, 0, 0]));
+    let shape = Shape::vector(FieldType::new(Group::D2, [0, 4, 0, 0]));
     let relu = |x: &[f32], y: &mut [f32]| {
         for (y, &x) in y.iter_mut().zip(x) {
             *y = x.max(0.0);
@@ -55,8 +103,23 @@ fn the_checker_refuses_a_pointwise_map_of_odd_channels() {
 }
 
 #[test]
+fn the_checker_applies_every_element_of_the_group() {
+    // x and y change places: the half turn does not see it
+    let swapped = |group: Group| {
+        let shape = Shape::vector(FieldType::new(group, [0, 1, 1, 0]));
+        let f = |v: &[f64], y: &mut [f64]| y.copy_from_slice(&[v[1], v[0]]);
+        equivariance_error_of(shape, shape, f, 3, &mut rng(0))
+    };
+    assert_eq!(swapped(Group::C1), 0.0);
+    assert_eq!(swapped(Group::C2), 0.0);
+    for group in [Group::D1x, Group::D1y, Group::D2] {
+        assert!(swapped(group) > 0.1, "{group}");
+    }
+}
+
+#[test]
 fn the_checker_refuses_what_is_not_finite() {
-    let shape = Shape::vector(FieldType::trivial(2));
+    let shape = Shape::vector(Group::D2.trivial(2));
     let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);
     assert_eq!(
         equivariance_error_of(shape, shape, nan, 1, &mut rng(0)),

@@ -4,55 +4,88 @@
 
 mod common;
 
-use common::{conv, forward, network, normal, rng};
-use equivariant::{FieldType, Layer, LayerError, Linear, Relu, Sequential};
+use common::{boxed, conv, forward, network, normal, rng};
+use equivariant::{
+    FieldNorm, FieldType, Group, Layer, LayerError, Linear, Relu, Sequential, Shape, Statistics,
+};
+use rand::Rng;
 
 fn second_moment(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64
 }
 
-fn output_moment(layer: &dyn Layer<f64>, gain: f64) -> f64 {
+fn output_moment(layer: &dyn Layer<f64>, gain: f64, x: &[f64]) -> f64 {
     let mut params = vec![f64::NAN; layer.num_params()];
     layer.init_scaled(&mut rng(1), gain, &mut params);
-    let x = normal(200 * layer.in_shape().len(), 2);
-    second_moment(&forward(layer, &params, &x))
+    second_moment(&forward(layer, &params, x))
+}
+
+/// Layers of about as many channels in every group.
+fn wide(group: Group) -> [Box<dyn Layer<f64>>; 4] {
+    let regular = |n: usize| group.regular(n / group.order());
+    let mixed = FieldType::new(group, [40, 10, 20, 30]);
+    // no padding: zeros in the window would lower the variance
+    [
+        conv(regular(32), regular(64), [4, 2, 0], [4, 4]),
+        conv(group.trivial(6), regular(256), [3, 1, 0], [3, 3]),
+        conv(mixed, mixed, [2, 1, 0], [3, 3]),
+        boxed(Linear::new(regular(256), regular(256))),
+    ]
 }
 
 #[test]
 fn unit_variance_in_gives_the_gain_squared_out() {
-    let regular = FieldType::regular;
-    // no padding: zeros in the window would lower the variance
-    let wide: [Box<dyn Layer<f64>>; 3] = [
-        conv(regular(8), regular(16), [4, 2, 0], [4, 4]),
-        conv(FieldType::trivial(6), regular(64), [3, 1, 0], [3, 3]),
-        Box::new(Linear::new(regular(64), regular(64))),
-    ];
-    for layer in wide {
-        for gain in [0.01, 1.0, std::f64::consts::SQRT_2] {
-            let moment = output_moment(layer.as_ref(), gain) / (gain * gain);
-            assert!((moment - 1.0).abs() < 0.1, "{} {moment}", layer.in_shape());
+    for group in Group::ALL {
+        for layer in wide(group) {
+            let x = normal(200 * layer.in_shape().len(), 2);
+            for gain in [0.01, 1.0, std::f64::consts::SQRT_2] {
+                let moment = output_moment(layer.as_ref(), gain, &x) / (gain * gain);
+                assert!((moment - 1.0).abs() < 0.1, "{layer} of {group}: {moment}");
+            }
         }
     }
 }
 
 #[test]
-fn the_default_keeps_the_second_moment_across_a_relu() {
-    let linear = Linear::new(FieldType::regular(64), FieldType::regular(64));
-    let relu = Relu::new(Layer::<f64>::out_shape(&linear)).unwrap();
-    let net = Sequential::new(vec![
-        Box::new(linear) as Box<dyn Layer<f64>>,
-        Box::new(relu),
-    ])
-    .unwrap();
-    let mut params = vec![0.0; net.num_params()];
-    net.init(&mut rng(3), &mut params);
-    let y = forward(&net, &params, &normal(200 * 256, 4));
-    assert!((second_moment(&y) - 1.0).abs() < 0.1);
+fn correlated_patches_of_regular_fields_keep_their_second_moment() {
+    for group in Group::ALL {
+        let (n_in, n_out) = (32 / group.order(), 2048 / group.order());
+        let layer = conv(group.regular(n_in), group.regular(n_out), [3, 1, 0], [3, 3]);
+        // one pixel, nine times: no two taps are independent
+        let x = normal::<f64>(32, 5).repeat(9);
+        let moment = output_moment(layer.as_ref(), 1.0, &x) / second_moment(&x);
+        assert!((moment - 1.0).abs() < 0.1, "{group}: {moment}");
+    }
+}
+
+#[test]
+fn the_default_keeps_the_second_moment_across_relus() {
+    for group in Group::ALL {
+        let fields = group.regular(512 / group.order());
+        let relu = || boxed(Relu::new(Shape::vector(fields)));
+        let linear = || boxed(Linear::new(fields, fields));
+        let net = Sequential::new(vec![linear(), relu(), linear(), relu(), linear(), relu()]);
+        let net = net.unwrap();
+        let mut params = vec![0.0; net.num_params()];
+        net.init(&mut rng(3), &mut params);
+        let moment = second_moment(&forward(&net, &params, &normal(50 * 512, 4)));
+        assert!((moment - 1.0).abs() < 0.2, "{group}: {moment}");
+    }
+}
+
+#[test]
+fn norms_start_with_the_gain_and_draw_nothing() {
+    let norm = FieldNorm::new(Shape::vector(Group::D2.regular(2)), Statistics::Batch).unwrap();
+    let (mut used, mut fresh) = (rng(1), rng(1));
+    let mut params = [f64::NAN; 4];
+    norm.init_scaled(&mut used, 0.5, &mut params);
+    assert_eq!(params, [0.5, 0.5, 0.0, 0.0]);
+    assert_eq!(used.next_u64(), fresh.next_u64());
 }
 
 #[test]
 fn biases_start_at_zero_and_equal_seeds_give_equal_weights() {
-    let net = network::<f32>();
+    let net = network::<f32>(Group::D2);
     let draw = |seed| {
         let mut params = vec![f32::NAN; net.num_params()];
         net.init(&mut rng(seed), &mut params);
@@ -67,7 +100,7 @@ fn biases_start_at_zero_and_equal_seeds_give_equal_weights() {
 
 #[test]
 fn the_gain_of_a_chain_is_that_of_its_last_layer_with_parameters() {
-    let net = network::<f64>();
+    let net = network::<f64>(Group::D2);
     let draw = |gain| {
         let mut params = vec![0.0; net.num_params()];
         net.init_scaled(&mut rng(1), gain, &mut params);
@@ -84,7 +117,7 @@ fn the_gain_of_a_chain_is_that_of_its_last_layer_with_parameters() {
 #[test]
 fn chains_that_do_not_fit_are_refused_with_both_shapes() {
     let linear = |a, b| -> Box<dyn Layer<f32>> {
-        Box::new(Linear::new(FieldType::regular(a), FieldType::regular(b)))
+        boxed(Linear::new(Group::D2.regular(a), Group::D2.regular(b)))
     };
     let error = Sequential::new(vec![linear(1, 2), linear(3, 1)]).unwrap_err();
     let message = error.to_string();

@@ -6,12 +6,14 @@ use equivariant::{
     FieldType, GroupMaxPool, Kernel, Layer, Linear, R2Conv, Relu, Scalar, Sequential, Shape,
 };
 use rand::Rng;
-use symmetry::irrep_order;
+use symmetry::{Group, irrep_order};
 
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::NetworkSettings;
 
+/// The group of the policy's symmetries.
+const GROUP: Group = Group::D2;
 /// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
 const HALVING: Kernel = Kernel {
     size: 4,
@@ -66,24 +68,24 @@ impl<T: Scalar> ActorCritic<T> {
         settings.check()?;
         spec.check()?;
         let (vector, action) = (
-            FieldType::from_irreps(&spec.vector),
-            FieldType::from_irreps(&spec.action),
+            FieldType::from_irreps(GROUP, &spec.vector),
+            FieldType::from_irreps(GROUP, &spec.action),
         );
         let fields = settings.top_fields + settings.vector_fields;
-        let hidden = FieldType::regular(fields);
+        let hidden = GROUP.regular(fields);
         let pool = GroupMaxPool::new(Shape::vector(hidden))?;
         Ok(Self {
             image: encoder(settings, spec)?,
-            vector: Sequential::new(lift(vector, FieldType::regular(settings.vector_fields))?)?,
-            actor: head(hidden, FieldType::regular(settings.actor_fields), action)?,
+            vector: Sequential::new(lift(vector, GROUP.regular(settings.vector_fields))?)?,
+            actor: head(hidden, GROUP.regular(settings.actor_fields), action)?,
             critic: head(
-                FieldType::trivial(fields),
-                FieldType::trivial(settings.critic_width),
-                FieldType::trivial(1),
+                GROUP.trivial(fields),
+                GROUP.trivial(settings.critic_width),
+                GROUP.trivial(1),
             )?,
             pool,
-            vector_order: irrep_order(&spec.vector),
-            action_order: irrep_order(&spec.action),
+            vector_order: irrep_order(GROUP, &spec.vector),
+            action_order: irrep_order(GROUP, &spec.action),
             settings: settings.clone(),
             spec: spec.clone(),
         })
@@ -160,7 +162,7 @@ fn encoder<T: Scalar>(
         return Err(RlError::NotSquare { height, width });
     }
     let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
-    let mut shape = Shape::image(height, width, FieldType::trivial(channels));
+    let mut shape = Shape::image(height, width, GROUP.trivial(channels));
     for (i, &fields) in settings
         .conv_fields
         .iter()
@@ -179,7 +181,7 @@ fn encoder<T: Scalar>(
         };
         let conv = R2Conv::new(
             shape.fields,
-            FieldType::regular(fields),
+            GROUP.regular(fields),
             kernel,
             [shape.height, shape.width],
         )
@@ -208,7 +210,7 @@ fn image_size(
 
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
     Ok(vec![
-        Box::new(Linear::new(from, to)),
+        Box::new(Linear::new(from, to)?),
         Box::new(Relu::new(Shape::vector(to))?),
     ])
 }
@@ -219,7 +221,7 @@ fn head<T: Scalar>(
     to: FieldType,
 ) -> Result<Sequential<T>, RlError> {
     let mut layers = lift(from, hidden)?;
-    layers.push(Box::new(Linear::new(hidden, to)));
+    layers.push(Box::new(Linear::new(hidden, to)?));
     Ok(Sequential::new(layers)?)
 }
 

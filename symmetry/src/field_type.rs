@@ -1,46 +1,68 @@
 //! Field types: how often each irrep occurs among the channels.
 
-use std::error::Error;
-use std::fmt;
 use std::ops::{Add, Neg, Range};
-use std::str::FromStr;
 
-use crate::{D2, Irrep};
+use crate::{D2, Group, Irrep};
 
-/// A representation of D2 given by its multiplicity per irrep.
+/// A representation of a [`Group`], given by its multiplicity per irrep.
 ///
-/// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep.
-/// Prints and parses the notation of the papers, `8 reg + 2 x`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep. Prints and parses the
+/// notation of the papers, `8 reg + 2 x` for a type of D2 and `C2: 8 reg + 2 x` for one of a
+/// subgroup. [`Group::regular`] and [`Group::trivial`] make the common types.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FieldType {
+    group: Group,
+    /// Zero for irreps of D2 that are not in the group's own list.
     multiplicities: [usize; 4],
 }
 
 impl FieldType {
-    /// The type with these multiplicities of the irreps 1, x, y and xy.
-    pub const fn new(multiplicities: [usize; 4]) -> FieldType {
-        FieldType { multiplicities }
+    /// The restriction to `group` of the type of D2 with these multiplicities of 1, x, y and xy.
+    ///
+    /// Irreps that `group` cannot tell apart are added up.
+    pub const fn new(group: Group, multiplicities: [usize; 4]) -> FieldType {
+        let mut restricted = [0; 4];
+        let mut a = 0;
+        while a < 4 {
+            restricted[group.restrict(Irrep::ALL[a]).index()] += multiplicities[a];
+            a += 1;
+        }
+        FieldType {
+            group,
+            multiplicities: restricted,
+        }
     }
 
-    /// `fields` copies of the regular representation: every irrep `fields` times.
-    pub const fn regular(fields: usize) -> FieldType {
-        FieldType::new([fields; 4])
-    }
-
-    /// `channels` invariant channels.
-    pub const fn trivial(channels: usize) -> FieldType {
-        FieldType::new([channels, 0, 0, 0])
-    }
-
-    /// The type of a vector whose entries have these irreps, in any order.
+    /// The type of a vector whose entries have these irreps of D2, in any order, under `group`.
     ///
     /// [`irrep_order`](crate::irrep_order) sorts such a vector into the layout of the type.
-    pub fn from_irreps(irreps: &[Irrep]) -> FieldType {
+    pub fn from_irreps(group: Group, irreps: &[Irrep]) -> FieldType {
         let mut multiplicities = [0; 4];
         for irrep in irreps {
             multiplicities[irrep.index()] += 1;
         }
-        FieldType::new(multiplicities)
+        FieldType::new(group, multiplicities)
+    }
+
+    /// The group that acts.
+    pub const fn group(&self) -> Group {
+        self.group
+    }
+
+    /// The same channels under a subgroup.
+    ///
+    /// Channels of irreps that become one are now neighbours:
+    /// [`irrep_order`](crate::irrep_order) of [`irreps`](FieldType::irreps) says where they move.
+    ///
+    /// # Panics
+    /// When `group` is not a subgroup of the type's.
+    pub fn restrict(&self, group: Group) -> FieldType {
+        assert!(
+            group.is_subgroup_of(self.group),
+            "got {group}, expected a subgroup of {} to restrict `{self}` to",
+            self.group
+        );
+        FieldType::new(group, self.multiplicities)
     }
 
     /// The number of channels.
@@ -48,7 +70,7 @@ impl FieldType {
         self.multiplicities.iter().sum()
     }
 
-    /// How many channels have this irrep.
+    /// How many channels have this irrep; 0 for an irrep that is not in the group's list.
     pub const fn multiplicity(&self, irrep: Irrep) -> usize {
         self.multiplicities[irrep.index()]
     }
@@ -59,10 +81,20 @@ impl FieldType {
         start..start + self.multiplicity(irrep)
     }
 
+    /// The irrep of each channel.
+    pub fn irreps(&self) -> impl Iterator<Item = Irrep> + use<> {
+        let multiplicities = self.multiplicities;
+        Irrep::ALL
+            .into_iter()
+            .flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
+    }
+
     /// The number of regular fields, if the type consists of regular fields only.
+    ///
+    /// Every type of C1 does, since its regular representation is the trivial one.
     pub fn regular_fields(&self) -> Option<usize> {
-        let [n, rest @ ..] = self.multiplicities;
-        rest.iter().all(|&m| m == n).then_some(n)
+        let n = self.multiplicity(Irrep::Trivial);
+        (*self == self.group.regular(n)).then_some(n)
     }
 
     /// Whether every channel is invariant.
@@ -73,8 +105,13 @@ impl FieldType {
     /// Transforms a channel vector in place: channels of odd irreps change sign.
     ///
     /// # Panics
-    /// When `channels` does not hold [`dim`](FieldType::dim) values.
+    /// When `g` is not in the group or `channels` does not hold [`dim`](FieldType::dim) values.
     pub fn act<T: Copy + Neg<Output = T>>(&self, g: D2, channels: &mut [T]) {
+        assert!(
+            self.group.contains(g),
+            "got {g}, which is not in the group {} of `{self}`",
+            self.group
+        );
         assert_eq!(
             channels.len(),
             self.dim(),
@@ -92,90 +129,20 @@ impl Add for FieldType {
     type Output = FieldType;
 
     /// The direct sum. Its channels are irrep-major again: a sum is not a concatenation.
+    ///
+    /// # Panics
+    /// When the groups differ.
     fn add(self, other: FieldType) -> FieldType {
-        FieldType::new(std::array::from_fn(|a| {
-            self.multiplicities[a] + other.multiplicities[a]
-        }))
-    }
-}
-
-impl fmt::Display for FieldType {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let regular = self.multiplicities.into_iter().min().unwrap_or(0);
-        let mut terms = Vec::new();
-        if regular > 0 {
-            terms.push(format!("{regular} reg"));
+        assert_eq!(
+            self.group, other.group,
+            "`{self}` and `{other}` are types of different groups, restrict one of them"
+        );
+        FieldType {
+            group: self.group,
+            multiplicities: std::array::from_fn(|a| {
+                self.multiplicities[a] + other.multiplicities[a]
+            }),
         }
-        for irrep in Irrep::ALL {
-            let rest = self.multiplicity(irrep) - regular;
-            if rest > 0 {
-                terms.push(format!("{rest} {irrep}"));
-            }
-        }
-        if terms.is_empty() {
-            terms.push("0".to_owned());
-        }
-        f.pad(&terms.join(" + "))
-    }
-}
-
-/// Why a text is not a field type; each variant holds the offending part.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ParseFieldTypeError {
-    /// A term is not a count and a representation.
-    Term(String),
-    /// A representation is none of `reg`, `1`, `x`, `y`, `xy`.
-    Representation(String),
-}
-
-impl fmt::Display for ParseFieldTypeError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Term(term) => write!(
-                f,
-                "got the term `{term}`, expected a count and a representation such as `8 reg`; \
-                 join terms with `+`"
-            ),
-            Self::Representation(name) => write!(
-                f,
-                "got the representation `{name}`, expected one of `reg`, `1`, `x`, `y`, `xy`"
-            ),
-        }
-    }
-}
-
-impl Error for ParseFieldTypeError {}
-
-impl FromStr for FieldType {
-    type Err = ParseFieldTypeError;
-
-    /// Parses terms `<count> <representation>` joined by `+`; `0` is the empty type.
-    fn from_str(text: &str) -> Result<FieldType, ParseFieldTypeError> {
-        if text.trim() == "0" {
-            return Ok(FieldType::default());
-        }
-        text.split('+').try_fold(
-            FieldType::default(),
-            |sum, term| Ok(sum + parse_term(term)?),
-        )
-    }
-}
-
-fn parse_term(term: &str) -> Result<FieldType, ParseFieldTypeError> {
-    let malformed = || ParseFieldTypeError::Term(term.trim().to_owned());
-    let (count, name) = term.trim().split_once(' ').ok_or_else(malformed)?;
-    let count: usize = count.parse().map_err(|_| malformed())?;
-    match name.trim() {
-        "reg" => Ok(FieldType::regular(count)),
-        name => Irrep::ALL
-            .into_iter()
-            .find(|irrep| irrep.to_string() == name)
-            .map(|irrep| {
-                let mut multiplicities = [0; 4];
-                multiplicities[irrep.index()] = count;
-                FieldType::new(multiplicities)
-            })
-            .ok_or_else(|| ParseFieldTypeError::Representation(name.to_owned())),
     }
 }
 
@@ -185,62 +152,95 @@ mod tests {
 
     #[test]
     fn ranges_are_irrep_major_and_cover_the_channels() {
-        let field = FieldType::new([2, 0, 3, 1]);
+        let field = FieldType::new(Group::D2, [2, 0, 3, 1]);
         assert_eq!(field.dim(), 6);
         let ranges = Irrep::ALL.map(|a| field.range(a));
         assert_eq!(ranges, [0..2, 2..2, 2..5, 5..6]);
+        use Irrep::*;
+        assert!(field.irreps().eq([Trivial, Trivial, Y, Y, Y, XY]));
     }
 
     #[test]
     fn regular_fields_are_recognised() {
-        assert_eq!(FieldType::regular(3).regular_fields(), Some(3));
-        assert_eq!(FieldType::new([3, 3, 3, 2]).regular_fields(), None);
-        assert!(FieldType::trivial(6).is_trivial());
-        assert!(!FieldType::regular(1).is_trivial());
-    }
-
-    #[test]
-    fn the_notation_survives_a_round_trip() {
-        for multiplicities in [[0; 4], [8; 4], [8, 10, 8, 8], [2, 1, 1, 0], [5, 3, 3, 4]] {
-            let field = FieldType::new(multiplicities);
-            assert_eq!(field.to_string().parse(), Ok(field), "{field}");
+        for group in Group::ALL {
+            let regular = group.regular(3);
+            assert_eq!(regular.dim(), 3 * group.order());
+            assert_eq!(regular.regular_fields(), Some(3));
+            assert!(group.trivial(6).is_trivial());
+            assert_eq!(regular.is_trivial(), group == Group::C1);
         }
-        assert_eq!(FieldType::new([8, 10, 8, 8]).to_string(), "8 reg + 2 x");
-        assert_eq!(FieldType::trivial(6).to_string(), "6 1");
+        let uneven = FieldType::new(Group::D2, [3, 3, 3, 2]);
+        assert_eq!(uneven.regular_fields(), None);
+        let foreign = FieldType::new(Group::D1y, [1, 0, 0, 0]);
+        assert_eq!(foreign.regular_fields(), None);
     }
 
     #[test]
-    fn wrong_notation_is_refused_with_its_part() {
-        let parse = |text: &str| text.parse::<FieldType>().unwrap_err();
-        assert_eq!(parse("8"), ParseFieldTypeError::Term("8".into()));
-        assert_eq!(parse("2 x + "), ParseFieldTypeError::Term("".into()));
-        assert_eq!(parse("-1 x"), ParseFieldTypeError::Term("-1 x".into()));
-        let wrong = parse("2 x + 3 z");
-        assert_eq!(wrong, ParseFieldTypeError::Representation("z".into()));
-        assert!(wrong.to_string().contains("got the representation `z`"));
-    }
-
-    #[test]
-    fn the_action_is_a_representation() {
-        let field = FieldType::new([1, 2, 1, 1]);
-        for g in D2::ALL {
-            for h in D2::ALL {
-                let mut twice = [1, 2, 3, 4, 5];
-                field.act(h, &mut twice);
-                field.act(g, &mut twice);
-                let mut once = [1, 2, 3, 4, 5];
-                field.act(g * h, &mut once);
-                assert_eq!(once, twice);
+    fn the_action_is_a_representation_of_every_group() {
+        for group in Group::ALL {
+            let field = FieldType::new(group, [1, 2, 1, 1]);
+            for &g in group.elements() {
+                for &h in group.elements() {
+                    let mut twice = [1, 2, 3, 4, 5];
+                    field.act(h, &mut twice);
+                    field.act(g, &mut twice);
+                    let mut once = [1, 2, 3, 4, 5];
+                    field.act(g * h, &mut once);
+                    assert_eq!(once, twice);
+                }
             }
         }
         let mut flipped = [1, 2, 3, 4, 5];
-        field.act(D2::FlipX, &mut flipped);
+        FieldType::new(Group::D2, [1, 2, 1, 1]).act(D2::FlipX, &mut flipped);
         assert_eq!(flipped, [1, -2, -3, 4, -5]);
+    }
+
+    #[test]
+    fn restriction_keeps_the_action_of_the_subgroup() {
+        for group in Group::ALL {
+            let field = FieldType::new(group, [1, 2, 1, 3]);
+            let irreps: Vec<Irrep> = field.irreps().collect();
+            for sub in Group::ALL.into_iter().filter(|h| h.is_subgroup_of(group)) {
+                let order = crate::irrep_order(sub, &irreps);
+                for &g in sub.elements() {
+                    let mut before = [1, 2, 3, 4, 5, 6, 7];
+                    let mut after: Vec<i32> = order.iter().map(|&i| before[i]).collect();
+                    field.act(g, &mut before);
+                    field.restrict(sub).act(g, &mut after);
+                    let moved: Vec<i32> = order.iter().map(|&i| before[i]).collect();
+                    assert_eq!(after, moved, "{group} to {sub}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_sum_adds_multiplicities() {
+        let sum = Group::C2.regular(2) + Group::C2.trivial(1);
+        assert_eq!(sum, FieldType::new(Group::C2, [3, 2, 0, 0]));
+    }
+
+    #[test]
+    #[should_panic(expected = "`1 1` and `C2: 1 1` are types of different groups")]
+    fn types_of_different_groups_are_not_added() {
+        let _ = Group::D2.trivial(1) + Group::C2.trivial(1);
+    }
+
+    #[test]
+    #[should_panic(expected = "got D1x, expected a subgroup of C2")]
+    fn a_restriction_to_another_group_is_refused() {
+        Group::C2.regular(1).restrict(Group::D1x);
+    }
+
+    #[test]
+    #[should_panic(expected = "got flip x, which is not in the group C2")]
+    fn elements_outside_the_group_do_not_act() {
+        Group::C2.regular(1).act(D2::FlipX, &mut [0.0; 2]);
     }
 
     #[test]
     #[should_panic(expected = "wrong number of channels for 1 reg")]
     fn acting_on_the_wrong_number_of_channels_is_refused() {
-        FieldType::regular(1).act(D2::FlipX, &mut [0.0; 5]);
+        Group::D2.regular(1).act(D2::FlipX, &mut [0.0; 5]);
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Mul;
 
-use crate::D2;
+use crate::{D2, Group};
 
 /// An irreducible representation of D2: a sign for each group element.
 ///
@@ -65,20 +65,22 @@ impl fmt::Display for Irrep {
     }
 }
 
-/// Sorts the channels of a vector given in its natural order into irrep-major order.
+/// Sorts the channels of a vector given in its natural order into irrep-major order under `group`.
 ///
 /// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
 /// their order.
 ///
 /// ```
-/// use symmetry::{Irrep, irrep_order};
+/// use symmetry::{Group, Irrep, irrep_order};
 /// // natural order x, y, z, finger
-/// let order = irrep_order(&[Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial]);
-/// assert_eq!(order, [2, 3, 0, 1]);
+/// let irreps = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+/// assert_eq!(irrep_order(Group::D2, &irreps), [2, 3, 0, 1]);
+/// // flip x leaves y alone
+/// assert_eq!(irrep_order(Group::D1x, &irreps), [1, 2, 3, 0]);
 /// ```
-pub fn irrep_order(irreps: &[Irrep]) -> Vec<usize> {
+pub fn irrep_order(group: Group, irreps: &[Irrep]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..irreps.len()).collect();
-    order.sort_by_key(|&i| irreps[i].index());
+    order.sort_by_key(|&i| group.restrict(irreps[i]).index());
     order
 }
 
@@ -124,7 +126,7 @@ mod tests {
     #[test]
     fn the_order_is_stable_within_an_irrep() {
         use Irrep::*;
-        let order = irrep_order(&[XY, Y, Trivial, Y, X, Trivial]);
+        let order = irrep_order(Group::D2, &[XY, Y, Trivial, Y, X, Trivial]);
         assert_eq!(order, [2, 5, 4, 1, 3, 0]);
     }
 }

@@ -1,24 +1,29 @@
-//! The group D2 of table-top flips, its irreducible representations and field types.
+//! The group D2 of table-top flips, its subgroups, their irreducible representations and field types.
 //!
-//! [`D2`] holds the identity, the two mirror flips of the table and the half turn. Its four
-//! irreducible representations are signs ([`Irrep`]), so a representation is fully described
-//! by how often each sign occurs ([`FieldType`]). Channel vectors are laid out irrep-major:
-//! every channel of the trivial irrep first, then of `x`, of `y` and of `xy`.
+//! [`D2`] holds the identity, the two mirror flips of the table and the half turn. A [`Group`] is D2 or one of
+//! its subgroups: C1, D1x, D1y, C2. Irreducible representations are signs ([`Irrep`]), so
+//! a representation is fully described by its group and by how often each sign occurs ([`FieldType`]). Channel
+//! vectors are laid out irrep-major: every channel of the trivial irrep first, then of `x`, of `y`
+//! and of `xy`.
 //!
 //! Conventions shared by every crate of the workspace: world x points right and y away from
 //! the robot; images are channels-last with row 0 at the largest y and column 0 at the smallest x.
 //!
 //! ```
-//! use symmetry::{D2, FieldType, Irrep};
+//! use symmetry::{D2, FieldType, Group, Irrep};
 //!
 //! // a hand position and a finger opening: one `x`, one `y`, two invariants
-//! let hand = FieldType::from_irreps(&[Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial]);
+//! let irreps = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+//! let hand = FieldType::from_irreps(Group::D2, &irreps);
 //! assert_eq!(hand.to_string(), "2 1 + 1 x + 1 y");
 //!
 //! // irrep-major order: z, finger, x, y
 //! let mut channels = [0.1, 0.5, 0.2, -0.3];
 //! hand.act(D2::FlipX, &mut channels);
 //! assert_eq!(channels, [0.1, 0.5, -0.2, -0.3]);
+//!
+//! // to somebody who can only flip x, y is one more invariant
+//! assert_eq!(hand.restrict(Group::D1x).to_string(), "D1x: 1 reg + 2 1");
 //! ```
 
 #[cfg(doctest)]
@@ -27,8 +32,12 @@ struct Readme;
 
 mod d2;
 mod field_type;
+mod group;
 mod irrep;
+mod notation;
 
 pub use d2::D2;
-pub use field_type::{FieldType, ParseFieldTypeError};
+pub use field_type::FieldType;
+pub use group::{Group, ParseGroupError};
 pub use irrep::{Irrep, irrep_order};
+pub use notation::ParseFieldTypeError;

@@ -4,99 +4,151 @@
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
 
 use equivariant::{
-    FieldType, GroupMaxPool, Kernel, Layer, Linear, R2Conv, Relu, Scalar, Sequential, Shape,
+    AveragePool, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, Linear,
+    MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SpatialSoftArgmax, Statistics,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-/// Every kind of layer, with even, odd, strided and 1 x 1 kernels, mixed and lacking irreps.
-pub fn layers<T: Scalar>() -> Vec<(&'static str, Box<dyn Layer<T>>)> {
-    let regular = FieldType::regular;
-    let mixed = FieldType::new([2, 1, 3, 0]);
+/// Every kind of layer for every group, by name.
+pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
+    let named = |group: Group| {
+        let all = [exact_layers_of(group), inexact_layers_of(group)];
+        let layers = all.into_iter().flatten();
+        layers.map(move |(name, layer)| (format!("{name} of {group}"), layer))
+    };
+    Group::ALL.into_iter().flat_map(named).collect()
+}
+
+type Named<T> = Vec<(&'static str, Box<dyn Layer<T>>)>;
+
+/// Layers that only permute, compare and scale single values in the regular basis.
+pub fn exact_layers_of<T: Scalar>(group: Group) -> Named<T> {
+    let regular = |n| group.regular(n);
+    let image = Shape::image;
+    let pool = |shape, window| boxed(MaxPool::new(shape, kernel(window)));
+    vec![
+        ("relu", boxed(Relu::new(image(3, 2, regular(3))))),
+        ("relu of 8", boxed(Relu::new(image(3, 2, regular(8))))),
+        (
+            "trivial relu",
+            boxed(Relu::new(Shape::vector(group.trivial(5)))),
+        ),
+        (
+            "group max-pool",
+            boxed(GroupMaxPool::new(image(2, 3, regular(4)))),
+        ),
+        (
+            "group mean-pool",
+            boxed(GroupMeanPool::new(image(2, 3, regular(4)))),
+        ),
+        ("max-pool 2x2/2", pool(image(4, 6, regular(3)), [2, 2, 0])),
+        ("max-pool 3x3/2", pool(image(5, 3, regular(2)), [3, 2, 1])),
+        (
+            "trivial max-pool",
+            pool(image(4, 4, group.trivial(3)), [2, 2, 0]),
+        ),
+    ]
+}
+
+/// Layers that sum, with even, odd, strided and 1 x 1 kernels, mixed and lacking irreps.
+pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
+    let regular = |n| group.regular(n);
+    let mixed = FieldType::new(group, [2, 1, 3, 0]);
+    let lacking = FieldType::new(group, [1, 2, 0, 2]);
+    let image = Shape::image;
+    let average = |shape, window| boxed(AveragePool::new(shape, kernel(window)));
+    let norm = |fields, statistics| boxed(FieldNorm::new(image(3, 2, fields), statistics));
+    let keypoints = |shape, temperature| boxed(SpatialSoftArgmax::new(shape, temperature));
+    let fixed = Statistics::Fixed([[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]].to_vec());
     vec![
         (
             "4x4/2",
-            conv(FieldType::trivial(6), regular(4), [4, 2, 1], [6, 8]),
+            conv(group.trivial(6), regular(4), [4, 2, 1], [6, 8]),
         ),
         ("3x3", conv(regular(2), regular(3), [3, 1, 0], [3, 3])),
-        (
-            "3x3/2",
-            conv(mixed, FieldType::new([1, 2, 0, 2]), [3, 2, 1], [5, 7]),
-        ),
+        ("3x3/2", conv(mixed, lacking, [3, 2, 1], [5, 7])),
         ("5x5", conv(regular(1), mixed, [5, 1, 2], [4, 3])),
         ("2x2", conv(regular(8), regular(2), [2, 2, 0], [4, 6])),
         ("1x1", conv(mixed, mixed, [1, 1, 0], [2, 3])),
         (
-            "linear",
-            Box::new(Linear::new(regular(3), FieldType::new([2, 1, 1, 0]))),
+            "flatten",
+            boxed(R2Conv::flatten(image(3, 3, regular(2)), mixed)),
         ),
+        ("linear", boxed(Linear::new(regular(3), lacking))),
+        ("linear from mixed", boxed(Linear::new(mixed, regular(4)))),
+        ("average-pool 2x2/2", average(image(4, 6, mixed), [2, 2, 0])),
         (
-            "linear from mixed",
-            Box::new(Linear::new(mixed, regular(4))),
+            "average-pool 3x3",
+            average(image(3, 4, regular(2)), [3, 1, 1]),
         ),
+        ("norm of a batch", norm(regular(9), Statistics::Batch)),
+        ("norm of samples", norm(regular(3), Statistics::Sample)),
+        ("norm of mixed", norm(mixed, Statistics::Batch)),
+        ("fixed norm", norm(regular(3), fixed)),
+        ("soft-argmax", keypoints(image(4, 5, regular(3)), 0.5)),
         (
-            "relu",
-            Box::new(Relu::new(Shape::image(3, 2, regular(3))).unwrap()),
+            "trivial soft-argmax",
+            keypoints(image(3, 3, group.trivial(2)), 1.0),
         ),
-        (
-            "relu of 8",
-            Box::new(Relu::new(Shape::image(3, 2, regular(8))).unwrap()),
-        ),
-        (
-            "trivial relu",
-            Box::new(Relu::new(Shape::vector(FieldType::trivial(5))).unwrap()),
-        ),
-        (
-            "pool",
-            Box::new(GroupMaxPool::new(Shape::image(2, 3, regular(4))).unwrap()),
-        ),
-        ("sequential", Box::new(network())),
-        ("nested", Box::new(nested())),
+        ("sequential", Box::new(network(group))),
+        ("nested", Box::new(nested(group))),
     ]
+}
+
+pub fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
+    Kernel {
+        size,
+        stride,
+        padding,
+    }
+}
+
+pub fn boxed<T: Scalar, L: Layer<T> + 'static>(
+    layer: Result<L, equivariant::LayerError>,
+) -> Box<dyn Layer<T>> {
+    Box::new(layer.unwrap())
 }
 
 pub fn conv<T: Scalar>(
     in_type: FieldType,
     out_type: FieldType,
-    [size, stride, padding]: [usize; 3],
+    window: [usize; 3],
     image: [usize; 2],
 ) -> Box<dyn Layer<T>> {
-    let kernel = Kernel {
-        size,
-        stride,
-        padding,
-    };
-    Box::new(R2Conv::new(in_type, out_type, kernel, image).unwrap())
+    boxed(R2Conv::new(in_type, out_type, kernel(window), image))
 }
 
 /// A small encoder: images to vectors.
-pub fn network<T: Scalar>() -> Sequential<T> {
-    let regular = FieldType::regular;
-    let relu = |size, n| -> Box<dyn Layer<T>> {
-        Box::new(Relu::new(Shape::image(size, size, FieldType::regular(n))).unwrap())
-    };
+pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
+    let regular = |n| group.regular(n);
+    let relu = |size, n| boxed(Relu::new(Shape::image(size, size, regular(n))));
     let layers = vec![
-        conv(FieldType::trivial(3), regular(2), [4, 2, 1], [8, 8]),
+        conv(group.trivial(3), regular(2), [4, 2, 1], [8, 8]),
         relu(4, 2),
         conv(regular(2), regular(4), [4, 2, 1], [4, 4]),
         relu(2, 4),
         conv(regular(4), regular(8), [2, 1, 0], [2, 2]),
         relu(1, 8),
-        Box::new(Linear::new(regular(8), FieldType::new([2, 1, 1, 0]))),
+        boxed(Linear::new(regular(8), hidden(group))),
     ];
     Sequential::new(layers).unwrap()
 }
 
+fn hidden(group: Group) -> FieldType {
+    FieldType::new(group, [2, 1, 1, 0])
+}
+
 /// A chain whose layers are chains.
-fn nested<T: Scalar>() -> Sequential<T> {
-    let hidden = FieldType::new([2, 1, 1, 0]);
-    let head: Vec<Box<dyn Layer<T>>> = vec![
-        Box::new(Linear::new(hidden, FieldType::regular(3))),
-        Box::new(Relu::new(Shape::vector(FieldType::regular(3))).unwrap()),
-        Box::new(Linear::new(FieldType::regular(3), hidden)),
+fn nested<T: Scalar>(group: Group) -> Sequential<T> {
+    let regular = group.regular(3);
+    let head = vec![
+        boxed(Linear::new(hidden(group), regular)),
+        boxed(Relu::new(Shape::vector(regular))),
+        boxed(Linear::new(regular, hidden(group))),
     ];
     Sequential::new(vec![
-        Box::new(network::<T>()) as Box<dyn Layer<T>>,
-        Box::new(Sequential::new(head).unwrap()),
+        boxed(Ok(network::<T>(group))),
+        boxed(Sequential::new(head)),
     ])
     .unwrap()
 }
@@ -108,7 +160,7 @@ pub fn rng(seed: u64) -> ChaCha8Rng {
 /// Normal numbers of unit variance, from the library's own initialisation.
 pub fn normal<T: Scalar>(len: usize, seed: u64) -> Vec<T> {
     let rows = len.max(1);
-    let source = Linear::new(FieldType::trivial(1), FieldType::trivial(rows));
+    let source = Linear::new(Group::D2.trivial(1), Group::D2.trivial(rows)).unwrap();
     let mut values = vec![T::ZERO; 2 * rows];
     source.init_scaled(&mut rng(seed), 1.0, &mut values);
     values.truncate(len);

@@ -1,0 +1,193 @@
+//! The closed form of steerable kernels against the general solver of the kernel constraint.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+#[path = "../common/mod.rs"]
+mod common;
+mod solver;
+
+use common::{kernel, normal};
+use equivariant::{Dense, FieldType, Group, Layer, Linear, R2Conv};
+use proptest::prelude::*;
+use solver::{Representation, kernel_space};
+
+/// The part of `kernel` outside the span of an orthonormal basis, relative to it.
+fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut rest = kernel.to_vec();
+    for b in basis {
+        let along = dot(kernel, b);
+        rest.iter_mut().zip(b).for_each(|(r, b)| *r -= along * b);
+    }
+    (dot(&rest, &rest) / dot(kernel, kernel)).sqrt()
+}
+
+/// The kernels of the unit vectors among the weights.
+fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
+    let biases = dense
+        .out_shape()
+        .fields
+        .multiplicity(symmetry::Irrep::Trivial);
+    let kernel = |i| {
+        let mut unit = vec![0.0; weights + biases];
+        unit[i] = 1.0;
+        match regular {
+            true => dense.regular_kernel(&unit),
+            false => dense.kernel(&unit),
+        }
+    };
+    (0..weights).map(kernel).collect()
+}
+
+fn num_weights(layer: &dyn Layer<f64>) -> usize {
+    layer.num_params()
+        - layer
+            .out_shape()
+            .fields
+            .multiplicity(symmetry::Irrep::Trivial)
+}
+
+fn assert_equal_spans(closed: &[Vec<f64>], solved: &[Vec<f64>]) {
+    assert_eq!(closed.len(), solved.len(), "dimensions differ");
+    for kernel in closed {
+        assert!(outside(kernel, solved) < 1e-12);
+    }
+}
+
+fn layer(in_type: FieldType, out_type: FieldType, size: usize) -> R2Conv {
+    R2Conv::new(in_type, out_type, kernel([size, 1, 0]), [size; 2]).unwrap()
+}
+
+fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
+    proptest::array::uniform4(0usize..3)
+        .prop_filter("few channels", |m| m.iter().sum::<usize>() < 4)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn the_parameters_span_all_steerable_kernels(
+        group in proptest::sample::select(&Group::ALL),
+        in_multiplicities in multiplicities(),
+        out_multiplicities in multiplicities(),
+        size in 1usize..5,
+    ) {
+        let in_type = FieldType::new(group, in_multiplicities);
+        let out_type = FieldType::new(group, out_multiplicities);
+        let conv = layer(in_type, out_type, size);
+        let solved = kernel_space(
+            &Representation::irreps(in_type),
+            &Representation::irreps(out_type),
+            size,
+        );
+        assert_equal_spans(&closed_form(&conv.dense(), num_weights(&conv), false), &solved);
+    }
+}
+
+#[test]
+fn regular_kernels_span_the_space_of_permutation_representations() {
+    for group in Group::ALL {
+        for size in [2, 3] {
+            let conv = layer(group.regular(1), group.regular(1), size);
+            let regular = Representation::regular(group, 1);
+            let solved = kernel_space(&regular, &regular, size);
+            let closed = closed_form(&conv.dense(), num_weights(&conv), true);
+            assert_equal_spans(&closed, &solved);
+        }
+    }
+}
+
+#[test]
+fn linear_layers_span_the_equivariant_matrices() {
+    for group in Group::ALL {
+        let (in_type, out_type) = (group.regular(2), FieldType::new(group, [2, 1, 0, 1]));
+        let linear = Linear::new(in_type, out_type).unwrap();
+        let solved = kernel_space(
+            &Representation::irreps(in_type),
+            &Representation::irreps(out_type),
+            1,
+        );
+        let closed = closed_form(&linear.dense(), num_weights(&linear), false);
+        assert_equal_spans(&closed, &solved);
+    }
+}
+
+#[test]
+fn a_kernel_that_is_not_steerable_lies_outside() {
+    let (fields, size) = (Group::D2.regular(1), 3);
+    let rho = Representation::irreps(fields);
+    let solved = kernel_space(&rho, &rho, size);
+    assert!(outside(&normal(16 * 9, 1), &solved) > 0.5);
+}
+
+#[test]
+fn the_solver_does_not_depend_on_the_basis() {
+    // the regular representation of C2, turned by an angle
+    let (s, c) = 0.7f64.sin_cos();
+    let turned = vec![
+        vec![1.0, 0.0, 0.0, 1.0],
+        vec![2.0 * s * c, c * c - s * s, c * c - s * s, -2.0 * s * c],
+    ];
+    let turned = Representation::new(Group::C2, 2, turned);
+    let regular = Representation::regular(Group::C2, 1);
+    for size in [1, 2, 3] {
+        let dimension = |rho| kernel_space(rho, rho, size).len();
+        assert_eq!(dimension(&turned), dimension(&regular));
+        assert_eq!(dimension(&turned), 2 * size * size);
+    }
+}
+
+#[test]
+#[should_panic(expected = "rho(half turn) rho(half turn) is not rho(identity)")]
+fn matrices_that_are_no_representation_are_refused() {
+    Representation::new(Group::C2, 1, vec![vec![1.0], vec![2.0]]);
+}
+
+#[test]
+fn projection_inverts_expansion_and_measures_the_rest() {
+    for group in Group::ALL {
+        let mixed = FieldType::new(group, [2, 1, 1, 0]);
+        let conv = layer(group.regular(2), mixed, 3);
+        let dense = conv.dense();
+        let mut params = common::params::<f64>(&conv, 1);
+        let weights = num_weights(&conv);
+        params[weights..].fill(0.0);
+        let steerable = dense.kernel(&params);
+        let back = dense.project(&steerable);
+        assert!(back.residual < 1e-14, "{group}");
+        for (a, b) in params.iter().zip(&back.params) {
+            assert!((a - b).abs() < 1e-14);
+        }
+        // noise: what remains is what the oracle says
+        let noise = normal::<f64>(steerable.len(), 2);
+        let solved = kernel_space(
+            &Representation::irreps(group.regular(2)),
+            &Representation::irreps(mixed),
+            3,
+        );
+        let expected = outside(&noise, &solved);
+        assert!((dense.project(&noise).residual - expected).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn the_regular_basis_projects_to_the_same_parameters() {
+    for group in Group::ALL {
+        let conv = layer(group.trivial(2), group.regular(2), 4);
+        let params = common::params::<f64>(&conv, 3);
+        let kernel = conv.dense().regular_kernel(&params);
+        let back = conv.dense().project_regular(&kernel);
+        assert!(back.residual < 1e-14);
+        let weights = num_weights(&conv);
+        for (a, b) in params[..weights].iter().zip(&back.params) {
+            assert!((a - b).abs() < 1e-14);
+        }
+        // in the regular basis, a bias is one number for all elements of a field
+        let bias = conv.dense().regular_bias(&params);
+        for f in 0..2 {
+            let values: Vec<f64> = bias.iter().skip(f).step_by(2).copied().collect();
+            assert!(values.iter().all(|v| (v - values[0]).abs() < 1e-15));
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The notation of field types: `8 reg + 2 x`, `C2: 8 reg + 2 x`.
+
+use std::error::Error;
+use std::fmt;
+use std::str::FromStr;
+
+use crate::{FieldType, Group, Irrep, ParseGroupError};
+
+impl fmt::Display for FieldType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (group, name) = (self.group(), |a: Irrep| a.to_string());
+        let irreps = group.irreps();
+        // in C1 the regular field is the trivial one, and the shorter name is the clearer one
+        let regular = match group {
+            Group::C1 => 0,
+            _ => irreps
+                .iter()
+                .map(|&a| self.multiplicity(a))
+                .min()
+                .unwrap_or(0),
+        };
+        let rest = irreps
+            .iter()
+            .map(|&a| (self.multiplicity(a) - regular, name(a)));
+        let terms: Vec<String> = [(regular, "reg".to_owned())]
+            .into_iter()
+            .chain(rest)
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, name)| format!("{count} {name}"))
+            .collect();
+        let sum = match terms.is_empty() {
+            true => "0".to_owned(),
+            false => terms.join(" + "),
+        };
+        match group {
+            Group::D2 => f.pad(&sum),
+            _ => f.pad(&format!("{group}: {sum}")),
+        }
+    }
+}
+
+/// Why a text is not a field type; each variant holds the offending part.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ParseFieldTypeError {
+    /// What stands before the colon is not a group.
+    Group(ParseGroupError),
+    /// A term is not a count and a representation.
+    Term(String),
+    /// A representation is none of those of the group.
+    Representation {
+        /// The group whose representations are meant.
+        group: Group,
+        /// What was found.
+        name: String,
+    },
+}
+
+impl fmt::Display for ParseFieldTypeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Group(source) => source.fmt(f),
+            Self::Term(term) => write!(
+                f,
+                "got the term `{term}`, expected a count and a representation such as `8 reg`; \
+                 join terms with `+`"
+            ),
+            Self::Representation { group, name } => {
+                let irreps = group.irreps().iter().map(|a| format!(", `{a}`"));
+                write!(
+                    f,
+                    "got the representation `{name}`, expected one of `reg`{} for {group}",
+                    irreps.collect::<String>()
+                )
+            }
+        }
+    }
+}
+
+impl Error for ParseFieldTypeError {}
+
+impl FromStr for FieldType {
+    type Err = ParseFieldTypeError;
+
+    /// Parses terms `<count> <representation>` joined by `+`, after the group and a colon unless it
+    /// is D2; `0` is the empty type.
+    fn from_str(text: &str) -> Result<FieldType, ParseFieldTypeError> {
+        let (group, sum) = match text.split_once(':') {
+            Some((group, sum)) => (
+                group.trim().parse().map_err(ParseFieldTypeError::Group)?,
+                sum,
+            ),
+            None => (Group::D2, text),
+        };
+        if sum.trim() == "0" {
+            return Ok(group.trivial(0));
+        }
+        sum.split('+').try_fold(group.trivial(0), |sum, term| {
+            Ok(sum + parse_term(group, term.trim())?)
+        })
+    }
+}
+
+fn parse_term(group: Group, term: &str) -> Result<FieldType, ParseFieldTypeError> {
+    let malformed = || ParseFieldTypeError::Term(term.to_owned());
+    let (count, name) = term.split_once(' ').ok_or_else(malformed)?;
+    let count: usize = count.parse().map_err(|_| malformed())?;
+    let name = name.trim();
+    if name == "reg" {
+        return Ok(group.regular(count));
+    }
+    let irrep = group
+        .irreps()
+        .iter()
+        .find(|irrep| irrep.to_string() == name);
+    let irrep = irrep.ok_or_else(|| ParseFieldTypeError::Representation {
+        group,
+        name: name.to_owned(),
+    })?;
+    let mut multiplicities = [0; 4];
+    multiplicities[irrep.index()] = count;
+    Ok(FieldType::new(group, multiplicities))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_notation_survives_a_round_trip() {
+        for group in Group::ALL {
+            for multiplicities in [[0; 4], [8; 4], [8, 10, 8, 8], [2, 1, 1, 0], [5, 3, 3, 4]] {
+                let field = FieldType::new(group, multiplicities);
+                assert_eq!(field.to_string().parse(), Ok(field), "{field}");
+            }
+        }
+    }
+
+    #[test]
+    fn types_print_as_the_papers_write_them() {
+        let print = |group, multiplicities| FieldType::new(group, multiplicities).to_string();
+        assert_eq!(print(Group::D2, [8, 10, 8, 8]), "8 reg + 2 x");
+        assert_eq!(print(Group::D2, [6, 0, 0, 0]), "6 1");
+        assert_eq!(print(Group::C2, [8, 10, 0, 0]), "C2: 8 reg + 2 x");
+        assert_eq!(print(Group::D1y, [1, 0, 3, 0]), "D1y: 1 reg + 2 y");
+        assert_eq!(print(Group::C1, [3, 0, 0, 0]), "C1: 3 1");
+        assert_eq!(print(Group::C1, [0; 4]), "C1: 0");
+    }
+
+    #[test]
+    fn wrong_notation_is_refused_with_its_part() {
+        let parse = |text: &str| text.parse::<FieldType>().unwrap_err();
+        assert_eq!(parse("8"), ParseFieldTypeError::Term("8".into()));
+        assert_eq!(parse("2 x + "), ParseFieldTypeError::Term("".into()));
+        assert_eq!(parse("-1 x"), ParseFieldTypeError::Term("-1 x".into()));
+        let message = |text| parse(text).to_string();
+        assert!(message("2 x + 3 z").contains("got the representation `z`"));
+        assert!(message("C2: 1 y").contains("`y`, expected one of `reg`, `1`, `x` for C2"));
+        assert!(message("C3: 1 x").contains("got the group `C3`"));
+    }
+}
