@@ -4,6 +4,8 @@ use std::fmt::{Debug, Display};
 
 use faer::traits::RealField;
 
+use crate::lanes::{Kernel, Portable, run_f32};
+
 /// `f32` for training and `f64` for gradient checks.
 pub trait Scalar:
     RealField + Copy + Default + Debug + Display + PartialOrd + Send + Sync + 'static
@@ -19,6 +21,11 @@ pub trait Scalar:
 
     /// e to the power of the value.
     fn exp(self) -> Self;
+
+    /// Runs a kernel on the instruction set for this type.
+    #[doc(hidden)]
+    #[expect(private_bounds, reason = "kernels are the crate's own")]
+    fn run(kernel: impl Kernel<Self>);
 }
 
 impl Scalar for f32 {
@@ -35,6 +42,11 @@ impl Scalar for f32 {
     fn exp(self) -> f32 {
         f32::exp(self)
     }
+
+    #[expect(private_bounds, reason = "kernels are the crate's own")]
+    fn run(kernel: impl Kernel<f32>) {
+        run_f32(kernel);
+    }
 }
 
 impl Scalar for f64 {
@@ -50,6 +62,11 @@ impl Scalar for f64 {
 
     fn exp(self) -> f64 {
         f64::exp(self)
+    }
+
+    #[expect(private_bounds, reason = "kernels are the crate's own")]
+    fn run(kernel: impl Kernel<f64>) {
+        kernel.run(Portable);
     }
 }
 
