@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::conv_backward::Backward;
 use crate::conv_forward::Forward;
-use crate::lanes::{Block, LANES};
+use crate::lanes::LANES;
 use crate::layer::Fusible;
 use crate::maps::{Maps, MapsMut, Scratch};
 use crate::{Layer, R2Conv, Scalar, Shape};
@@ -63,7 +63,7 @@ impl Chain {
         self.links.len() - 1
     }
 
-    /// Blocks that the forward pass leaves to the backward pass.
+    /// Values that the forward pass leaves to the backward pass.
     fn kept(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
@@ -71,7 +71,7 @@ impl Chain {
             .sum()
     }
 
-    /// Blocks of the staged images between link `i` and the one before; the first is given channels.
+    /// The length of the staged images between link `i` and the one before; the first is given channels.
     fn staged(&self, i: usize, samples: usize) -> usize {
         match i {
             0 => 0,
@@ -79,7 +79,7 @@ impl Chain {
         }
     }
 
-    /// Blocks of the largest staged images.
+    /// The length of the largest staged images.
     fn largest(&self, samples: usize) -> usize {
         let links = 0..self.links.len();
         links.map(|i| self.staged(i, samples)).max().unwrap_or(0)
@@ -87,11 +87,15 @@ impl Chain {
 }
 
 impl Link {
-    /// Blocks that hold the masks of the ReLU.
+    /// The length of the masks of the ReLU, in whole blocks.
     fn masks(&self, samples: usize) -> usize {
         let rows = samples * self.conv.shape_out().pixels();
         let masks = rows * self.conv.weights().width();
-        if self.rectified { masks.div_ceil(LANES) } else { 0 }
+        if self.rectified {
+            masks.next_multiple_of(LANES)
+        } else {
+            0
+        }
     }
 }
 
@@ -119,19 +123,19 @@ impl<T: Scalar> Layer<T> for Chain {
             let backward = Backward::<T>::scratch_len(&link.conv, samples, i > 0);
             forward.max(backward)
         });
-        let blocks = self.kept(samples) + 2 * self.largest(samples);
-        Scratch::<T>::len(blocks) + passes.max().unwrap_or(0)
+        let own = self.kept(samples) + 2 * self.largest(samples);
+        Scratch::<T>::len(0) + own + passes.max().unwrap_or(0)
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = self.links[0].conv.shape_in().samples(x.len());
         let mut scratch = Scratch::new(scratch);
-        let mut kept = Scratch::of(scratch.take(self.kept(samples)));
+        let mut kept = Scratch::new(scratch.take_flat(self.kept(samples)));
         let scratch = scratch.rest();
         let mut y = Some(y);
         let mut x = Maps::Channels(x);
         for (i, link) in self.links.iter().enumerate() {
-            let masks = kept.take(link.masks(samples)).as_flattened_mut();
+            let masks = kept.take_flat(link.masks(samples));
             let mut pass = Forward {
                 conv: &link.conv,
                 samples,
@@ -143,15 +147,15 @@ impl<T: Scalar> Layer<T> for Chain {
             };
             let Some(next) = self.links.get(i + 1) else {
                 pass.y = MapsMut::Channels(y.take().unwrap_or_default());
-                return T::run(pass);
+                return T::forward(pass);
             };
             let patches = next.conv.patches();
-            let staged = kept.take(self.staged(i + 1, samples));
+            let staged = kept.take_flat(self.staged(i + 1, samples));
             staged
                 .chunks_exact_mut(patches.staged().max(1))
                 .for_each(|image| patches.clear_border(image));
             pass.y = MapsMut::Staged(patches, staged);
-            T::run(pass);
+            T::forward(pass);
             x = Maps::Staged(patches, staged);
         }
     }
@@ -168,15 +172,15 @@ impl<T: Scalar> Layer<T> for Chain {
     ) {
         let samples = self.links[0].conv.shape_in().samples(x.len());
         let mut scratch = Scratch::new(scratch);
-        let mut kept = &*scratch.take(self.kept(samples));
-        let mut output_gradient = scratch.take(self.largest(samples));
-        let mut input_gradient = scratch.take(self.largest(samples));
+        let mut kept = &*scratch.take_flat(self.kept(samples));
+        let mut output_gradient = scratch.take_flat(self.largest(samples));
+        let mut input_gradient = scratch.take_flat(self.largest(samples));
         let scratch = scratch.rest();
         for (i, link) in self.links.iter().enumerate().rev() {
             let patches = link.conv.patches();
-            let masks = take_back(&mut kept, link.masks(samples)).as_flattened();
+            let masks = take_back(&mut kept, link.masks(samples));
             let staged = take_back(&mut kept, self.staged(i, samples));
-            T::run(Backward {
+            T::backward(Backward {
                 conv: &link.conv,
                 samples,
                 params: &params[link.params.clone()],
@@ -191,7 +195,10 @@ impl<T: Scalar> Layer<T> for Chain {
                 masks: link.rectified.then_some(masks),
                 dx: match i {
                     0 => dx.take().map(MapsMut::Channels),
-                    _ => Some(MapsMut::Staged(patches, &mut input_gradient[..staged.len()])),
+                    _ => Some(MapsMut::Staged(
+                        patches,
+                        &mut input_gradient[..staged.len()],
+                    )),
                 },
                 dparams: &mut dparams[link.params.clone()],
                 scratch,
@@ -201,8 +208,8 @@ impl<T: Scalar> Layer<T> for Chain {
     }
 }
 
-fn take_back<'a, T>(rest: &mut &'a [Block<T>], blocks: usize) -> &'a [Block<T>] {
-    let (front, back) = rest.split_at(rest.len() - blocks);
+fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
+    let (front, back) = rest.split_at(rest.len() - len);
     *rest = front;
     back
 }

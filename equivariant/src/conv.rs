@@ -161,7 +161,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        T::run(Forward {
+        T::forward(Forward {
             conv: self,
             samples: self.shape_in().samples(x.len()),
             params,
@@ -182,7 +182,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
         dparams: &mut [T],
         scratch: &mut [T],
     ) {
-        T::run(Backward {
+        T::backward(Backward {
             conv: self,
             samples: self.shape_in().samples(x.len()),
             params,

@@ -3,27 +3,27 @@
 use crate::conv_forward::transform;
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch};
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
 use crate::tiles::{input, weights};
 use crate::{R2Conv, Scalar};
 
 /// Rows that are gathered at a time.
-const ROWS: usize = 32;
+const ROWS: usize = 24;
 /// Rows of a tile of the input gradient.
-const TILE: usize = 4;
+const TILE: usize = 6;
 
 /// Everything that a backward pass reads and writes.
-pub(crate) struct Backward<'a, T> {
-    pub conv: &'a R2Conv,
-    pub samples: usize,
-    pub params: &'a [T],
-    pub x: Maps<'a, T>,
-    pub dy: Maps<'a, T>,
+pub struct Backward<'a, T> {
+    pub(crate) conv: &'a R2Conv,
+    pub(crate) samples: usize,
+    pub(crate) params: &'a [T],
+    pub(crate) x: Maps<'a, T>,
+    pub(crate) dy: Maps<'a, T>,
     /// Which values the ReLU of the forward pass let through; none for no ReLU.
-    pub masks: Option<&'a [T]>,
-    pub dx: Option<MapsMut<'a, T>>,
-    pub dparams: &'a mut [T],
-    pub scratch: &'a mut [T],
+    pub(crate) masks: Option<&'a [T]>,
+    pub(crate) dx: Option<MapsMut<'a, T>>,
+    pub(crate) dparams: &'a mut [T],
+    pub(crate) scratch: &'a mut [T],
 }
 
 /// The buffers of a pass, in blocks.
@@ -47,7 +47,7 @@ impl<T: Scalar> Backward<'_, T> {
         let images = if staged { 0 } else { 2 * conv.group(samples) };
         let per_row = 4 * patches.blocks() + weights.width();
         let rest = 3 * weights.packed() + 2 * weights.width() + ROWS * per_row;
-        Scratch::<T>::len(rest + images * patches.staged())
+        Scratch::<T>::len(rest) + images * patches.staged()
     }
 }
 
@@ -89,22 +89,22 @@ impl<T: Scalar> Backward<'_, T> {
         };
         let (own, own_gradient) = match self.x {
             Maps::Channels(_) => {
-                let blocks = patches.staged() * together;
-                (scratch.zeros(blocks), scratch.take(blocks))
+                let len = patches.staged() * together;
+                (zeros(scratch.take_flat(len)), scratch.take_flat(len))
             }
             Maps::Staged(..) => Default::default(),
         };
         let mut first = 0;
         while first < self.samples {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(patches, first, images, own);
+            let staged = self.x.stage(lanes, patches, first, images, own);
             let mut gradient = match &mut self.dx {
                 None => None,
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
                 Some(MapsMut::Staged(_, dx)) => Some(&mut **dx),
             };
             if let Some(gradient) = gradient.as_deref_mut() {
-                gradient.as_flattened_mut().fill(T::ZERO);
+                gradient.fill(T::ZERO);
             }
             let mut cursor = Cursor::new(loader.pixels);
             let rows = images * loader.pixels;
@@ -174,17 +174,26 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
     /// adds it to the gradient of the bias.
     #[inline(always)]
     fn run(&self, (image, pixel): (usize, usize), r: usize, rows: usize, buffers: &mut Buffers<T>) {
-        let Buffers { dy: panel, pixel: channels, dbias, .. } = buffers;
+        let Buffers {
+            dy: panel,
+            pixel: channels,
+            dbias,
+            ..
+        } = buffers;
         let (from, scale) = match self.dy {
             Maps::Channels(dy) => {
                 let first = (image * self.pixels + pixel) * self.channels;
                 let dy = &dy[first..][..self.channels];
-                self.join.run::<T, G>(T::from_f64(1.0), dy, channels.as_flattened_mut());
+                self.join
+                    .run::<T, G>(T::from_f64(1.0), dy, channels.as_flattened_mut());
                 (&**channels, 1.0)
             }
             Maps::Staged(patches, dy) => {
                 let at = image * patches.staged() + patches.pixels()[pixel];
-                (&dy[at..][..self.width], patches.scale())
+                (
+                    dy[at..][..self.width * LANES].as_chunks().0,
+                    patches.scale(),
+                )
             }
         };
         let first = (image * self.pixels + pixel) * self.width;
@@ -225,9 +234,9 @@ impl Rows<'_> {
     fn run<T: Scalar, L: Lanes<T>, const G: usize>(
         &self,
         lanes: L,
-        staged: &[Block<T>],
+        staged: &[T],
         buffers: &mut Buffers<T>,
-        gradient: Option<&mut [Block<T>]>,
+        gradient: Option<&mut [T]>,
     ) {
         let (patches, rows) = (self.conv.patches(), self.windows.len());
         let width = self.conv.weights().width();
@@ -254,7 +263,7 @@ impl Rows<'_> {
         lanes: L,
         w: &[Block<T>],
         dy: &[Block<T>],
-        gradient: &mut [Block<T>],
+        gradient: &mut [T],
     ) {
         let blocks = self.conv.patches().blocks();
         for (c, w) in w.chunks_exact((w.len() / blocks).max(1)).enumerate() {
@@ -263,6 +272,9 @@ impl Rows<'_> {
                 if self.windows.len() - row >= TILE && L::REGISTERS >= 32 {
                     self.tile::<T, L, G, TILE, N>(lanes, (row, c), w, dy, gradient);
                     row += TILE;
+                } else if self.windows.len() - row >= 2 && L::REGISTERS >= 32 {
+                    self.tile::<T, L, G, 2, N>(lanes, (row, c), w, dy, gradient);
+                    row += 2;
                 } else {
                     self.tile::<T, L, G, 1, N>(lanes, (row, c), w, dy, gradient);
                     row += 1;
@@ -278,11 +290,11 @@ impl Rows<'_> {
         (row, c): (usize, usize),
         w: &[Block<T>],
         dy: &[Block<T>],
-        gradient: &mut [Block<T>],
+        gradient: &mut [T],
     ) {
         let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
         for r in 0..R {
-            let at = self.windows[row + r] + c;
+            let at = self.windows[row + r] + c * LANES;
             let patches = self.conv.patches();
             patches.scatter::<T, L, N>(lanes, self.orbit, folds[r], gradient, at);
         }
@@ -294,14 +306,14 @@ impl Rows<'_> {
         lanes: L,
         w: &[Block<T>],
         dy: &[Block<T>],
-        gradient: &mut [Block<T>],
+        gradient: &mut [T],
     ) {
         let blocks = self.conv.patches().blocks();
         for (c, w) in w.chunks_exact((w.len() / blocks).max(1)).enumerate() {
             for (row, &window) in self.windows.iter().enumerate() {
                 let [[fold]] = input::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
                 let patches = self.conv.patches();
-                patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + c);
+                patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + c * LANES);
             }
         }
     }

@@ -2,20 +2,20 @@
 
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch};
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
 use crate::tiles::{ROWS, forward};
 use crate::{R2Conv, Scalar};
 
 /// Everything that a forward pass reads and writes.
-pub(crate) struct Forward<'a, T> {
-    pub conv: &'a R2Conv,
-    pub samples: usize,
-    pub params: &'a [T],
-    pub x: Maps<'a, T>,
-    pub y: MapsMut<'a, T>,
+pub struct Forward<'a, T> {
+    pub(crate) conv: &'a R2Conv,
+    pub(crate) samples: usize,
+    pub(crate) params: &'a [T],
+    pub(crate) x: Maps<'a, T>,
+    pub(crate) y: MapsMut<'a, T>,
     /// Where to keep which values a ReLU passes, a number for every block of outputs; none for no ReLU.
-    pub masks: Option<&'a mut [T]>,
-    pub scratch: &'a mut [T],
+    pub(crate) masks: Option<&'a mut [T]>,
+    pub(crate) scratch: &'a mut [T],
 }
 
 impl<T: Scalar> Forward<'_, T> {
@@ -25,7 +25,7 @@ impl<T: Scalar> Forward<'_, T> {
         let images = if staged { 0 } else { conv.group(samples) };
         let per_row = patches.folded() + weights.width();
         let rest = weights.packed() + weights.width() + ROWS * per_row;
-        Scratch::<T>::len(rest + images * patches.staged())
+        Scratch::<T>::len(rest) + images * patches.staged()
     }
 }
 
@@ -70,13 +70,13 @@ impl<T: Scalar> Forward<'_, T> {
             Maps::Staged(..) => self.samples,
         };
         let own = match self.x {
-            Maps::Channels(_) => scratch.zeros(patches.staged() * together),
+            Maps::Channels(_) => zeros(scratch.take_flat(patches.staged() * together)),
             Maps::Staged(..) => Default::default(),
         };
         let mut first = 0;
         while first < self.samples {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(patches, first, images, own);
+            let staged = self.x.stage(lanes, patches, first, images, own);
             let mut cursor = Cursor::new(finish.pixels);
             let rows = images * finish.pixels;
             for row in (0..rows).step_by(ROWS) {
@@ -97,8 +97,11 @@ impl<T: Scalar> Forward<'_, T> {
                     let panel = &mut panel[range.start * ROWS..range.end * ROWS];
                     patches.gather(lanes, orbit, staged, &windows, panel);
                 }
-                forward::<T, L, G>(lanes, panel.as_chunks().0, w, sums);
-                for (sums, &place) in sums.chunks_exact_mut(finish.width.max(1)).zip(&places[..count]) {
+                forward::<T, L, G>(lanes, panel.as_chunks().0, w, sums, count);
+                for (sums, &place) in sums
+                    .chunks_exact_mut(finish.width.max(1))
+                    .zip(&places[..count])
+                {
                     finish.run(sums, place);
                 }
             }
@@ -132,25 +135,33 @@ impl<T: Scalar, L: Lanes<T>, const G: usize> Finish<'_, T, L, G> {
         let masks = self.masks.as_deref_mut();
         let masks = masks.map(|masks| &mut masks[first..][..self.width]);
         match masks {
-            Some(masks) if self.regular => rectify::<T, L, G>(self.lanes, sums, self.bias, masks, scale),
+            Some(masks) if self.regular => {
+                rectify::<T, L, G>(self.lanes, sums, self.bias, masks, scale)
+            }
             Some(masks) => rectify::<T, L, 1>(self.lanes, sums, self.bias, masks, scale),
             None => add_bias(self.lanes, sums, self.bias, scale),
         }
         match &mut self.y {
             MapsMut::Channels(y) => {
                 let y = &mut y[(image * self.pixels + pixel) * self.channels..][..self.channels];
-                self.join.undo::<T, G>(T::from_f64(1.0), sums.as_flattened(), y);
+                self.join
+                    .undo::<T, G>(T::from_f64(1.0), sums.as_flattened(), y);
             }
             MapsMut::Staged(patches, y) => {
                 let at = image * patches.staged() + patches.pixels()[pixel];
-                y[at..][..self.width].copy_from_slice(sums);
+                y[at..][..self.width * LANES].copy_from_slice(sums.as_flattened());
             }
         }
     }
 }
 
 #[inline(always)]
-fn add_bias<T: Scalar, L: Lanes<T>>(lanes: L, sums: &mut [Block<T>], bias: &[Block<T>], scale: f64) {
+fn add_bias<T: Scalar, L: Lanes<T>>(
+    lanes: L,
+    sums: &mut [Block<T>],
+    bias: &[Block<T>],
+    scale: f64,
+) {
     let scale = lanes.splat(T::from_f64(scale));
     for (sum, bias) in sums.iter_mut().zip(bias) {
         let v = lanes.add(lanes.load(sum), lanes.load(bias));

@@ -104,3 +104,12 @@ pub(crate) fn head<V, const N: usize>(values: &[V]) -> &[V; N] {
         None => unreachable!("the operands have the sizes of the layer"),
     }
 }
+
+/// The first N values, to be written.
+#[inline(always)]
+pub(crate) fn head_mut<V, const N: usize>(values: &mut [V]) -> &mut [V; N] {
+    match values.first_chunk_mut() {
+        Some(head) => head,
+        None => unreachable!("the operands have the sizes of the layer"),
+    }
+}

@@ -29,6 +29,8 @@ pub(crate) trait Lanes<T>: Copy {
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// Lane i receives lane i xor `bits`, for `bits` in 0..4.
     fn swap(self, v: Self::V, bits: usize) -> Self::V;
+    /// The groups `[e, e, o, o]` of lanes 4 i to 4 i + 3 of two registers.
+    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
     /// Zero where a lane is at most zero, and the bits of the others: not a number stays visible.
     fn rectify(self, v: Self::V) -> (Self::V, u16);
     /// Zero where a bit is not set.
@@ -108,6 +110,12 @@ impl<T: Scalar> Lanes<T> for Portable {
     }
 
     #[inline(always)]
+    fn pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
+        let of = |lane: usize| if lane & 2 == 0 { &e } else { &o };
+        std::array::from_fn(|lane| of(lane)[4 * i + lane / 4])
+    }
+
+    #[inline(always)]
     fn rectify(self, v: Block<T>) -> (Block<T>, u16) {
         let dropped = v.map(|x| x <= T::ZERO);
         let bits = (0..LANES).map(|lane| u16::from(!dropped[lane]) << lane);
@@ -129,7 +137,7 @@ mod x86 {
     use pulp::x86::{V3, V4};
     use pulp::{NullaryFnOnce, cast};
 
-    use super::{Block, Kernel, Lanes};
+    use super::{Block, Kernel, Lanes, Portable};
 
     /// A kernel with AVX-512.
     pub(super) struct OnV4<K> {
@@ -226,6 +234,17 @@ mod x86 {
         }
 
         #[inline(always)]
+        fn pair(self, e: __m512, o: __m512, i: usize) -> __m512 {
+            let first = self.avx512f._mm512_set1_epi32(4 * i as i32);
+            // an index of 16 and more is a lane of the second register
+            let index = [0, 0, 16, 16, 1, 1, 17, 17, 2, 2, 18, 18, 3, 3, 19, 19];
+            let index = self
+                .avx512f
+                ._mm512_add_epi32(cast::<[i32; 16], _>(index), first);
+            self.avx512f._mm512_permutex2var_ps(e, index, o)
+        }
+
+        #[inline(always)]
         fn rectify(self, v: __m512) -> (__m512, u16) {
             let bits = !self.avx512f._mm512_cmple_ps_mask(v, self.splat(0.0));
             (self.keep(v, bits), bits)
@@ -307,10 +326,24 @@ mod x86 {
         fn swap(self, v: Self::V, bits: usize) -> Self::V {
             match bits {
                 0 => v,
-                1 => [self.avx._mm256_permute_ps::<0b10_11_00_01>(v[0]), self.avx._mm256_permute_ps::<0b10_11_00_01>(v[1])],
-                2 => [self.avx._mm256_permute_ps::<0b01_00_11_10>(v[0]), self.avx._mm256_permute_ps::<0b01_00_11_10>(v[1])],
-                _ => [self.avx._mm256_permute_ps::<0b00_01_10_11>(v[0]), self.avx._mm256_permute_ps::<0b00_01_10_11>(v[1])],
+                1 => [
+                    self.avx._mm256_permute_ps::<0b10_11_00_01>(v[0]),
+                    self.avx._mm256_permute_ps::<0b10_11_00_01>(v[1]),
+                ],
+                2 => [
+                    self.avx._mm256_permute_ps::<0b01_00_11_10>(v[0]),
+                    self.avx._mm256_permute_ps::<0b01_00_11_10>(v[1]),
+                ],
+                _ => [
+                    self.avx._mm256_permute_ps::<0b00_01_10_11>(v[0]),
+                    self.avx._mm256_permute_ps::<0b00_01_10_11>(v[1]),
+                ],
             }
+        }
+
+        #[inline(always)]
+        fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
+            cast(Portable.pair(cast::<_, Block<f32>>(e), cast(o), i))
         }
 
         #[inline(always)]
@@ -330,7 +363,13 @@ mod x86 {
         #[inline(always)]
         fn keep(self, v: Self::V, bits: u16) -> Self::V {
             let values: Block<f32> = cast(v);
-            let kept = |lane: usize| if bits >> lane & 1 == 1 { values[lane] } else { 0.0 };
+            let kept = |lane: usize| {
+                if bits >> lane & 1 == 1 {
+                    values[lane]
+                } else {
+                    0.0
+                }
+            };
             cast(std::array::from_fn::<f32, 16, _>(kept))
         }
     }

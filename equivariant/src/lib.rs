@@ -36,8 +36,8 @@ struct Readme;
 
 mod average_pool;
 mod blocks;
-mod check;
 mod chain;
+mod check;
 mod chunks;
 mod concat;
 mod conv;
@@ -55,6 +55,7 @@ mod kernel_space;
 mod lanes;
 mod layer;
 mod linear;
+mod lines;
 mod maps;
 mod max_pool;
 mod norm;

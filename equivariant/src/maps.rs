@@ -1,7 +1,7 @@
 //! The feature maps that passes read and write, and their scratch.
 
 use crate::Scalar;
-use crate::lanes::{Block, LANES};
+use crate::lanes::{Block, LANES, Lanes};
 use crate::patches::Patches;
 
 /// Feature maps of some samples.
@@ -10,32 +10,33 @@ pub(crate) enum Maps<'a, T> {
     /// `[N, H, W, C]`, irrep-major channels.
     Channels(&'a [T]),
     /// Staged for the convolution with these patches.
-    Staged(&'a Patches, &'a [Block<T>]),
+    Staged(&'a Patches, &'a [T]),
 }
 
 /// The same, to be written.
 pub(crate) enum MapsMut<'a, T> {
     Channels(&'a mut [T]),
-    Staged(&'a Patches, &'a mut [Block<T>]),
+    Staged(&'a Patches, &'a mut [T]),
 }
 
 impl<T: Scalar> Maps<'_, T> {
     /// Some of the images, staged; `own` has room for them in case they are not.
     #[inline(always)]
-    pub fn stage<'b>(
+    pub fn stage<'b, L: Lanes<T>>(
         &'b self,
+        lanes: L,
         patches: &Patches,
         first: usize,
         images: usize,
-        own: &'b mut [Block<T>],
-    ) -> &'b [Block<T>] {
+        own: &'b mut [T],
+    ) -> &'b [T] {
         let staged = patches.staged();
         match self {
             Maps::Channels(x) => {
                 let len = patches.image().len();
                 for i in 0..images {
                     let x = &x[(first + i) * len..][..len];
-                    patches.stage(x, &mut own[i * staged..][..staged]);
+                    patches.stage(lanes, x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
@@ -90,9 +91,9 @@ impl<'a, T: Scalar> Scratch<'a, T> {
         }
     }
 
-    /// A scratch of blocks that are aligned already.
-    pub fn of(blocks: &'a mut [Block<T>]) -> Scratch<'a, T> {
-        Scratch { rest: blocks }
+    /// Splits off values; a multiple of a block.
+    pub fn take_flat(&mut self, len: usize) -> &'a mut [T] {
+        self.take(len / LANES).as_flattened_mut()
     }
 
     pub fn take(&mut self, blocks: usize) -> &'a mut [Block<T>] {
@@ -117,4 +118,10 @@ impl<'a, T: Scalar> Scratch<'a, T> {
     pub fn rest(self) -> &'a mut [T] {
         self.rest.as_flattened_mut()
     }
+}
+
+/// Fills a slice with zeros.
+pub(crate) fn zeros<T: Scalar>(values: &mut [T]) -> &mut [T] {
+    values.fill(T::ZERO);
+    values
 }

@@ -7,11 +7,13 @@
 //!
 //! Trivial channels would leave most lanes empty. They are staged as G copies, and the lanes of a folded
 //! group are the parities of one orbit, since parity b is what leads from the trivial irrep to irrep b.
+//! For D2 the copies are folded along y already (see [`Lines`]), since the windows of a line share that fold.
 
-use symmetry::Irrep;
+use symmetry::{Group, Irrep};
 
-use crate::join::Join;
+use crate::join::{Join, head, head_mut};
 use crate::lanes::{Block, LANES, Lanes};
+use crate::lines::Lines;
 use crate::taps::Taps;
 use crate::{Kernel, Scalar, Shape};
 
@@ -20,13 +22,16 @@ use crate::{Kernel, Scalar, Shape};
 pub(crate) struct Patches {
     image: Shape,
     kernel: Kernel,
-    /// Where the window of every output pixel starts in a staged image, in blocks.
+    /// Where the window of every output pixel starts in a staged image.
     windows: Vec<usize>,
-    /// Where every pixel of the image lies in a staged image, in blocks.
+    /// Where every pixel of the image lies in a staged image.
     pixels: Vec<usize>,
-    /// Blocks of a staged pixel.
+    /// The length of a staged pixel.
+    pitch: usize,
+    /// Blocks of a staged pixel, the last perhaps not full.
     blocks: usize,
     replicated: bool,
+    lines: Option<Lines>,
     orbits: Vec<Orbit>,
     /// Blocks of a folded patch.
     folded: usize,
@@ -35,7 +40,9 @@ pub(crate) struct Patches {
 /// The taps {g t}, folded together.
 #[derive(Clone, Debug)]
 struct Orbit {
-    /// Where the taps lie in a window, in blocks.
+    /// The tap that it starts with.
+    start: [usize; 2],
+    /// Where the taps lie in a window.
     taps: Vec<usize>,
     /// The parities of the folds, as positions in the group's list of irreps.
     parities: Vec<usize>,
@@ -52,17 +59,34 @@ impl Patches {
         let group = image.fields.group();
         let irreps = group.irreps().iter();
         let fields = irreps.map(|&a| image.fields.multiplicity(a)).max();
+        let lanes = fields.unwrap_or(0) * group.order();
+        let blocks = lanes.div_ceil(LANES);
         let mut patches = Patches {
             image,
             kernel,
             windows: Vec::new(),
             pixels: Vec::new(),
-            blocks: (fields.unwrap_or(0) * group.order()).div_ceil(LANES),
+            pitch: blocks * LANES,
+            blocks,
             replicated: image.fields.is_trivial() && group.order() > 1,
+            lines: None,
             orbits: Vec::new(),
             folded: 0,
         };
+        if patches.replicated {
+            // neighbours share a block: what a load sees beyond the pixel meets weights of zero
+            patches.pitch = lanes;
+        }
         patches.windows = patches.offsets(out_size, kernel.stride, 0);
+        if patches.replicated && group == Group::D2 {
+            let line = patches.staged_width() * patches.pitch;
+            let lines = Lines::new(image, kernel, out_size[0], line);
+            for (i, window) in patches.windows.iter_mut().enumerate() {
+                let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
+                *window = lines.first(oy) + ox * kernel.stride * patches.pitch;
+            }
+            patches.lines = Some(lines);
+        }
         patches.pixels = patches.offsets([image.height, image.width], 1, kernel.padding);
         for function in taps.functions() {
             patches.add(taps, function.parts[0].0);
@@ -70,25 +94,28 @@ impl Patches {
         patches
     }
 
-    /// The offsets of a grid of pixels in a staged image, in blocks.
+    /// The offsets of a grid of pixels in a staged image.
     fn offsets(&self, [height, width]: [usize; 2], step: usize, first: usize) -> Vec<usize> {
         let at = |y, x| (first + y * step) * self.staged_width() + first + x * step;
         let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
-        lines.map(|(y, x)| at(y, x) * self.blocks).collect()
+        lines.map(|(y, x)| at(y, x) * self.pitch).collect()
     }
 
     /// Adds the orbit that starts with this tap, unless it is there.
     fn add(&mut self, taps: &Taps, start: [usize; 2]) {
-        let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.blocks;
-        if self.orbits.iter().any(|o| o.taps[0] == offset(start)) {
+        if self.orbits.iter().any(|o| o.start == start) {
             return;
         }
+        let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.pitch;
         let group = self.image.fields.group();
         let functions = taps.functions().iter().filter(|f| f.parts[0].0 == start);
         let functions: Vec<_> = functions.collect();
         let position = |p: Irrep| group.irreps().iter().position(|&a| a == p).unwrap_or(0);
         let parities: Vec<usize> = functions.iter().map(|f| position(f.parity)).collect();
-        let parts = &functions[0].parts;
+        let mut parts = functions[0].parts.clone();
+        // folded lines stand for the rows of taps below the first
+        parts.retain(|(tap, _)| self.lines.is_none() || tap[0] == start[0]);
+        let orbit_len = functions[0].parts.len();
         let coefficients = (0..parts.len()).map(|tap| {
             std::array::from_fn(|lane| {
                 let of_lane = parities.iter().position(|&p| p == lane % group.order());
@@ -96,9 +123,10 @@ impl Patches {
             })
         });
         let orbit = Orbit {
+            start,
             taps: parts.iter().map(|part| offset(part.0)).collect(),
             first: self.folded,
-            scale: (group.order() as f64 / parts.len() as f64).sqrt(),
+            scale: (group.order() as f64 / orbit_len as f64).sqrt(),
             coefficients: coefficients.collect(),
             parities,
         };
@@ -131,15 +159,15 @@ impl Patches {
 
     /// The first group of lanes of a folded patch that holds the channels of a function on the taps.
     pub fn first_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
-        let offset = (start[0] * self.staged_width() + start[1]) * self.blocks;
         let group = self.image.fields.group();
         let per_block = LANES / group.order();
-        for orbit in &self.orbits {
-            if orbit.taps[0] == offset {
-                let i = orbit.parities.iter().position(|&p| group.irreps()[p] == parity);
-                let skipped = if self.replicated { 0 } else { i.unwrap_or(0) };
-                return (orbit.first + skipped * self.blocks) * per_block;
-            }
+        for orbit in self.orbits.iter().filter(|o| o.start == start) {
+            let i = orbit
+                .parities
+                .iter()
+                .position(|&p| group.irreps()[p] == parity);
+            let skipped = if self.replicated { 0 } else { i.unwrap_or(0) };
+            return (orbit.first + skipped * self.blocks) * per_block;
         }
         unreachable!("every function starts with the first tap of an orbit")
     }
@@ -148,17 +176,23 @@ impl Patches {
         self.image.width + 2 * self.kernel.padding
     }
 
-    /// Blocks of a staged image.
+    /// The length of a staged image, with room for a block at every pixel.
     pub fn staged(&self) -> usize {
-        (self.image.height + 2 * self.kernel.padding) * self.staged_width() * self.blocks
+        let line = self.staged_width() * self.pitch;
+        let lines = match &self.lines {
+            Some(lines) => lines.count(),
+            None => self.image.height + 2 * self.kernel.padding,
+        };
+        let beyond = self.blocks * LANES - self.pitch;
+        (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Where the window of every output pixel starts in a staged image, in blocks.
+    /// Where the window of every output pixel starts in a staged image.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Where every pixel of the image lies in a staged image, in blocks.
+    /// Where every pixel of the image lies in a staged image.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }
@@ -169,19 +203,22 @@ impl Patches {
     }
 
     /// Writes zeros around an image.
-    pub fn clear_border<T: Scalar>(&self, staged: &mut [Block<T>]) {
-        let line = self.image.width * self.blocks;
+    pub fn clear_border<T: Scalar>(&self, staged: &mut [T]) {
+        let line = self.image.width * self.pitch;
         let mut end = 0;
         for &start in self.pixels.iter().step_by(self.image.width.max(1)) {
-            staged[end..start].as_flattened_mut().fill(T::ZERO);
+            staged[end..start].fill(T::ZERO);
             end = start + line;
         }
-        staged[end..].as_flattened_mut().fill(T::ZERO);
+        staged[end..].fill(T::ZERO);
     }
 
     /// Stages one image; padding and lanes without a channel must be zero and stay so.
     #[inline(always)]
-    pub fn stage<T: Scalar>(&self, image: &[T], staged: &mut [Block<T>]) {
+    pub fn stage<T: Scalar, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
+        if let Some(lines) = &self.lines {
+            return lines.fold(lanes, image, staged);
+        }
         match self.image.fields.group().order() {
             1 => self.stage_groups::<T, 1>(image, staged),
             2 => self.stage_groups::<T, 2>(image, staged),
@@ -190,24 +227,30 @@ impl Patches {
     }
 
     #[inline(always)]
-    fn stage_groups<T: Scalar, const G: usize>(&self, image: &[T], staged: &mut [Block<T>]) {
+    fn stage_groups<T: Scalar, const G: usize>(&self, image: &[T], staged: &mut [T]) {
         let channels = self.image.fields.dim();
+        if self.replicated {
+            let line = self.image.width * channels;
+            let starts = self.pixels.iter().step_by(self.image.width.max(1));
+            for (line, &start) in image.chunks_exact(line.max(1)).zip(starts) {
+                replicate::<T, G>(line, &mut staged[start..][..line.len() * G]);
+            }
+            return;
+        }
         let scale = T::from_f64(self.scale());
         let join = Join::new(self.image.fields);
         for (i, &to) in self.pixels.iter().enumerate() {
             let from = &image[i * channels..][..channels];
-            let to = staged[to..][..self.blocks].as_flattened_mut();
-            if self.replicated {
-                replicate::<T, G>(from, to);
-            } else {
-                join.run::<T, G>(scale, from, to);
-            }
+            join.run::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
         }
     }
 
     /// The transpose of [`stage`](Patches::stage): overwrites one image.
     #[inline(always)]
-    pub fn unstage<T: Scalar>(&self, staged: &[Block<T>], image: &mut [T]) {
+    pub fn unstage<T: Scalar>(&self, staged: &[T], image: &mut [T]) {
+        if let Some(lines) = &self.lines {
+            return lines.unfold(staged, image);
+        }
         match self.image.fields.group().order() {
             1 => self.unstage_groups::<T, 1>(staged, image),
             2 => self.unstage_groups::<T, 2>(staged, image),
@@ -216,13 +259,13 @@ impl Patches {
     }
 
     #[inline(always)]
-    fn unstage_groups<T: Scalar, const G: usize>(&self, staged: &[Block<T>], image: &mut [T]) {
+    fn unstage_groups<T: Scalar, const G: usize>(&self, staged: &[T], image: &mut [T]) {
         let channels = self.image.fields.dim();
         let scale = T::from_f64(self.scale());
         let join = Join::new(self.image.fields);
         for (i, &from) in self.pixels.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];
-            let from = staged[from..][..self.blocks].as_flattened();
+            let from = &staged[from..][..self.pitch];
             if self.replicated {
                 add_up::<T, G>(from, to);
             } else {
@@ -257,18 +300,18 @@ impl Patches {
         &self,
         lanes: L,
         orbit: usize,
-        staged: &[Block<T>],
+        staged: &[T],
         windows: &[usize],
         panel: &mut [Block<T>],
     ) {
         let orbit = &self.orbits[orbit];
-        if self.replicated {
-            return self.gather_replicated(lanes, orbit, staged, windows, panel);
-        }
-        match orbit.taps.len() {
-            1 => self.gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panel),
-            2 => self.gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panel),
-            _ => self.gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panel),
+        match (self.replicated, orbit.taps.len()) {
+            (false, 1) => self.gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panel),
+            (false, 2) => self.gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panel),
+            (false, _) => self.gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panel),
+            (true, 1) => self.gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
+            (true, 2) => self.gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
+            (true, _) => self.gather_replicated::<T, L, 4>(lanes, orbit, staged, windows, panel),
         }
     }
 
@@ -277,58 +320,65 @@ impl Patches {
         &self,
         lanes: L,
         orbit: &Orbit,
-        staged: &[Block<T>],
+        staged: &[T],
         windows: &[usize],
         panel: &mut [Block<T>],
     ) {
-        let (blocks, rows) = (self.blocks, windows.len());
-        let mut parts = panel.chunks_exact_mut(blocks * rows);
-        let parts: [&mut [Block<T>]; N] =
-            std::array::from_fn(|_| parts.next().unwrap_or_default());
+        let rows = windows.len();
+        let staged = staged.as_chunks().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
-        for (row, &window) in windows.iter().enumerate() {
-            let taps: [&[Block<T>]; N] =
-                std::array::from_fn(|i| &staged[window + orbit.taps[i]..][..blocks]);
-            for c in 0..blocks {
-                let mut values = [lanes.splat(T::ZERO); N];
+        let (mut taps, mut parities) = ([0; N], [0; N]);
+        for i in 0..N {
+            (taps[i], parities[i]) = (orbit.taps[i] / LANES, orbit.parities[i]);
+        }
+        for c in 0..self.blocks {
+            let mut parts = panel[c * rows..].chunks_mut(self.blocks * rows);
+            let folds: [&mut [Block<T>]; N] =
+                std::array::from_fn(|_| &mut parts.next().unwrap_or_default()[..rows]);
+            for (row, window) in windows.iter().enumerate() {
+                let at = window / LANES + c;
+                let mut values = [scale; N];
                 for i in 0..N {
-                    values[i] = lanes.load(&taps[i][c]);
+                    values[i] = lanes.load(&staged[at + taps[i]]);
                     if N < 4 {
                         values[i] = lanes.mul(values[i], scale);
                     }
                 }
-                let folds = butterfly(lanes, values);
+                values = butterfly(lanes, values);
                 for i in 0..N {
-                    let fold = swap(lanes, folds[i], orbit.parities[i]);
-                    lanes.store(&mut parts[i][c * rows + row], fold);
+                    let fold = swap(lanes, values[i], parities[i]);
+                    lanes.store(&mut folds[i][row], fold);
                 }
             }
         }
     }
 
     #[inline(always)]
-    fn gather_replicated<T: Scalar, L: Lanes<T>>(
+    fn gather_replicated<T: Scalar, L: Lanes<T>, const N: usize>(
         &self,
         lanes: L,
         orbit: &Orbit,
-        staged: &[Block<T>],
+        staged: &[T],
         windows: &[usize],
         panel: &mut [Block<T>],
     ) {
-        let (blocks, rows) = (self.blocks, windows.len());
-        let n = orbit.taps.len();
-        let mut coefficients = [lanes.splat(T::ZERO); 4];
-        for (c, of_tap) in coefficients.iter_mut().zip(&orbit.coefficients) {
-            *c = lanes.load(&of_tap.map(T::from_f64));
+        let rows = windows.len();
+        let mut coefficients = [lanes.splat(T::ZERO); N];
+        let mut taps = [0; N];
+        for i in 0..N {
+            taps[i] = orbit.taps[i];
+            coefficients[i] = lanes.load(&narrow(&orbit.coefficients[i]));
         }
-        for (row, &window) in windows.iter().enumerate() {
-            for c in 0..blocks {
-                let mut sum = lanes.splat(T::ZERO);
-                for i in 0..n {
-                    let x = lanes.load(&staged[window + orbit.taps[i] + c]);
+        for c in 0..self.blocks {
+            let panel = &mut panel[c * rows..][..rows];
+            for (block, window) in panel.iter_mut().zip(windows) {
+                let at = window + c * LANES;
+                let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), coefficients[0]);
+                for i in 1..N {
+                    let x = lanes.load(head(&staged[at + taps[i]..]));
                     sum = lanes.mul_add(x, coefficients[i], sum);
                 }
-                lanes.store(&mut panel[c * rows + row], sum);
+                lanes.store(block, sum);
             }
         }
     }
@@ -340,7 +390,7 @@ impl Patches {
         lanes: L,
         orbit: usize,
         mut folds: [L::V; N],
-        staged: &mut [Block<T>],
+        staged: &mut [T],
         at: usize,
     ) {
         let orbit = &self.orbits[orbit];
@@ -353,7 +403,7 @@ impl Patches {
         }
         let values = butterfly(lanes, folds);
         for i in 0..N {
-            let block = &mut staged[at + orbit.taps[i]];
+            let block = head_mut(&mut staged[at + orbit.taps[i]..]);
             let sum = lanes.add(lanes.load(block), values[i]);
             lanes.store(block, sum);
         }
@@ -365,13 +415,13 @@ impl Patches {
         lanes: L,
         orbit: usize,
         fold: L::V,
-        staged: &mut [Block<T>],
+        staged: &mut [T],
         at: usize,
     ) {
         let orbit = &self.orbits[orbit];
         for (tap, coefficients) in orbit.taps.iter().zip(&orbit.coefficients) {
-            let block = &mut staged[at + tap];
-            let c = lanes.load(&coefficients.map(T::from_f64));
+            let block = head_mut(&mut staged[at + tap..]);
+            let c = lanes.load(&narrow(coefficients));
             let sum = lanes.mul_add(fold, c, lanes.load(block));
             lanes.store(block, sum);
         }
@@ -389,6 +439,15 @@ impl Patches {
     pub fn orbit_len(&self, orbit: usize) -> usize {
         self.orbits[orbit].taps.len()
     }
+}
+
+#[inline(always)]
+fn narrow<T: Scalar>(block: &Block<f64>) -> Block<T> {
+    let mut narrow = [T::ZERO; LANES];
+    for (to, &from) in narrow.iter_mut().zip(block) {
+        *to = T::from_f64(from);
+    }
+    narrow
 }
 
 /// Lane i receives lane i xor parity; the four cases are constants for the instruction.

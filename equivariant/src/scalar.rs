@@ -4,6 +4,8 @@ use std::fmt::{Debug, Display};
 
 use faer::traits::RealField;
 
+use crate::conv_backward::Backward;
+use crate::conv_forward::Forward;
 use crate::lanes::{Kernel, Portable, run_f32};
 
 /// `f32` for training and `f64` for gradient checks.
@@ -22,10 +24,13 @@ pub trait Scalar:
     /// e to the power of the value.
     fn exp(self) -> Self;
 
-    /// Runs a kernel on the instruction set for this type.
+    /// Runs a forward pass; not generic, so that it is compiled once and with this crate's settings.
     #[doc(hidden)]
-    #[expect(private_bounds, reason = "kernels are the crate's own")]
-    fn run(kernel: impl Kernel<Self>);
+    fn forward(pass: Forward<Self>);
+
+    /// The same for a backward pass.
+    #[doc(hidden)]
+    fn backward(pass: Backward<Self>);
 }
 
 impl Scalar for f32 {
@@ -43,9 +48,12 @@ impl Scalar for f32 {
         f32::exp(self)
     }
 
-    #[expect(private_bounds, reason = "kernels are the crate's own")]
-    fn run(kernel: impl Kernel<f32>) {
-        run_f32(kernel);
+    fn forward(pass: Forward<f32>) {
+        run_f32(pass);
+    }
+
+    fn backward(pass: Backward<f32>) {
+        run_f32(pass);
     }
 }
 
@@ -64,9 +72,12 @@ impl Scalar for f64 {
         f64::exp(self)
     }
 
-    #[expect(private_bounds, reason = "kernels are the crate's own")]
-    fn run(kernel: impl Kernel<f64>) {
-        kernel.run(Portable);
+    fn forward(pass: Forward<f64>) {
+        pass.run(Portable);
+    }
+
+    fn backward(pass: Backward<f64>) {
+        pass.run(Portable);
     }
 }
 

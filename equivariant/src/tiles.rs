@@ -4,12 +4,12 @@
 //! one for each irrep, repeated over the block: so one product serves all the irreps at once, and
 //! narrow layers fill the registers as well as wide ones.
 
+use crate::Scalar;
 use crate::join::head;
 use crate::lanes::{Block, LANES, Lanes};
-use crate::Scalar;
 
 /// Rows of the panels of a forward pass.
-pub(crate) const ROWS: usize = 8;
+pub(crate) const ROWS: usize = 12;
 
 /// Loads in a plain loop: a closure would not be compiled for the instruction set.
 #[inline(always)]
@@ -21,41 +21,50 @@ fn load_all<T: Scalar, L: Lanes<T>, const N: usize>(lanes: L, blocks: &[Block<T>
     values
 }
 
-/// y = x w for ROWS rows; x is a panel `[block][row]`, w `[group of x][block of y]`, y `[row][block]`.
+/// y = x w for the first `rows` of ROWS rows; x is a panel `[block][row]`, w `[group of x][block of y]`, y
+/// `[row][block]`.
 #[inline(always)]
 pub(crate) fn forward<T: Scalar, L: Lanes<T>, const G: usize>(
     lanes: L,
     x: &[[Block<T>; ROWS]],
     w: &[Block<T>],
     y: &mut [Block<T>],
+    rows: usize,
 ) {
     let width = y.len() / ROWS;
+    let whole = rows == ROWS && L::REGISTERS >= 32;
     let mut first = 0;
     while first < width {
         let tile = Tile { w, width, first };
-        let left = width - first;
-        if left >= 4 && L::REGISTERS >= 32 {
-            for row in (0..ROWS).step_by(4) {
-                forward_tile::<T, L, G, 4, 4>(lanes, x, row, tile, y);
+        // weights come from the second-level cache: a tile reads them once for all of its rows
+        first += match width - first {
+            1 if whole => {
+                forward_tile::<T, L, G, ROWS, 1>(lanes, x, 0, tile, y);
+                1
             }
-            first += 4;
-        } else if left >= 2 && L::REGISTERS >= 32 {
-            forward_tile::<T, L, G, 8, 2>(lanes, x, 0, tile, y);
-            first += 2;
-        } else if left >= 2 {
-            for row in (0..ROWS).step_by(2) {
-                forward_tile::<T, L, G, 2, 2>(lanes, x, row, tile, y);
+            1 => {
+                for row in (0..rows).step_by(4) {
+                    forward_tile::<T, L, G, 4, 1>(lanes, x, row, tile, y);
+                }
+                1
             }
-            first += 2;
-        } else if L::REGISTERS >= 32 {
-            forward_tile::<T, L, G, 8, 1>(lanes, x, 0, tile, y);
-            first += 1;
-        } else {
-            for row in (0..ROWS).step_by(4) {
-                forward_tile::<T, L, G, 4, 1>(lanes, x, row, tile, y);
+            _ if whole => {
+                forward_tile::<T, L, G, ROWS, 2>(lanes, x, 0, tile, y);
+                2
             }
-            first += 1;
-        }
+            _ if L::REGISTERS >= 32 => {
+                for row in (0..rows).step_by(4) {
+                    forward_tile::<T, L, G, 4, 2>(lanes, x, row, tile, y);
+                }
+                2
+            }
+            _ => {
+                for row in (0..rows).step_by(2) {
+                    forward_tile::<T, L, G, 2, 2>(lanes, x, row, tile, y);
+                }
+                2
+            }
+        };
     }
 }
 
@@ -77,7 +86,9 @@ fn forward_tile<T: Scalar, L: Lanes<T>, const G: usize, const R: usize, const V:
 ) {
     let mut sums = [[lanes.splat(T::ZERO); V]; R];
     let groups = LANES / G;
-    for (x, w) in x.iter().zip(tile.w.chunks_exact(groups * tile.width)) {
+    let mut ws = tile.w.chunks_exact(groups * tile.width);
+    for x in x {
+        let Some(w) = ws.next() else { break };
         let x: &[Block<T>; R] = head(&x[row..]);
         for g in 0..groups {
             let w: &[Block<T>; V] = head(&w[g * tile.width + tile.first..]);
@@ -107,71 +118,102 @@ pub(crate) fn weights<T: Scalar, L: Lanes<T>, const G: usize>(
     rows: usize,
     dw: &mut [Block<T>],
 ) {
-    let width = dy.len() / rows;
-    let groups = LANES / G;
-    for (x, dw) in x.chunks_exact(rows).zip(dw.chunks_exact_mut(groups * width)) {
-        let mut first = 0;
-        while first < width {
-            let dy = &dy[first * rows..];
-            let left = width - first;
-            match (G, L::REGISTERS >= 32) {
-                (4, true) if left >= 4 => {
-                    weights_tile::<T, L, G, 4, 4>(lanes, x, dy, 0, width, &mut dw[first..]);
-                    first += 4;
-                }
-                (4, true) if left >= 2 => {
-                    weights_tile::<T, L, G, 4, 2>(lanes, x, dy, 0, width, &mut dw[first..]);
-                    first += 2;
-                }
-                (2, true) if left >= 2 => {
-                    weights_tile::<T, L, G, 8, 2>(lanes, x, dy, 0, width, &mut dw[first..]);
-                    first += 2;
-                }
-                (1, true) => {
-                    weights_tile::<T, L, G, 16, 1>(lanes, x, dy, 0, width, &mut dw[first..]);
-                    first += 1;
-                }
-                _ => {
-                    for group in (0..groups).step_by(4) {
-                        weights_tile::<T, L, G, 4, 1>(lanes, x, dy, group, width, &mut dw[first..]);
-                    }
-                    first += 1;
-                }
-            }
-        }
+    let tile = GradientTile {
+        x,
+        dy,
+        rows,
+        width: dy.len() / rows,
+    };
+    let mut first = 0;
+    while first < tile.width {
+        let wide = L::REGISTERS >= 32;
+        // sixteen sums hide the latency of the additions
+        first += match (G, tile.width - first) {
+            (4, 4..) if wide => tile.blocks::<L, G, 1, 4, 4>(lanes, first, dw),
+            (4, 2..) if wide => tile.blocks::<L, G, 2, 4, 2>(lanes, first, dw),
+            (4, _) if wide => tile.blocks::<L, G, 4, 4, 1>(lanes, first, dw),
+            (2, 2..) if wide => tile.blocks::<L, G, 1, 8, 2>(lanes, first, dw),
+            (2, _) if wide => tile.blocks::<L, G, 2, 8, 1>(lanes, first, dw),
+            (1, _) if wide => tile.blocks::<L, G, 1, 16, 1>(lanes, first, dw),
+            _ => tile.blocks::<L, G, 1, 4, 1>(lanes, first, dw),
+        };
     }
 }
 
-#[inline(always)]
-fn weights_tile<T: Scalar, L: Lanes<T>, const G: usize, const K: usize, const V: usize>(
-    lanes: L,
-    x: &[Block<T>],
-    dy: &[Block<T>],
-    group: usize,
+/// The operands of a weight gradient.
+#[derive(Clone, Copy)]
+struct GradientTile<'a, T> {
+    x: &'a [Block<T>],
+    dy: &'a [Block<T>],
+    rows: usize,
     width: usize,
-    dw: &mut [Block<T>],
-) {
-    let rows = x.len();
-    let dy: [&[Block<T>]; V] = std::array::from_fn(|v| &dy[v * rows..][..rows]);
-    let mut sums = [[lanes.splat(T::ZERO); V]; K];
-    for k in 0..K {
-        sums[k] = load_all(lanes, head(&dw[(group + k) * width..]));
-    }
-    for r in 0..rows {
-        let mut d = [lanes.splat(T::ZERO); V];
-        for v in 0..V {
-            d[v] = lanes.load(&dy[v][r]);
+}
+
+impl<T: Scalar> GradientTile<'_, T> {
+    /// V blocks of outputs for all blocks of x, B of them at a time where there are so many, K groups at a time.
+    #[inline(always)]
+    fn blocks<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
+        self,
+        lanes: L,
+        first: usize,
+        dw: &mut [Block<T>],
+    ) -> usize {
+        let blocks = self.x.len() / self.rows;
+        let mut block = 0;
+        while block < blocks {
+            for group in (0..LANES / G).step_by(K) {
+                if blocks - block >= B {
+                    self.sum::<L, G, B, K, V>(lanes, block, group, first, dw);
+                } else {
+                    self.sum::<L, G, 1, K, V>(lanes, block, group, first, dw);
+                }
+            }
+            block += if blocks - block >= B { B } else { 1 };
         }
-        for k in 0..K {
-            let x = lanes.group::<G>(&x[r], group + k);
+        V
+    }
+
+    #[inline(always)]
+    fn sum<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
+        self,
+        lanes: L,
+        block: usize,
+        group: usize,
+        first: usize,
+        dw: &mut [Block<T>],
+    ) {
+        let GradientTile { rows, width, .. } = self;
+        let (mut x, mut dy) = ([&self.x[..rows]; B], [&self.dy[..rows]; V]);
+        for b in 0..B {
+            x[b] = &self.x[(block + b) * rows..][..rows];
+        }
+        for v in 0..V {
+            dy[v] = &self.dy[(first + v) * rows..][..rows];
+        }
+        let at = |b: usize, k: usize| ((block + b) * (LANES / G) + group + k) * width + first;
+        let mut sums = [[[lanes.splat(T::ZERO); V]; K]; B];
+        for r in 0..rows {
+            let mut d = [lanes.splat(T::ZERO); V];
             for v in 0..V {
-                sums[k][v] = lanes.mul_add(x, d[v], sums[k][v]);
+                d[v] = lanes.load(&dy[v][r]);
+            }
+            for b in 0..B {
+                for k in 0..K {
+                    let x = lanes.group::<G>(&x[b][r], group + k);
+                    for v in 0..V {
+                        sums[b][k][v] = lanes.mul_add(x, d[v], sums[b][k][v]);
+                    }
+                }
             }
         }
-    }
-    for k in 0..K {
-        for v in 0..V {
-            lanes.store(&mut dw[(group + k) * width + v], sums[k][v]);
+        for b in 0..B {
+            for k in 0..K {
+                let dw = &mut dw[at(b, k)..][..V];
+                for v in 0..V {
+                    let sum = lanes.add(lanes.load(&dw[v]), sums[b][k][v]);
+                    lanes.store(&mut dw[v], sum);
+                }
+            }
         }
     }
 }
@@ -187,7 +229,9 @@ pub(crate) fn input<T: Scalar, L: Lanes<T>, const G: usize, const R: usize, cons
 ) -> [[L::V; N]; R] {
     let mut sums = [[lanes.splat(T::ZERO); N]; R];
     let groups = LANES / G;
-    for (dy, w) in dy.chunks_exact(rows).zip(w.chunks_exact(groups * N)) {
+    let mut ws = w.chunks_exact(groups * N);
+    for dy in dy.chunks_exact(rows) {
+        let Some(w) = ws.next() else { break };
         let dy: &[Block<T>; R] = head(&dy[row..]);
         for g in 0..groups {
             let w: &[Block<T>; N] = head(&w[g * N..]);
