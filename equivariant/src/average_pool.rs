@@ -86,7 +86,8 @@ impl<T: Scalar> Layer<T> for AveragePool {
 
 impl fmt::Display for AveragePool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "AveragePool({} -> {})", self.shape, self.out())
+        let (from, to, window) = (self.shape, self.out(), self.windows.kernel);
+        write!(f, "AveragePool({from} -> {to}, {window})")
     }
 }
 

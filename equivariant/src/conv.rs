@@ -198,16 +198,12 @@ impl<T: Scalar> Layer<T> for R2Conv {
 
 impl fmt::Display for R2Conv {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Kernel {
-            size,
-            stride,
-            padding,
-        } = self.patches.kernel();
         write!(
             f,
-            "R2Conv({} -> {}, {size} x {size} stride {stride} padding {padding} | {} parameters)",
+            "R2Conv({} -> {}, {} | {} parameters)",
             self.shape_in(),
             self.shape_out(),
+            self.patches.kernel(),
             self.blocks.num_params()
         )
     }

@@ -5,7 +5,7 @@ use symmetry::{FieldType, Irrep};
 use crate::blocks::Blocks;
 use crate::hadamard::{permuted, transform_pixels};
 use crate::taps::Taps;
-use crate::{Kernel, LayerError, Scalar, Shape};
+use crate::{Kernel, Scalar, Shape};
 
 /// A layer with weights as an ordinary convolution: a kernel `[C_out, C_in, size, size]` and a bias `[C_out]`.
 ///
@@ -83,30 +83,25 @@ impl Dense<'_> {
 
     /// The kernel in the regular basis, as a library of expanded steerable kernels would hold it.
     ///
-    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()); trivial channels stay as they are.
-    ///
-    /// # Errors
-    /// When one of the types is neither regular nor trivial.
+    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()), where a ReLU is that of every other library.
+    /// A side of another type stays in the irrep basis.
     ///
     /// # Panics
     /// As [`kernel`](Dense::kernel).
-    pub fn regular_kernel<T: Scalar>(&self, params: &[T]) -> Result<Vec<T>, LayerError> {
+    pub fn regular_kernel<T: Scalar>(&self, params: &[T]) -> Vec<T> {
         let mut kernel = self.kernel(params);
-        self.change_basis(&mut kernel)?;
-        Ok(kernel)
+        self.change_basis(&mut kernel);
+        kernel
     }
 
     /// The bias in the regular basis: the same for all elements of a field.
     ///
-    /// # Errors
-    /// As [`regular_kernel`](Dense::regular_kernel).
-    ///
     /// # Panics
     /// As [`kernel`](Dense::kernel).
-    pub fn regular_bias<T: Scalar>(&self, params: &[T]) -> Result<Vec<T>, LayerError> {
+    pub fn regular_bias<T: Scalar>(&self, params: &[T]) -> Vec<T> {
         let mut bias = self.bias(params);
-        self.change_channels(self.out_type(), &mut bias, 1)?;
-        Ok(bias)
+        change_channels(self.out_type(), &mut bias, 1);
+        bias
     }
 
     /// The steerable kernel that is closest to a dense one in the irrep basis.
@@ -117,7 +112,7 @@ impl Dense<'_> {
         let shape = self.kernel_shape();
         assert_eq!(
             kernel.len(),
-            shape.iter().product(),
+            shape.iter().product::<usize>(),
             "{}: got a kernel of this many entries, expected {shape:?}",
             self.name
         );
@@ -136,16 +131,13 @@ impl Dense<'_> {
 
     /// The steerable kernel that is closest to a dense one in the regular basis.
     ///
-    /// # Errors
-    /// As [`regular_kernel`](Dense::regular_kernel).
-    ///
     /// # Panics
     /// As [`project`](Dense::project).
-    pub fn project_regular<T: Scalar>(&self, kernel: &[T]) -> Result<Projection<T>, LayerError> {
+    pub fn project_regular<T: Scalar>(&self, kernel: &[T]) -> Projection<T> {
         // the change of basis is orthonormal and its own inverse
         let mut kernel = kernel.to_vec();
-        self.change_basis(&mut kernel)?;
-        Ok(self.project(&kernel))
+        self.change_basis(&mut kernel);
+        self.project(&kernel)
     }
 
     fn in_type(&self) -> FieldType {
@@ -188,28 +180,19 @@ impl Dense<'_> {
         }
     }
 
-    fn change_basis<T: Scalar>(&self, kernel: &mut [T]) -> Result<(), LayerError> {
+    fn change_basis<T: Scalar>(&self, kernel: &mut [T]) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for per_output in kernel.chunks_exact_mut((in_dim * size * size).max(1)) {
-            self.change_channels(self.in_type(), per_output, size * size)?;
+            change_channels(self.in_type(), per_output, size * size);
         }
-        self.change_channels(self.out_type(), kernel, in_dim * size * size)
+        change_channels(self.out_type(), kernel, in_dim * size * size);
     }
+}
 
-    /// Transforms the first axis, the channels, of `[dim, inner]` values.
-    fn change_channels<T: Scalar>(
-        &self,
-        fields: FieldType,
-        values: &mut [T],
-        inner: usize,
-    ) -> Result<(), LayerError> {
-        let (order, n) = permuted(fields).ok_or(LayerError::Type {
-            layer: self.name,
-            got: fields,
-            expected: "regular fields only or trivial channels only",
-        })?;
-        // [order, n, inner] is to the transform a pixel of n * inner fields
+/// Transforms the first axis, the channels, of `[dim, inner]` values between the irrep basis and the regular one.
+fn change_channels<T: Scalar>(fields: FieldType, values: &mut [T], inner: usize) {
+    if let Some((order, n)) = permuted(fields) {
+        // [order, n, inner] is to the transform one pixel of n * inner fields
         transform_pixels(order, n * inner, values);
-        Ok(())
     }
 }

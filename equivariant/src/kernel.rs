@@ -1,5 +1,7 @@
 //! The window of a convolution or of a pooling.
 
+use std::fmt;
+
 use symmetry::Group;
 
 use crate::LayerError;
@@ -62,6 +64,17 @@ impl Kernel {
             });
         }
         Ok((padded - self.size) / self.stride + 1)
+    }
+}
+
+impl fmt::Display for Kernel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Kernel {
+            size,
+            stride,
+            padding,
+        } = self;
+        write!(f, "{size} x {size} stride {stride} padding {padding}")
     }
 }
 

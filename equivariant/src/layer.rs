@@ -26,14 +26,21 @@ pub trait Layer<T: Scalar>: fmt::Display + Send + Sync {
         0
     }
 
-    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
+    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero; equal generators give equal weights.
     ///
-    /// For inputs of unit second moment every output then has the second moment gain^2,
-    /// averaged over the weights. In a sequence, `gain` is that of the last layer with parameters;
-    /// the layers before it keep the gain of [`init`](Layer::init).
+    /// The generalisation of He et al. (ICCV 2015, equation 7) to these bases: output irrep b is y = sum_j w_j phi_j over its
+    /// F columns phi, the folded patch, and independent weights of variance gain^2 / F give
+    /// E_w y^2 = gain^2 (1/F) sum_j phi_j^2, gain^2 times the mean square of its columns. The fold is orthonormal, so columns have unit second
+    /// moment when the taps are uncorrelated and of unit second moment. Between regular fields more is true: every entry of
+    /// the patch appears, rotated, in the columns of exactly one irrep and all irreps have equally many, hence the
+    /// mean of E_w y^2 over a field is gain^2 times the mean square of the patch, whatever its correlations. The
+    /// change to the regular basis is orthonormal, so the same holds for the values that a ReLU sees.
+    ///
+    /// In a sequence, `gain` is that of the last layer with parameters; the layers before it keep the gain of
+    /// [`init`](Layer::init).
     fn init_scaled(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
 
-    /// Draws the weights for a layer followed by a ReLU: gain sqrt(2).
+    /// Draws the weights for a layer followed by a ReLU, which halves the second moment: gain sqrt(2).
     ///
     /// He et al., "Delving deep into rectifiers", ICCV 2015, equation 10.
     fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {

@@ -143,7 +143,8 @@ impl<T: Scalar> Layer<T> for MaxPool {
 
 impl fmt::Display for MaxPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "MaxPool({} -> {})", self.shape, self.out())
+        let (from, to, window) = (self.shape, self.out(), self.windows.kernel);
+        write!(f, "MaxPool({from} -> {to}, {window})")
     }
 }
 

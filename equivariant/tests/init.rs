@@ -5,49 +5,82 @@
 mod common;
 
 use common::{boxed, conv, forward, network, normal, rng};
-use equivariant::{Group, Layer, LayerError, Linear, Relu, Sequential};
+use equivariant::{
+    FieldNorm, FieldType, Group, Layer, LayerError, Linear, Relu, Sequential, Shape, Statistics,
+};
+use rand::Rng;
 
 fn second_moment(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64
 }
 
-fn output_moment(layer: &dyn Layer<f64>, gain: f64) -> f64 {
+fn output_moment(layer: &dyn Layer<f64>, gain: f64, x: &[f64]) -> f64 {
     let mut params = vec![f64::NAN; layer.num_params()];
     layer.init_scaled(&mut rng(1), gain, &mut params);
-    let x = normal(200 * layer.in_shape().len(), 2);
-    second_moment(&forward(layer, &params, &x))
+    second_moment(&forward(layer, &params, x))
+}
+
+/// Layers of about as many channels in every group.
+fn wide(group: Group) -> [Box<dyn Layer<f64>>; 4] {
+    let regular = |n: usize| group.regular(n / group.order());
+    let mixed = FieldType::new(group, [40, 10, 20, 30]);
+    // no padding: zeros in the window would lower the variance
+    [
+        conv(regular(32), regular(64), [4, 2, 0], [4, 4]),
+        conv(group.trivial(6), regular(256), [3, 1, 0], [3, 3]),
+        conv(mixed, mixed, [2, 1, 0], [3, 3]),
+        boxed(Linear::new(regular(256), regular(256))),
+    ]
 }
 
 #[test]
 fn unit_variance_in_gives_the_gain_squared_out() {
-    let regular = |n| Group::D2.regular(n);
-    // no padding: zeros in the window would lower the variance
-    let wide: [Box<dyn Layer<f64>>; 3] = [
-        conv(regular(8), regular(16), [4, 2, 0], [4, 4]),
-        conv(Group::D2.trivial(6), regular(64), [3, 1, 0], [3, 3]),
-        boxed(Linear::new(regular(64), regular(64))),
-    ];
-    for layer in wide {
-        for gain in [0.01, 1.0, std::f64::consts::SQRT_2] {
-            let moment = output_moment(layer.as_ref(), gain) / (gain * gain);
-            assert!((moment - 1.0).abs() < 0.1, "{} {moment}", layer.in_shape());
+    for group in Group::ALL {
+        for layer in wide(group) {
+            let x = normal(200 * layer.in_shape().len(), 2);
+            for gain in [0.01, 1.0, std::f64::consts::SQRT_2] {
+                let moment = output_moment(layer.as_ref(), gain, &x) / (gain * gain);
+                assert!((moment - 1.0).abs() < 0.1, "{layer} of {group}: {moment}");
+            }
         }
     }
 }
 
 #[test]
-fn the_default_keeps_the_second_moment_across_a_relu() {
-    let linear = Linear::new(Group::D2.regular(64), Group::D2.regular(64)).unwrap();
-    let relu = Relu::new(Layer::<f64>::out_shape(&linear)).unwrap();
-    let net = Sequential::new(vec![
-        Box::new(linear) as Box<dyn Layer<f64>>,
-        Box::new(relu),
-    ])
-    .unwrap();
-    let mut params = vec![0.0; net.num_params()];
-    net.init(&mut rng(3), &mut params);
-    let y = forward(&net, &params, &normal(200 * 256, 4));
-    assert!((second_moment(&y) - 1.0).abs() < 0.1);
+fn correlated_patches_of_regular_fields_keep_their_second_moment() {
+    for group in Group::ALL {
+        let (n_in, n_out) = (32 / group.order(), 2048 / group.order());
+        let layer = conv(group.regular(n_in), group.regular(n_out), [3, 1, 0], [3, 3]);
+        // one pixel, nine times: no two taps are independent
+        let x = normal::<f64>(32, 5).repeat(9);
+        let moment = output_moment(layer.as_ref(), 1.0, &x) / second_moment(&x);
+        assert!((moment - 1.0).abs() < 0.1, "{group}: {moment}");
+    }
+}
+
+#[test]
+fn the_default_keeps_the_second_moment_across_relus() {
+    for group in Group::ALL {
+        let fields = group.regular(512 / group.order());
+        let relu = || boxed(Relu::new(Shape::vector(fields)));
+        let linear = || boxed(Linear::new(fields, fields));
+        let net = Sequential::new(vec![linear(), relu(), linear(), relu(), linear(), relu()]);
+        let net = net.unwrap();
+        let mut params = vec![0.0; net.num_params()];
+        net.init(&mut rng(3), &mut params);
+        let moment = second_moment(&forward(&net, &params, &normal(50 * 512, 4)));
+        assert!((moment - 1.0).abs() < 0.2, "{group}: {moment}");
+    }
+}
+
+#[test]
+fn norms_start_with_the_gain_and_draw_nothing() {
+    let norm = FieldNorm::new(Shape::vector(Group::D2.regular(2)), Statistics::Batch).unwrap();
+    let (mut used, mut fresh) = (rng(1), rng(1));
+    let mut params = [f64::NAN; 4];
+    norm.init_scaled(&mut used, 0.5, &mut params);
+    assert_eq!(params, [0.5, 0.5, 0.0, 0.0]);
+    assert_eq!(used.next_u64(), fresh.next_u64());
 }
 
 #[test]

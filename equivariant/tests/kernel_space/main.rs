@@ -2,13 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+#[path = "../common/mod.rs"]
 mod common;
+mod solver;
 
 use common::{kernel, normal};
-use equivariant::{
-    Dense, FieldType, Group, KernelSpaceError, Layer, Linear, R2Conv, Representation, kernel_space,
-};
+use equivariant::{Dense, FieldType, Group, Layer, Linear, R2Conv};
 use proptest::prelude::*;
+use solver::{Representation, kernel_space};
 
 /// The part of `kernel` outside the span of an orthonormal basis, relative to it.
 fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
@@ -31,7 +32,7 @@ fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
         let mut unit = vec![0.0; weights + biases];
         unit[i] = 1.0;
         match regular {
-            true => dense.regular_kernel(&unit).unwrap(),
+            true => dense.regular_kernel(&unit),
             false => dense.kernel(&unit),
         }
     };
@@ -79,7 +80,7 @@ proptest! {
             &Representation::irreps(in_type),
             &Representation::irreps(out_type),
             size,
-        ).unwrap();
+        );
         assert_equal_spans(&closed_form(&conv.dense(), num_weights(&conv), false), &solved);
     }
 }
@@ -90,7 +91,7 @@ fn regular_kernels_span_the_space_of_permutation_representations() {
         for size in [2, 3] {
             let conv = layer(group.regular(1), group.regular(1), size);
             let regular = Representation::regular(group, 1);
-            let solved = kernel_space(&regular, &regular, size).unwrap();
+            let solved = kernel_space(&regular, &regular, size);
             let closed = closed_form(&conv.dense(), num_weights(&conv), true);
             assert_equal_spans(&closed, &solved);
         }
@@ -108,7 +109,7 @@ fn linear_layers_span_the_equivariant_matrices() {
             1,
         );
         let closed = closed_form(&linear.dense(), num_weights(&linear), false);
-        assert_equal_spans(&closed, &solved.unwrap());
+        assert_equal_spans(&closed, &solved);
     }
 }
 
@@ -116,7 +117,7 @@ fn linear_layers_span_the_equivariant_matrices() {
 fn a_kernel_that_is_not_steerable_lies_outside() {
     let (fields, size) = (Group::D2.regular(1), 3);
     let rho = Representation::irreps(fields);
-    let solved = kernel_space(&rho, &rho, size).unwrap();
+    let solved = kernel_space(&rho, &rho, size);
     assert!(outside(&normal(16 * 9, 1), &solved) > 0.5);
 }
 
@@ -128,33 +129,19 @@ fn the_solver_does_not_depend_on_the_basis() {
         vec![1.0, 0.0, 0.0, 1.0],
         vec![2.0 * s * c, c * c - s * s, c * c - s * s, -2.0 * s * c],
     ];
-    let turned = Representation::new(Group::C2, 2, turned).unwrap();
+    let turned = Representation::new(Group::C2, 2, turned);
     let regular = Representation::regular(Group::C2, 1);
     for size in [1, 2, 3] {
-        let dimension = |rho| kernel_space(rho, rho, size).unwrap().len();
+        let dimension = |rho| kernel_space(rho, rho, size).len();
         assert_eq!(dimension(&turned), dimension(&regular));
         assert_eq!(dimension(&turned), 2 * size * size);
     }
 }
 
 #[test]
+#[should_panic(expected = "rho(half turn) rho(half turn) is not rho(identity)")]
 fn matrices_that_are_no_representation_are_refused() {
-    let new = |matrices| Representation::new(Group::C2, 1, matrices).unwrap_err();
-    let wrong = new(vec![vec![1.0], vec![2.0]]);
-    assert!(
-        wrong
-            .to_string()
-            .contains("rho(half turn) rho(half turn) is not rho(identity)")
-    );
-    assert_eq!(new(vec![vec![-1.0], vec![1.0]]), KernelSpaceError::Identity);
-    let message = new(vec![vec![1.0]]).to_string();
-    assert!(message.contains("got 1 matrices of 1 entries, expected 2 of 1 x 1 for C2"));
-    let groups = kernel_space(
-        &Representation::regular(Group::C2, 1),
-        &Representation::regular(Group::D2, 1),
-        1,
-    );
-    assert!(matches!(groups, Err(KernelSpaceError::Groups { .. })));
+    Representation::new(Group::C2, 1, vec![vec![1.0], vec![2.0]]);
 }
 
 #[test]
@@ -179,7 +166,7 @@ fn projection_inverts_expansion_and_measures_the_rest() {
             &Representation::irreps(mixed),
             3,
         );
-        let expected = outside(&noise, &solved.unwrap());
+        let expected = outside(&noise, &solved);
         assert!((dense.project(&noise).residual - expected).abs() < 1e-12);
     }
 }
@@ -189,15 +176,15 @@ fn the_regular_basis_projects_to_the_same_parameters() {
     for group in Group::ALL {
         let conv = layer(group.trivial(2), group.regular(2), 4);
         let params = common::params::<f64>(&conv, 3);
-        let kernel = conv.dense().regular_kernel(&params).unwrap();
-        let back = conv.dense().project_regular(&kernel).unwrap();
+        let kernel = conv.dense().regular_kernel(&params);
+        let back = conv.dense().project_regular(&kernel);
         assert!(back.residual < 1e-14);
         let weights = num_weights(&conv);
         for (a, b) in params[..weights].iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
         // in the regular basis, a bias is one number for all elements of a field
-        let bias = conv.dense().regular_bias(&params).unwrap();
+        let bias = conv.dense().regular_bias(&params);
         for f in 0..2 {
             let values: Vec<f64> = bias.iter().skip(f).step_by(2).copied().collect();
             assert!(values.iter().all(|v| (v - values[0]).abs() < 1e-15));

@@ -1,0 +1,104 @@
+//! Writes a network and samples of it for `benches/peers/interchange.py`: export DIR.
+//!
+//! Every kind of layer that another library has is in it; the reference encoder is followed by a pooled one.
+
+use std::error::Error;
+use std::path::Path;
+
+use equivariant::{
+    AveragePool, FieldType, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, MaxPool,
+    R2Conv, Relu, Sequential, Shape, save,
+};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use safetensors::{Dtype, tensor::TensorView};
+
+const SAMPLES: usize = 8;
+const HALVING: Kernel = Kernel {
+    size: 4,
+    stride: 2,
+    padding: 1,
+};
+const SAME: Kernel = Kernel {
+    size: 3,
+    stride: 1,
+    padding: 1,
+};
+const POOL: Kernel = Kernel {
+    size: 2,
+    stride: 2,
+    padding: 0,
+};
+
+type Layers = Vec<Box<dyn Layer<f32>>>;
+
+fn conv(layers: &mut Layers, shape: Shape, n: usize, kernel: Kernel) -> Result<Shape, LayerError> {
+    let fields = shape.fields.group().regular(n);
+    let size = [shape.height, shape.width];
+    let conv = R2Conv::new(shape.fields, fields, kernel, size)?;
+    let shape = Layer::<f32>::out_shape(&conv);
+    layers.push(Box::new(conv));
+    layers.push(Box::new(Relu::new(shape)?));
+    Ok(shape)
+}
+
+/// 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields, pooled to one pixel -> 5 numbers.
+fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
+    let mut layers = Layers::new();
+    let mut shape = Shape::image(64, 64, group.trivial(6));
+    for n in [8, 16, 32, 32] {
+        shape = conv(&mut layers, shape, n, HALVING)?;
+    }
+    shape = conv(&mut layers, shape, 16, SAME)?;
+    let max = MaxPool::new(shape, POOL)?;
+    let average = AveragePool::new(Layer::<f32>::out_shape(&max), POOL)?;
+    let group_max = GroupMaxPool::new(Layer::<f32>::out_shape(&average))?;
+    let pooled = Layer::<f32>::out_shape(&group_max);
+    let head = Linear::new(pooled.fields, FieldType::new(group, [5, 0, 0, 0]))?;
+    layers.extend([
+        Box::new(max) as Box<dyn Layer<f32>>,
+        Box::new(average),
+        Box::new(group_max),
+        Box::new(head),
+    ]);
+    Sequential::new(layers)
+}
+
+fn bytes(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+fn export(dir: &Path, group: Group) -> Result<(), Box<dyn Error>> {
+    let net = network(group)?;
+    let mut params = vec![0.0; net.num_params()];
+    net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
+    save(dir.join(format!("{group}.safetensors")), &net, &params)?;
+    let x: Vec<f32> = (0..SAMPLES * net.in_shape().len())
+        .map(|i| (i as f32 * 0.37).sin())
+        .collect();
+    let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
+    let mut scratch = vec![0.0; net.scratch_len(SAMPLES)];
+    net.forward(&params, &x, &mut y, &mut scratch);
+    let (x, y) = (bytes(&x), bytes(&y));
+    let tensors = [
+        (
+            "x",
+            TensorView::new(Dtype::F32, vec![SAMPLES, 64, 64, 6], &x)?,
+        ),
+        (
+            "y",
+            TensorView::new(Dtype::F32, vec![SAMPLES, 1, 1, 5], &y)?,
+        ),
+    ];
+    let file = safetensors::serialize(tensors, None)?;
+    std::fs::write(dir.join(format!("{group}-samples.safetensors")), file)?;
+    Ok(())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let dir = std::env::args().nth(1).ok_or("usage: export DIR")?;
+    std::fs::create_dir_all(&dir)?;
+    for group in Group::ALL {
+        export(Path::new(&dir), group)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,224 @@
+//! Networks as safetensors files.
+
+use std::path::{Path, PathBuf};
+
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensorError, SafeTensors};
+use thiserror::Error;
+
+use crate::Layer;
+
+/// The key of the metadata. There is no second one, whose order could vary: equal networks give equal bytes.
+const METADATA: &str = "covers-equivariant 1";
+
+/// Why a network was not saved or loaded.
+#[derive(Debug, Error)]
+pub enum InterchangeError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The file is not in the safetensors format.
+    #[error("{}: not a safetensors file: {source}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// What the format's parser says.
+        source: SafeTensorError,
+    },
+    /// The file was not written by [`save`].
+    #[error("{}: got no metadata `{METADATA}`, expected a file that this crate saved", path.display())]
+    Metadata {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file holds another network.
+    #[error("{}: layer {index} is `{got}` in the file and `{expected}` in the network", path.display())]
+    Layer {
+        /// The file.
+        path: PathBuf,
+        /// Position among the layers, those of nested chains counted one by one.
+        index: usize,
+        /// The layer in the file, or `nothing`.
+        got: String,
+        /// The layer in the network, or `nothing`.
+        expected: String,
+    },
+    /// A layer's parameters are missing or have another type or number.
+    #[error("{}: got `{name}` as {got}, expected F32 {expected:?}", path.display())]
+    Tensor {
+        /// The file.
+        path: PathBuf,
+        /// Name of the tensor.
+        name: String,
+        /// Its type and shape in the file, or `nothing`.
+        got: String,
+        /// The shape that the layer takes.
+        expected: [usize; 1],
+    },
+}
+
+/// Saves a layer or a chain of layers with its parameters.
+///
+/// Layers are numbered one by one, those of nested chains included. Layer `i` with parameters has the tensor
+/// `i.params`, which [`load`] reads. What other libraries read are `i.kernel` `[C_out, C_in, size, size]` and `i.bias`
+/// `[C_out]`, an ordinary convolution in the regular basis ([`Dense::regular_kernel`](crate::Dense::regular_kernel)).
+/// The metadata `covers-equivariant 1` holds one line a layer as it prints itself: its kind, types and window.
+///
+/// # Errors
+/// When the file cannot be written.
+///
+/// # Panics
+/// When `params` does not hold the layer's parameters.
+pub fn save(
+    path: impl AsRef<Path>,
+    layer: &dyn Layer<f32>,
+    params: &[f32],
+) -> Result<(), InterchangeError> {
+    let path = path.as_ref();
+    let (got, expected) = (params.len(), layer.num_params());
+    assert!(got == expected, "got {got} parameters, expected {expected}");
+    let layers = leaves(layer);
+    let tensors = tensors(&layers, params);
+    let views = tensors.iter().map(|(name, shape, bytes)| {
+        TensorView::new(Dtype::F32, shape.clone(), bytes).map(|view| (name, view))
+    });
+    let views: Result<Vec<_>, _> = views.collect();
+    let metadata = [(METADATA.to_owned(), describe(&layers))];
+    let bytes = views.and_then(|v| safetensors::serialize(v, Some(metadata.into_iter().collect())));
+    let bytes = bytes.map_err(|source| format_error(path, source))?;
+    std::fs::write(path, bytes).map_err(|source| io_error(path, source))
+}
+
+/// Loads the parameters of a layer or a chain of layers that [`save`] wrote.
+///
+/// # Errors
+/// When the file cannot be read, or holds other layers than `layer`, compared as they print themselves.
+pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, InterchangeError> {
+    let path = path.as_ref();
+    let bytes = std::fs::read(path).map_err(|source| io_error(path, source))?;
+    let header = SafeTensors::read_metadata(&bytes);
+    let (_, header) = header.map_err(|source| format_error(path, source))?;
+    let lines = header.metadata().as_ref().and_then(|m| m.get(METADATA));
+    let lines = lines.ok_or_else(|| InterchangeError::Metadata {
+        path: path.to_owned(),
+    })?;
+    let layers = leaves(layer);
+    compare(path, lines, &layers)?;
+    let file = SafeTensors::deserialize(&bytes).map_err(|source| format_error(path, source))?;
+    let mut params = Vec::with_capacity(layer.num_params());
+    for (i, layer) in layers.iter().enumerate() {
+        if layer.num_params() > 0 {
+            params.extend(read(
+                path,
+                &file,
+                format!("{i}.params"),
+                layer.num_params(),
+            )?);
+        }
+    }
+    Ok(params)
+}
+
+/// The layers of a chain, those of chains inside it included.
+fn leaves(layer: &dyn Layer<f32>) -> Vec<&dyn Layer<f32>> {
+    match layer.layers() {
+        [] => vec![layer],
+        layers => layers
+            .iter()
+            .flat_map(|layer| leaves(layer.as_ref()))
+            .collect(),
+    }
+}
+
+fn describe(layers: &[&dyn Layer<f32>]) -> String {
+    let lines: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
+    lines.join("\n")
+}
+
+type Tensor = (String, Vec<usize>, Vec<u8>);
+
+fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
+    let mut tensors = Vec::new();
+    let mut push = |name: String, shape: &[usize], values: &[f32]| {
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        tensors.push((name, shape.to_vec(), bytes));
+    };
+    for (i, layer) in layers.iter().enumerate() {
+        let (own, rest) = params.split_at(layer.num_params());
+        params = rest;
+        if own.is_empty() {
+            continue;
+        }
+        push(format!("{i}.params"), &[own.len()], own);
+        if let Some(dense) = layer.as_dense() {
+            let (kernel, bias) = (dense.regular_kernel(own), dense.regular_bias(own));
+            push(format!("{i}.kernel"), &dense.kernel_shape(), &kernel);
+            push(format!("{i}.bias"), &[bias.len()], &bias);
+        }
+    }
+    tensors
+}
+
+/// Refuses a file whose layers differ from those of the network.
+fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), InterchangeError> {
+    let mut got = lines.lines();
+    let mut expected = layers.iter().map(|layer| layer.to_string());
+    for index in 0.. {
+        match (got.next(), expected.next()) {
+            (None, None) => break,
+            (Some(got), Some(expected)) if got == expected => {}
+            (got, expected) => {
+                return Err(InterchangeError::Layer {
+                    path: path.to_owned(),
+                    index,
+                    got: got.unwrap_or("nothing").to_owned(),
+                    expected: expected.unwrap_or_else(|| "nothing".to_owned()),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn read(
+    path: &Path,
+    file: &SafeTensors,
+    name: String,
+    len: usize,
+) -> Result<Vec<f32>, InterchangeError> {
+    let found = file.tensor(&name).ok();
+    let fits = |t: &TensorView| t.dtype() == Dtype::F32 && t.shape() == [len];
+    match found {
+        Some(tensor) if fits(&tensor) => {
+            let (values, _) = tensor.data().as_chunks();
+            Ok(values
+                .iter()
+                .map(|&bytes| f32::from_le_bytes(bytes))
+                .collect())
+        }
+        found => Err(InterchangeError::Tensor {
+            path: path.to_owned(),
+            name,
+            got: found.map_or_else(
+                || "nothing".to_owned(),
+                |t| format!("{:?} {:?}", t.dtype(), t.shape()),
+            ),
+            expected: [len],
+        }),
+    }
+}
+
+fn io_error(path: &Path, source: std::io::Error) -> InterchangeError {
+    let path = path.to_owned();
+    InterchangeError::Io { path, source }
+}
+
+fn format_error(path: &Path, source: SafeTensorError) -> InterchangeError {
+    let path = path.to_owned();
+    InterchangeError::Format { path, source }
+}

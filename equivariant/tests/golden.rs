@@ -1,0 +1,211 @@
+//! Values and gradients that PyTorch computed (`benches/peers/golden_layers.py`), and filters that escnn expanded
+//! (`benches/peers/escnn_filters.py`).
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::kernel;
+use equivariant::{
+    AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
+    Relu, Shape, SpatialSoftArgmax, Statistics, hadamard,
+};
+use safetensors::SafeTensors;
+
+const LAYERS: &[u8] = include_bytes!("golden/layers.safetensors");
+const ESCNN: &[u8] = include_bytes!("golden/escnn.safetensors");
+const SIZE: [usize; 2] = [5, 7];
+const TOLERANCE: f64 = 1e-12;
+
+fn golden(name: &str) -> Vec<f64> {
+    let tensor = SafeTensors::deserialize(LAYERS).unwrap();
+    let tensor = tensor.tensor(name).unwrap();
+    let (values, _) = tensor.data().as_chunks();
+    values
+        .iter()
+        .map(|&bytes| f64::from_le_bytes(bytes))
+        .collect()
+}
+
+/// Changes maps of a type between the regular basis of the file and the irrep basis of the layers.
+fn change(shape: Shape, mut values: Vec<f64>) -> Vec<f64> {
+    if shape.fields.regular_fields().is_some() {
+        let pixels = values.chunks_exact_mut(shape.fields.dim());
+        pixels.for_each(|pixel| hadamard(shape.fields.group(), pixel));
+    }
+    values
+}
+
+fn assert_close(name: &str, got: &[f64], expected: &[f64]) {
+    assert_eq!(got.len(), expected.len(), "{name}");
+    for (got, expected) in got.iter().zip(expected) {
+        assert!(
+            (got - expected).abs() < TOLERANCE,
+            "{name}: {got} {expected}"
+        );
+    }
+}
+
+/// Runs a layer on a case of the file; returns the gradient in the parameters.
+fn check(case: &str, layer: &dyn Layer<f64>, params: &[f64]) -> Vec<f64> {
+    let (in_shape, out_shape) = (layer.in_shape(), layer.out_shape());
+    let of = |part: &str| golden(&format!("{case}.{part}"));
+    let (x, dy) = (change(in_shape, of("x")), change(out_shape, of("dy")));
+    let mut scratch = vec![f64::NAN; layer.scratch_len(2)];
+    let (mut y, mut dx) = (vec![f64::NAN; dy.len()], vec![f64::NAN; x.len()]);
+    layer.forward(params, &x, &mut y, &mut scratch);
+    let mut dparams = vec![0.0; params.len()];
+    layer.backward(
+        params,
+        &x,
+        &y,
+        &dy,
+        Some(&mut dx),
+        &mut dparams,
+        &mut scratch,
+    );
+    assert_close(case, &change(out_shape, y), &of("y"));
+    assert_close(case, &change(in_shape, dx), &of("dx"));
+    dparams
+}
+
+/// The file's maps of 8 channels as regular fields.
+fn input(group: Group) -> Shape {
+    Shape::image(SIZE[0], SIZE[1], group.regular(8 / group.order()))
+}
+
+const WINDOW: [usize; 3] = [3, 2, 1];
+
+#[test]
+fn layers_of_the_regular_basis_are_those_of_pytorch_for_every_group() {
+    for group in Group::ALL {
+        let shape = input(group);
+        check("relu", &Relu::new(shape).unwrap(), &[]);
+        check(
+            "max_pool",
+            &MaxPool::new(shape, kernel(WINDOW)).unwrap(),
+            &[],
+        );
+        check(
+            "average_pool",
+            &AveragePool::new(shape, kernel(WINDOW)).unwrap(),
+            &[],
+        );
+    }
+}
+
+#[test]
+fn ordinary_layers_of_c1_are_those_of_pytorch() {
+    let shape = input(Group::C1);
+    check(
+        "keypoints",
+        &SpatialSoftArgmax::new(shape, 0.5).unwrap(),
+        &[],
+    );
+    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+    let params = [golden("norm.gain"), golden("norm.bias")].concat();
+    let gradient = check("norm", &norm, &params);
+    let expected = [golden("norm.dgain"), golden("norm.dbias")].concat();
+    assert_close("norm", &gradient, &expected);
+}
+
+#[test]
+fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
+    let shape = input(Group::D2);
+    check(
+        "d2_keypoints",
+        &SpatialSoftArgmax::new(shape, 0.5).unwrap(),
+        &[],
+    );
+    check("d2_group_max", &GroupMaxPool::new(shape).unwrap(), &[]);
+    check("d2_group_mean", &GroupMeanPool::new(shape).unwrap(), &[]);
+    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+    // one number for four elements has twice its value as a trivial coefficient
+    let biases = golden("d2_norm.bias").into_iter().map(|b| 2.0 * b);
+    let params: Vec<f64> = golden("d2_norm.gain").into_iter().chain(biases).collect();
+    let gradient = check("d2_norm", &norm, &params);
+    assert_close("d2_norm", &gradient[..2], &golden("d2_norm.dgain"));
+    let dbiases: Vec<f64> = gradient[2..].iter().map(|d| 2.0 * d).collect();
+    assert_close("d2_norm", &dbiases, &golden("d2_norm.dbias"));
+}
+
+fn conv(group: Group) -> R2Conv {
+    let fields = |channels: usize| group.regular(channels / group.order());
+    R2Conv::new(fields(8), fields(4), kernel(WINDOW), SIZE).unwrap()
+}
+
+#[test]
+fn convolutions_are_those_of_pytorch() {
+    for (case, group) in [("conv", Group::C1), ("d2_conv", Group::D2)] {
+        let layer = conv(group);
+        let dense = layer.dense();
+        let projection = dense.project_regular(&golden(&format!("{case}.kernel")));
+        assert!(projection.residual < 1e-15, "{case}: not steerable");
+        let mut params = projection.params;
+        let bias = change(
+            Shape::vector(dense.out_shape().fields),
+            golden(&format!("{case}.bias")),
+        );
+        let biases = dense
+            .out_shape()
+            .fields
+            .multiplicity(symmetry::Irrep::Trivial);
+        let weights = params.len() - biases;
+        params[weights..].copy_from_slice(&bias[..biases]);
+        let gradient = check(case, &layer, &params);
+        // the steerable part of the free kernel's gradient is that of the parameters
+        let dkernel = dense
+            .project_regular(&golden(&format!("{case}.dkernel")))
+            .params;
+        assert_close(case, &gradient[..weights], &dkernel[..weights]);
+    }
+}
+
+/// The part of a filter of escnn that is not steerable here, after a permutation of the output's elements.
+fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
+    let tensors = SafeTensors::deserialize(ESCNN).unwrap();
+    let tensor = tensors.tensor(name).unwrap();
+    let dense = layer.dense();
+    assert_eq!(tensor.shape(), dense.kernel_shape());
+    let (values, _) = tensor.data().as_chunks();
+    let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
+    let blocks: Vec<&[f32]> = values.chunks(values.len() / 4).collect();
+    let kernel: Vec<f32> = elements
+        .into_iter()
+        .flat_map(|g| blocks[g].to_vec())
+        .collect();
+    dense.project_regular(&kernel).residual
+}
+
+#[test]
+fn filters_of_escnn_lie_in_the_space_of_steerable_kernels() {
+    let regular = |n| Group::D2.regular(n);
+    let window = |size| Kernel {
+        size,
+        stride: 1,
+        padding: 0,
+    };
+    let cases = [
+        ("lift", Group::D2.trivial(3), regular(2), 5),
+        ("hidden", regular(2), regular(3), 5),
+        ("even", regular(2), regular(2), 4),
+    ];
+    for (name, in_type, out_type, size) in cases {
+        let layer = R2Conv::new(in_type, out_type, window(size), [size; 2]).unwrap();
+        let residual = escnn_residual(name, &layer, [0, 1, 2, 3]);
+        assert!(residual < 1e-6, "{name}: {residual}");
+        // escnn's own order of the elements: the half turn second
+        let wrong = escnn_residual(name, &layer, [0, 3, 1, 2]);
+        assert!(wrong > 0.1, "{name}: {wrong}");
+    }
+}
+
+#[test]
+#[should_panic(expected = "keypoints: ")]
+fn a_comparison_with_other_settings_fails() {
+    check(
+        "keypoints",
+        &SpatialSoftArgmax::new(input(Group::C1), 0.4).unwrap(),
+        &[],
+    );
+}

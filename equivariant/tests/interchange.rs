@@ -1,0 +1,104 @@
+//! Files of networks: what goes in comes out, and nothing else is taken.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use std::path::PathBuf;
+
+use common::{boxed, layers, network, params};
+use equivariant::{Group, Layer, Linear, Sequential, load, save};
+use safetensors::SafeTensors;
+
+/// A file of this test run that is removed when it is dropped.
+struct File(PathBuf);
+
+impl File {
+    fn new(name: &str) -> File {
+        let name = format!(
+            "covers-equivariant-{}-{name}.safetensors",
+            std::process::id()
+        );
+        File(std::env::temp_dir().join(name))
+    }
+}
+
+impl Drop for File {
+    fn drop(&mut self) {
+        // a test that failed before it wrote leaves nothing to remove
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+#[test]
+fn every_layer_survives_a_round_trip() {
+    let file = File::new("round-trip");
+    for (name, layer) in layers::<f32>() {
+        let params = params(layer.as_ref(), 1);
+        save(&file.0, layer.as_ref(), &params).unwrap();
+        assert_eq!(load(&file.0, layer.as_ref()).unwrap(), params, "{name}");
+    }
+}
+
+#[test]
+fn equal_networks_give_equal_bytes() {
+    let net = network::<f32>(Group::D2);
+    let bytes = |name| {
+        let file = File::new(name);
+        save(&file.0, &net, &params(&net, 1)).unwrap();
+        std::fs::read(&file.0).unwrap()
+    };
+    assert_eq!(bytes("once"), bytes("twice"));
+}
+
+#[test]
+fn dense_kernels_lie_beside_the_parameters() {
+    let file = File::new("dense");
+    let net = network::<f32>(Group::C2);
+    save(&file.0, &net, &params(&net, 1)).unwrap();
+    let bytes = std::fs::read(&file.0).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    let shape = |name| tensors.tensor(name).unwrap().shape().to_vec();
+    assert_eq!(shape("0.kernel"), [4, 3, 4, 4]);
+    assert_eq!(shape("4.kernel"), [16, 8, 2, 2]);
+    assert_eq!(shape("6.bias"), [4]);
+    assert!(
+        tensors.tensor("1.params").is_err(),
+        "a ReLU has no parameters"
+    );
+}
+
+fn message(file: &File, layer: &dyn Layer<f32>) -> String {
+    load(&file.0, layer).unwrap_err().to_string()
+}
+
+#[test]
+fn other_networks_are_refused_with_the_layer() {
+    let file = File::new("other");
+    let linear = |n| boxed::<f32, _>(Linear::new(Group::D2.regular(2), Group::D2.regular(n)));
+    let chain = Sequential::new(vec![linear(2), linear(3)]).unwrap();
+    save(&file.0, &chain, &params(&chain, 1)).unwrap();
+    let other = Sequential::new(vec![linear(2), linear(1)]).unwrap();
+    let refused = message(&file, &other);
+    let expected = "layer 1 is `Linear(2 reg -> 3 reg | 27 parameters)` in the file and \
+                    `Linear(2 reg -> 1 reg | 9 parameters)` in the network";
+    assert!(refused.contains(expected), "{refused}");
+    let shorter = message(&file, linear(2).as_ref());
+    assert!(
+        shorter.ends_with("in the file and `nothing` in the network"),
+        "{shorter}"
+    );
+}
+
+#[test]
+fn files_that_are_not_ours_are_refused_by_name() {
+    let net = network::<f32>(Group::D2);
+    let missing = message(&File::new("missing"), &net);
+    assert!(missing.contains("-missing.safetensors: "), "{missing}");
+    let file = File::new("foreign");
+    std::fs::write(&file.0, b"not tensors").unwrap();
+    assert!(message(&file, &net).contains("not a safetensors file"));
+    let none: [(&str, safetensors::tensor::TensorView); 0] = [];
+    std::fs::write(&file.0, safetensors::serialize(none, None).unwrap()).unwrap();
+    assert!(message(&file, &net).contains("got no metadata `covers-equivariant 1`"));
+}

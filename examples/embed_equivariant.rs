@@ -1,0 +1,147 @@
+//! A training loop of somebody else's around the equivariant crate: `cargo run --release --example embed_equivariant`.
+//!
+//! Glyphs lie near the middle of noisy pictures, flipped at random; the class is the glyph, so a classifier must not care about
+//! flips. The same code trains a network that is invariant under D2 and an ordinary one, C1, with
+//! as many channels, from few pictures, and prints how many new ones each gets right.
+
+use equivariant::{
+    Chunks, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Sequential, Shape,
+};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+const SIDE: usize = 16;
+const PIXELS: usize = SIDE * SIDE;
+const GLYPH: usize = 8;
+const MIDDLE: usize = (SIDE - GLYPH) / 2;
+const CLASSES: usize = 4;
+const CHUNK: usize = 16;
+const HALVING: Kernel = Kernel {
+    size: 4,
+    stride: 2,
+    padding: 1,
+};
+
+/// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class scores.
+fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
+    let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
+    let mut shape = Shape::image(SIDE, SIDE, group.trivial(1));
+    for channels in [16, 32, 64] {
+        let fields = group.regular(channels / group.order());
+        let conv = match shape.height {
+            4 => R2Conv::flatten(shape, fields)?,
+            size => R2Conv::new(shape.fields, fields, HALVING, [size; 2])?,
+        };
+        shape = Layer::<f32>::out_shape(&conv);
+        layers.push(Box::new(conv));
+        layers.push(Box::new(Relu::new(shape)?));
+    }
+    let pool = GroupMaxPool::new(shape)?;
+    let invariants = Layer::<f32>::out_shape(&pool).fields;
+    layers.push(Box::new(pool));
+    layers.push(Box::new(Linear::new(invariants, group.trivial(CLASSES))?));
+    Sequential::new(layers)
+}
+
+/// Gradient descent with momentum on the cross-entropy of all pictures.
+fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
+    let mut params = vec![0.0; net.num_params()];
+    net.init(&mut ChaCha8Rng::seed_from_u64(1), &mut params);
+    let mut velocity = vec![0.0; params.len()];
+    let (samples, scratch) = (data.labels.len(), net.scratch_len(CHUNK));
+    let buffers = move || (vec![0.0; CHUNK * CLASSES], vec![0.0; scratch]);
+    let mut chunks = Chunks::new(params.len(), CHUNK, buffers);
+    for _ in 0..steps {
+        velocity.iter_mut().for_each(|v| *v *= 0.9);
+        chunks.accumulate(samples, &mut velocity, |range, (y, scratch), gradient| {
+            let x = &data.pictures[range.start * PIXELS..range.end * PIXELS];
+            let y = &mut y[..range.len() * CLASSES];
+            net.forward(&params, x, y, scratch);
+            let dy = cross_entropy(y, &data.labels[range]);
+            net.backward(&params, x, y, &dy, None, gradient, scratch);
+        });
+        for (p, v) in params.iter_mut().zip(&velocity) {
+            *p -= 0.05 / samples as f32 * v;
+        }
+    }
+    params
+}
+
+/// The gradient of the cross-entropy in the scores: probabilities minus the label's indicator.
+fn cross_entropy(scores: &[f32], labels: &[usize]) -> Vec<f32> {
+    let mut gradient = scores.to_vec();
+    for (row, &label) in gradient.chunks_mut(CLASSES).zip(labels) {
+        let largest = row.iter().fold(f32::MIN, |m, &s| m.max(s));
+        row.iter_mut().for_each(|s| *s = (*s - largest).exp());
+        let sum: f32 = row.iter().sum();
+        row.iter_mut().for_each(|s| *s /= sum);
+        row[label] -= 1.0;
+    }
+    gradient
+}
+
+/// The share of pictures whose largest score is the label's.
+fn accuracy(net: &Sequential<f32>, params: &[f32], data: &Data) -> f64 {
+    let mut scratch = vec![0.0; net.scratch_len(1)];
+    let mut scores = [0.0; CLASSES];
+    let samples = data.pictures.chunks(PIXELS).zip(&data.labels);
+    let right = samples.filter(|(x, label)| {
+        net.forward(params, x, &mut scores, &mut scratch);
+        scores.iter().all(|&s| s <= scores[**label])
+    });
+    right.count() as f64 / data.labels.len() as f64
+}
+
+struct Data {
+    pictures: Vec<f32>,
+    labels: Vec<usize>,
+}
+
+/// Glyphs of random pixels, each with a random flip and place, in noise.
+fn pictures(glyphs: &[Vec<f32>], count: usize, rng: &mut ChaCha8Rng) -> Data {
+    let mut data = Data {
+        pictures: Vec::new(),
+        labels: Vec::new(),
+    };
+    for _ in 0..count {
+        let label = rng.random_range(0..CLASSES);
+        let flip = D2::from_bits(rng.random_range(0..4));
+        let glyph = flip.transform_image(&glyphs[label], GLYPH, GLYPH, 1);
+        let mut picture: Vec<f32> = noise(PIXELS, rng).map(|v| 0.5 * v).collect();
+        let [top, left] = [0; 2].map(|_: usize| rng.random_range(MIDDLE - 1..=MIDDLE + 1));
+        for (i, value) in glyph.iter().enumerate() {
+            picture[(top + i / GLYPH) * SIDE + left + i % GLYPH] += value;
+        }
+        data.pictures.extend(picture);
+        data.labels.push(label);
+    }
+    data
+}
+
+/// Uniform numbers of mean 0 and variance 1.
+fn noise(len: usize, rng: &mut impl Rng) -> impl Iterator<Item = f32> {
+    let width = 12f32.sqrt();
+    (0..len).map(move |_| (rng.random::<f32>() - 0.5) * width)
+}
+
+fn main() -> Result<(), LayerError> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let glyphs: Vec<Vec<f32>> = (0..CLASSES)
+        .map(|_| noise(GLYPH * GLYPH, &mut rng).collect())
+        .collect();
+    let (few, new) = (
+        pictures(&glyphs, 200, &mut rng),
+        pictures(&glyphs, 1000, &mut rng),
+    );
+    for group in [Group::D2, Group::C1] {
+        let net = network(group)?;
+        let params = train(&net, &few, 60);
+        println!(
+            "{group}: {} parameters, accuracy {:.3}",
+            params.len(),
+            accuracy(&net, &params, &new)
+        );
+    }
+    Ok(())
+}
