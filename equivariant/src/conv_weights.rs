@@ -41,7 +41,7 @@ impl Weights {
         let fields = irreps.iter().map(|&b| out.multiplicity(b)).max();
         let groups = patches.folded() * LANES / irreps.len();
         let width = (fields.unwrap_or(0) * irreps.len()).div_ceil(LANES);
-        let mut entries = vec![None; groups * width * LANES];
+        let mut entries = vec![GAP; groups * width * LANES];
         for (lane, &b) in irreps.iter().enumerate() {
             for (i, function) in taps.functions().iter().enumerate() {
                 let group = patches.first_group(function.parity, function.parts[0].0);
@@ -50,7 +50,7 @@ impl Weights {
                 for output in 0..out.multiplicity(b) {
                     for channel in 0..taps.in_type().multiplicity(input) {
                         let to = (group + channel) * width * LANES + output * irreps.len() + lane;
-                        entries[to] = Some(first + output * blocks.cols(b) + channel);
+                        entries[to] = first + output * blocks.cols(b) + channel;
                     }
                 }
             }
@@ -140,12 +140,15 @@ impl Weights {
     }
 }
 
+/// An entry of the packed weights without a parameter.
+const GAP: usize = usize::MAX;
+
 /// Numbers the entries in their order and lists those without a gap between them.
-fn runs(entries: &[Option<usize>], places: &mut [usize]) -> Vec<Run> {
+fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     let mut next = 0;
-    for (packed, entry) in entries.iter().enumerate() {
-        let Some(entry) = *entry else { continue };
+    let entries = entries.iter().enumerate();
+    for (packed, &entry) in entries.filter(|(_, entry)| **entry != GAP) {
         places[entry] = next;
         match runs.last_mut().filter(|run| run.packed.end == packed) {
             Some(run) => {
