@@ -3,7 +3,7 @@
 use crate::conv_forward::transform;
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, bands, zeros};
 use crate::tiles::{input, weights};
 use crate::{R2Conv, Scalar};
 
@@ -94,10 +94,18 @@ impl<T: Scalar> Backward<'_, T> {
             }
             Maps::Staged(..) => Default::default(),
         };
-        let mut first = 0;
-        while first < self.samples {
+        let out = conv.shape_out();
+        // the gradient of an image is collected from all of its lines
+        let band = match self.dx {
+            None => patches.band(out.height, together),
+            Some(_) => out.height,
+        };
+        for (first, top) in bands(self.samples, together, out.height, band) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, first, images, own);
+            let lines = top..out.height.min(top + band);
+            let rows = images * lines.len() * out.width;
+            let skipped = patches.skipped(top);
+            let staged = self.x.stage(lanes, patches, (first, images), lines, own);
             let mut gradient = match &mut self.dx {
                 None => None,
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
@@ -106,13 +114,12 @@ impl<T: Scalar> Backward<'_, T> {
             if let Some(gradient) = gradient.as_deref_mut() {
                 gradient.fill(T::ZERO);
             }
-            let mut cursor = Cursor::new(loader.pixels);
-            let rows = images * loader.pixels;
+            let mut cursor = Cursor::new(loader.pixels, top * out.width);
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
                 for (r, window) in windows[..count].iter_mut().enumerate() {
-                    *window = cursor.at(patches.windows(), patches.staged());
+                    *window = cursor.at(patches.windows(), patches.staged()) - skipped;
                     let place = (first + cursor.image, cursor.pixel);
                     loader.run(place, r, count, &mut buffers);
                     cursor.advance();
@@ -133,7 +140,6 @@ impl<T: Scalar> Backward<'_, T> {
                     patches.unstage(gradient, &mut dx[(first + i) * len..][..len]);
                 }
             }
-            first += images;
         }
         layout.add_unpacked(buffers.dw, self.dparams);
         let dbias = buffers.dbias.as_flattened().chunks_exact(G);

@@ -2,7 +2,7 @@
 
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, bands, zeros};
 use crate::tiles::{ROWS, forward};
 use crate::{R2Conv, Scalar};
 
@@ -73,19 +73,22 @@ impl<T: Scalar> Forward<'_, T> {
             Maps::Channels(_) => zeros(scratch.take_flat(patches.staged() * together)),
             Maps::Staged(..) => Default::default(),
         };
-        let mut first = 0;
-        while first < self.samples {
+        let out = conv.shape_out();
+        let band = patches.band(out.height, together);
+        for (first, top) in bands(self.samples, together, out.height, band) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, first, images, own);
-            let mut cursor = Cursor::new(finish.pixels);
-            let rows = images * finish.pixels;
+            let lines = top..out.height.min(top + band);
+            let rows = images * lines.len() * out.width;
+            let skipped = patches.skipped(top);
+            let staged = self.x.stage(lanes, patches, (first, images), lines, own);
+            let mut cursor = Cursor::new(finish.pixels, top * out.width);
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
                 let mut places = [(0, 0); ROWS];
                 for r in 0..ROWS {
                     // an incomplete block ends with copies of its last row
-                    windows[r] = cursor.at(patches.windows(), patches.staged());
+                    windows[r] = cursor.at(patches.windows(), patches.staged()) - skipped;
                     places[r] = (first + cursor.image, cursor.pixel);
                     if r + 1 < count {
                         cursor.advance();
@@ -105,7 +108,6 @@ impl<T: Scalar> Forward<'_, T> {
                     finish.run(sums, place);
                 }
             }
-            first += images;
         }
     }
 }

@@ -1,5 +1,7 @@
 //! Trivial channels of D2, folded along y.
 
+use std::ops::Range;
+
 use crate::join::{head, head_mut};
 use crate::lanes::{LANES, Lanes};
 use crate::{Kernel, Scalar, Shape};
@@ -37,7 +39,7 @@ impl Lines {
         self.out_height * self.each()
     }
 
-    /// Where the lines of one line of windows start.
+    /// Where the lines of one line of windows start, but for the shift.
     pub fn first(&self, oy: usize) -> usize {
         oy * self.each() * self.len
     }
@@ -55,17 +57,29 @@ impl Lines {
     /// Where the part of a line that is not padding starts.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.image.fields.dim();
-        self.first(oy) + i * self.len + padding
+        self.shift() + self.first(oy) + i * self.len + padding
     }
 
-    /// Folds one image; padding along x must be zero and stays so.
+    /// What brings the first pixel to a cache line: a store that straddles two of them takes twice the time.
+    pub fn shift(&self) -> usize {
+        let padding = 4 * self.kernel.padding * self.image.fields.dim();
+        padding.next_multiple_of(LANES) - padding
+    }
+
+    /// Folds the rows of one image for a band of lines of windows; padding along x must be zero and stays so.
     #[inline(always)]
-    pub fn fold<T: Scalar, L: Lanes<T>>(&self, lanes: L, image: &[T], lines: &mut [T]) {
+    pub fn fold<T: Scalar, L: Lanes<T>>(
+        &self,
+        lanes: L,
+        image: &[T],
+        band: Range<usize>,
+        lines: &mut [T],
+    ) {
         let len = self.row_len();
-        for oy in 0..self.out_height {
+        for oy in band.clone() {
             for i in 0..self.each() {
                 let mirrored = self.kernel.size - 1 - i;
-                let line = &mut lines[self.start(oy, i)..][..4 * len];
+                let line = &mut lines[self.start(oy - band.start, i)..][..4 * len];
                 let a = self.row(oy, i).map(|start| &image[start..][..len]);
                 let b = self.row(oy, mirrored).filter(|_| mirrored != i);
                 let b = b.map(|start| &image[start..][..len]);

@@ -9,6 +9,8 @@
 //! group are the parities of one orbit, since parity b is what leads from the trivial irrep to irrep b.
 //! For D2 the copies are folded along y already (see [`Lines`]), since the windows of a line share that fold.
 
+use std::ops::Range;
+
 use symmetry::{Group, Irrep};
 
 use crate::join::{Join, head, head_mut};
@@ -36,6 +38,9 @@ pub(crate) struct Patches {
     /// Blocks of a folded patch.
     folded: usize,
 }
+
+/// Lines of output that are staged together if they are folded.
+const BAND: usize = 3;
 
 /// The taps {g t}, folded together.
 #[derive(Clone, Debug)]
@@ -83,7 +88,7 @@ impl Patches {
             let lines = Lines::new(image, kernel, out_size[0], line);
             for (i, window) in patches.windows.iter_mut().enumerate() {
                 let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
-                *window = lines.first(oy) + ox * kernel.stride * patches.pitch;
+                *window = lines.shift() + lines.first(oy) + ox * kernel.stride * patches.pitch;
             }
             patches.lines = Some(lines);
         }
@@ -152,7 +157,7 @@ impl Patches {
     }
 
     /// Blocks of a folded patch that come from one orbit.
-    pub fn folded_of(&self, orbit: usize) -> std::ops::Range<usize> {
+    pub fn folded_of(&self, orbit: usize) -> Range<usize> {
         let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first);
         self.orbits[orbit].first..next
     }
@@ -183,7 +188,7 @@ impl Patches {
             Some(lines) => lines.count(),
             None => self.image.height + 2 * self.kernel.padding,
         };
-        let beyond = self.blocks * LANES - self.pitch;
+        let beyond = (self.blocks + 1) * LANES - self.pitch;
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
@@ -213,11 +218,31 @@ impl Patches {
         staged[end..].fill(T::ZERO);
     }
 
-    /// Stages one image; padding and lanes without a channel must be zero and stay so.
+    /// How many of the lines of output to stage at a time: folded lines are many, and a few stay in the first-level
+    /// cache.
+    pub fn band(&self, out_height: usize, images: usize) -> usize {
+        match self.lines {
+            Some(_) if images == 1 => BAND.min(out_height),
+            _ => out_height,
+        }
+    }
+
+    /// The windows of lines of output from `top` on start this much earlier if only those are staged.
+    pub fn skipped(&self, top: usize) -> usize {
+        self.lines.as_ref().map_or(0, |lines| lines.first(top))
+    }
+
+    /// Stages what a band of lines of output sees of one image; padding and lanes without a channel must be zero and stay so.
     #[inline(always)]
-    pub fn stage<T: Scalar, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
+    pub fn stage<T: Scalar, L: Lanes<T>>(
+        &self,
+        lanes: L,
+        image: &[T],
+        band: Range<usize>,
+        staged: &mut [T],
+    ) {
         if let Some(lines) = &self.lines {
-            return lines.fold(lanes, image, staged);
+            return lines.fold(lanes, image, band, staged);
         }
         match self.image.fields.group().order() {
             1 => self.stage_groups::<T, 1>(image, staged),
@@ -346,7 +371,9 @@ impl Patches {
                 }
                 values = butterfly(lanes, values);
                 for i in 0..N {
-                    let fold = swap(lanes, values[i], parities[i]);
+                    // four folds have the four parities, and a constant is one instruction
+                    let parity = if N == 4 { i } else { parities[i] };
+                    let fold = swap(lanes, values[i], parity);
                     lanes.store(&mut folds[i][row], fold);
                 }
             }
@@ -396,7 +423,8 @@ impl Patches {
         let orbit = &self.orbits[orbit];
         let scale = lanes.splat(T::from_f64(orbit.scale));
         for i in 0..N {
-            folds[i] = swap(lanes, folds[i], orbit.parities[i]);
+            let parity = if N == 4 { i } else { orbit.parities[i] };
+            folds[i] = swap(lanes, folds[i], parity);
             if N < 4 {
                 folds[i] = lanes.mul(folds[i], scale);
             }
