@@ -66,22 +66,8 @@ impl<T: Scalar> Backward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, self.conv.patches());
-        let (layout, width) = (conv.weights(), conv.weights().width());
-        let mut scratch = Scratch::new(self.scratch);
-        let w = scratch.take(layout.packed());
-        if self.dx.is_some() {
-            let packed = scratch.take(layout.packed());
-            layout.pack(self.params, packed);
-            layout.transpose::<T, G>(patches, packed, w);
-        }
-        let mut buffers = Buffers {
-            w,
-            dw: scratch.zeros(layout.packed()),
-            dbias: scratch.zeros(width),
-            pixel: scratch.zeros(width),
-            dy: scratch.take(ROWS * width),
-            panel: scratch.take(ROWS * 4 * patches.blocks()),
-        };
+        let mut scratch = Scratch::new(std::mem::take(&mut self.scratch));
+        let mut buffers = self.buffers::<G>(&mut scratch);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let together = match self.x {
             Maps::Channels(_) => conv.group(self.samples),
@@ -141,11 +127,40 @@ impl<T: Scalar> Backward<'_, T> {
                 }
             }
         }
-        layout.add_unpacked(buffers.dw, self.dparams);
-        let dbias = buffers.dbias.as_flattened().chunks_exact(G);
-        for (d, group) in self.dparams[conv.blocks().bias()].iter_mut().zip(dbias) {
-            *d += group[0];
+        add_gradients::<T, G>(conv, &buffers, self.dparams);
+    }
+
+    #[inline(always)]
+    fn buffers<'b, const G: usize>(&self, scratch: &mut Scratch<'b, T>) -> Buffers<'b, T> {
+        let (patches, layout) = (self.conv.patches(), self.conv.weights());
+        let width = layout.width();
+        let w = scratch.take(layout.packed());
+        if self.dx.is_some() {
+            let packed = scratch.take(layout.packed());
+            layout.pack(self.params, packed);
+            layout.transpose::<T, G>(patches, packed, w);
         }
+        Buffers {
+            w,
+            dw: scratch.zeros(layout.packed()),
+            dbias: scratch.zeros(width),
+            pixel: scratch.zeros(width),
+            dy: scratch.take(ROWS * width),
+            panel: scratch.take(ROWS * 4 * patches.blocks()),
+        }
+    }
+}
+
+/// Adds the gradients of the weights and of the bias to those of the parameters.
+fn add_gradients<T: Scalar, const G: usize>(
+    conv: &R2Conv,
+    buffers: &Buffers<T>,
+    dparams: &mut [T],
+) {
+    conv.weights().add_unpacked(buffers.dw, dparams);
+    let dbias = buffers.dbias.as_flattened().chunks_exact(G);
+    for (d, group) in dparams[conv.blocks().bias()].iter_mut().zip(dbias) {
+        *d += group[0];
     }
 }
 
@@ -299,10 +314,10 @@ impl Rows<'_> {
         gradient: &mut [T],
     ) {
         let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
-        for r in 0..R {
-            let at = self.windows[row + r] + c * LANES;
-            let patches = self.conv.patches();
-            patches.scatter::<T, L, N>(lanes, self.orbit, folds[r], gradient, at);
+        let patches = self.conv.patches();
+        for (folds, window) in folds.into_iter().zip(&self.windows[row..]) {
+            let at = window + c * LANES;
+            patches.scatter::<T, L, N>(lanes, self.orbit, folds, gradient, at);
         }
     }
 

@@ -52,17 +52,7 @@ impl<T: Scalar> Forward<'_, T> {
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
         }
-        let mut finish = Finish::<T, L, G> {
-            lanes,
-            width: weights.width(),
-            join: Join::new(conv.shape_out().fields),
-            pixels: conv.shape_out().pixels(),
-            channels: conv.shape_out().fields.dim(),
-            regular: conv.shape_out().fields.regular_fields().is_some(),
-            bias,
-            masks: self.masks,
-            y: self.y,
-        };
+        let mut finish = Finish::<T, L, G>::new(lanes, conv, bias, self.masks, self.y);
         let panel = scratch.take(ROWS * patches.folded());
         let sums = scratch.take(ROWS * weights.width());
         let together = match self.x {
@@ -125,7 +115,29 @@ struct Finish<'a, T, L, const G: usize> {
     y: MapsMut<'a, T>,
 }
 
-impl<T: Scalar, L: Lanes<T>, const G: usize> Finish<'_, T, L, G> {
+impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
+    #[inline(always)]
+    fn new(
+        lanes: L,
+        conv: &R2Conv,
+        bias: &'a [Block<T>],
+        masks: Option<&'a mut [T]>,
+        y: MapsMut<'a, T>,
+    ) -> Self {
+        let shape = conv.shape_out();
+        Finish {
+            lanes,
+            width: conv.weights().width(),
+            join: Join::new(shape.fields),
+            pixels: shape.pixels(),
+            channels: shape.fields.dim(),
+            regular: shape.fields.regular_fields().is_some(),
+            bias,
+            masks,
+            y,
+        }
+    }
+
     /// Adds the bias, rectifies if there are masks, and writes the pixel of the image.
     #[inline(always)]
     fn run(&mut self, sums: &mut [Block<T>], (image, pixel): (usize, usize)) {

@@ -146,9 +146,9 @@ const GAP: usize = usize::MAX;
 /// Numbers the entries in their order and lists those without a gap between them.
 fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
-    let mut next = 0;
     let entries = entries.iter().enumerate();
-    for (packed, &entry) in entries.filter(|(_, entry)| **entry != GAP) {
+    let entries = entries.filter(|(_, entry)| **entry != GAP);
+    for (next, (packed, &entry)) in entries.enumerate() {
         places[entry] = next;
         match runs.last_mut().filter(|run| run.packed.end == packed) {
             Some(run) => {
@@ -160,7 +160,6 @@ fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
                 packed: packed..packed + 1,
             }),
         }
-        next += 1;
     }
     runs
 }

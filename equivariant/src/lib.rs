@@ -46,6 +46,7 @@ mod conv_forward;
 mod conv_weights;
 mod dense;
 mod error;
+mod gather;
 mod group_mean;
 mod hadamard;
 mod init;

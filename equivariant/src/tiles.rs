@@ -4,6 +4,11 @@
 //! one for each irrep, repeated over the block: so one product serves all the irreps at once, and
 //! narrow layers fill the registers as well as wide ones.
 
+#![expect(
+    clippy::needless_range_loop,
+    reason = "loops over constants that index several arrays of registers"
+)]
+
 use crate::Scalar;
 use crate::join::head;
 use crate::lanes::{Block, LANES, Lanes};
