@@ -16,7 +16,8 @@ const PIECE: usize = 2048;
 ///
 /// Every chunk writes a gradient buffer of its own and the buffers are added in chunk
 /// order, so the result does not depend on the number of threads. Buffers and workspaces are kept
-/// between calls. A workspace (activations, scratch) is lent to one chunk at a time; what
+/// between calls: after the first, nothing is allocated but the vector of results, which needs no memory where a chunk
+/// returns `()`. A workspace (activations, scratch) is lent to one chunk at a time; what
 /// a chunk computes must not depend on what an earlier one left in it.
 ///
 /// ```
@@ -50,7 +51,7 @@ pub struct Chunks<T, W> {
 impl<T: Scalar, W: Send> Chunks<T, W> {
     /// An engine for gradients of `num_params` parameters and chunks of `chunk_size` samples.
     ///
-    /// `new_workspace` is called once for each thread that comes to work at the same time.
+    /// `new_workspace` is called once for each thread of the pool, or for each chunk if there are fewer.
     ///
     /// # Panics
     /// When `chunk_size` is 0.
@@ -92,19 +93,22 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
             self.num_params,
             "wrong number of parameters"
         );
-        let ranges = self.ranges(num_samples);
+        let count = self.prepare(num_samples);
         let mut buffers = std::mem::take(&mut self.gradients);
-        buffers.resize_with(buffers.len().max(ranges.len().min(WAVE)), || {
+        buffers.resize_with(buffers.len().max(count.min(WAVE)), || {
             vec![T::ZERO; self.num_params]
         });
-        let mut results = Vec::with_capacity(ranges.len());
-        for wave in ranges.chunks(WAVE) {
-            let one = |(range, buffer): (&Range<usize>, &mut Vec<T>)| {
+        let mut results = Vec::with_capacity(count);
+        for first in (0..count).step_by(WAVE) {
+            let wave = first..count.min(first + WAVE);
+            let buffers = &mut buffers[..wave.len()];
+            let one = |(chunk, buffer): (usize, &mut Vec<T>)| {
                 buffer.fill(T::ZERO);
-                self.lend(|workspace| f(range.clone(), workspace, buffer))
+                let range = self.range(chunk, num_samples);
+                self.lend(|workspace| f(range, workspace, buffer))
             };
-            results.par_extend(wave.par_iter().zip(&mut buffers).map(one));
-            add_in_order(gradient, &buffers[..wave.len()]);
+            results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(one));
+            add_in_order(gradient, buffers);
         }
         self.gradients = buffers;
         results
@@ -116,9 +120,10 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
         num_samples: usize,
         f: impl Fn(Range<usize>, &mut W) -> S + Sync,
     ) -> Vec<S> {
-        self.ranges(num_samples)
+        let range = |chunk| self.range(chunk, num_samples);
+        (0..self.prepare(num_samples))
             .into_par_iter()
-            .map(|range| self.lend(|workspace| f(range, workspace)))
+            .map(|chunk| self.lend(|workspace| f(range(chunk), workspace)))
             .collect()
     }
 
@@ -139,20 +144,28 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
             "got {} values, expected a multiple of the width {width}",
             out.len()
         );
-        let ranges = self.ranges(out.len() / width);
-        let rows = out.par_chunks_mut(width * self.chunk_size);
-        ranges
+        let num_samples = out.len() / width;
+        let range = |chunk| self.range(chunk, num_samples);
+        (0..self.prepare(num_samples))
             .into_par_iter()
-            .zip(rows)
-            .map(|(range, rows)| self.lend(|workspace| f(range, workspace, rows)))
+            .zip(out.par_chunks_mut(width * self.chunk_size))
+            .map(|(chunk, rows)| self.lend(|workspace| f(range(chunk), workspace, rows)))
             .collect()
     }
 
-    fn ranges(&self, num_samples: usize) -> Vec<Range<usize>> {
-        (0..num_samples)
-            .step_by(self.chunk_size)
-            .map(|start| start..num_samples.min(start + self.chunk_size))
-            .collect()
+    /// Makes the workspaces that this many samples can use, and counts the chunks.
+    fn prepare(&self, num_samples: usize) -> usize {
+        let chunks = num_samples.div_ceil(self.chunk_size);
+        let mut idle = self.lock();
+        while idle.len() < chunks.min(rayon::current_num_threads()) {
+            idle.push((self.new_workspace)());
+        }
+        chunks
+    }
+
+    fn range(&self, chunk: usize, num_samples: usize) -> Range<usize> {
+        let start = chunk * self.chunk_size;
+        start..num_samples.min(start + self.chunk_size)
     }
 
     fn lend<S>(&self, f: impl FnOnce(&mut W) -> S) -> S {

@@ -5,27 +5,36 @@ use std::fmt;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
-use crate::blocks::{Blocks, Rows, RowsMut};
-use crate::fold::{Fold, Matrices};
+use crate::blocks::Blocks;
+use crate::conv_backward::Backward;
+use crate::conv_forward::Forward;
+use crate::conv_weights::Weights;
+use crate::layer::Fusible;
+use crate::maps::{Maps, MapsMut};
+use crate::patches::Patches;
+use crate::taps::Taps;
 use crate::{Dense, Kernel, Layer, LayerError, Scalar, Shape};
 
-/// Output pixels that go into one matrix product; small images are batched up to it.
-const GROUP_PIXELS: usize = 144;
+/// Output pixels that are worth staging several images together.
+const GROUP_PIXELS: usize = 64;
 
 /// A convolution that commutes with the group of its types, with a bias on the trivial irrep.
 ///
 /// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
 /// ICLR 2017). Between irreps a and b that is w(g t) = a(g) b(g) w(t): the signs of the irrep a b.
 /// Patches are therefore folded by parity (even and odd along each axis for D2), and output irrep b is one
-/// product of its folded columns with a matrix of parameters `[out multiplicity of b, columns]`. The columns are
-/// ordered by parity (in irrep order), tap (row-major) and channel; the matrices come in irrep order, then
-/// the bias. Every steerable kernel on the grid is reached. Types of C1 give an ordinary convolution
-/// whose parameters are the kernel `[C_out, size, size, C_in]`.
+/// product of its folded columns with a matrix of parameters `[out multiplicity of b, columns]`. The parameters
+/// of all irreps are interleaved, in the order in which the kernels read them, `[folded tap and input channel,
+/// output field, irrep]`, and the bias follows; [`dense`](R2Conv::dense) says what each of them does. Every steerable
+/// kernel on the grid is reached. Types of C1 give an ordinary convolution whose parameters are the kernel
+/// `[size, size, C_in, C_out]`.
 #[derive(Clone, Debug)]
 pub struct R2Conv {
-    fold: Fold,
+    taps: Taps,
+    patches: Patches,
     blocks: Blocks,
-    out_type: FieldType,
+    weights: Weights,
+    shape_out: Shape,
 }
 
 impl R2Conv {
@@ -42,12 +51,16 @@ impl R2Conv {
     ) -> Result<R2Conv, LayerError> {
         LayerError::check_groups("R2Conv", in_type, out_type)?;
         let out_size = kernel.windows("R2Conv", in_type.group(), size)?;
-        let fold = Fold::new(in_type, kernel, size, out_size);
-        let blocks = Blocks::new(Irrep::ALL.map(|b| fold.cols(b)), out_type);
+        let taps = Taps::new(in_type, kernel.size);
+        let image = Shape::image(size[0], size[1], in_type);
+        let patches = Patches::new(&taps, image, kernel, out_size);
+        let blocks = Blocks::new(Irrep::ALL.map(|b| taps.cols(b)), out_type);
         Ok(R2Conv {
-            fold,
+            weights: Weights::new(&taps, &patches, &blocks, out_type),
+            taps,
+            patches,
             blocks,
-            out_type,
+            shape_out: Shape::image(out_size[0], out_size[1], out_type),
         })
     }
 
@@ -76,53 +89,39 @@ impl R2Conv {
     pub fn dense(&self) -> Dense<'_> {
         Dense {
             name: "R2Conv",
-            taps: self.fold.taps().clone(),
+            taps: self.taps.clone(),
             blocks: &self.blocks,
-            window: self.fold.kernel(),
+            places: Some(self.weights.places()),
+            window: self.patches.kernel(),
             in_shape: self.shape_in(),
-            out_shape: self.shape_out(),
+            out_shape: self.shape_out,
         }
     }
 
-    fn shape_in(&self) -> Shape {
-        let [height, width] = self.fold.in_size();
-        Shape::image(height, width, self.fold.in_type())
+    pub(crate) fn patches(&self) -> &Patches {
+        &self.patches
     }
 
-    fn shape_out(&self) -> Shape {
-        let [height, width] = self.fold.out_size();
-        Shape::image(height, width, self.out_type)
+    pub(crate) fn blocks(&self) -> &Blocks {
+        &self.blocks
     }
 
-    /// The number of samples whose pixels share a matrix product.
-    fn group(&self) -> usize {
-        (GROUP_PIXELS / self.fold.out_pixels()).max(1)
+    pub(crate) fn weights(&self) -> &Weights {
+        &self.weights
     }
 
-    /// Cuts the scratch into the lines of the fold and the matrices of a group of samples.
-    fn parts<'a, T>(&self, scratch: &'a mut [T], samples: usize) -> (&'a mut [T], Matrices<'a, T>) {
-        let (lines, mut rest) = scratch.split_at_mut(self.fold.lines_len());
-        let rows = samples * self.fold.out_pixels();
-        let matrices = Irrep::ALL.map(|b| {
-            let (matrix, others) = std::mem::take(&mut rest).split_at_mut(rows * self.fold.cols(b));
-            rest = others;
-            matrix
-        });
-        (lines, matrices)
+    pub(crate) fn shape_in(&self) -> Shape {
+        self.patches.image()
     }
 
-    fn gather<T: Scalar>(&self, x: &[T], lines: &mut [T], matrices: &mut Matrices<T>) {
-        for (i, image) in x.chunks_exact(self.shape_in().len()).enumerate() {
-            let first = i * self.fold.out_pixels();
-            self.fold.gather(image, lines, matrices, first);
-        }
+    pub(crate) fn shape_out(&self) -> Shape {
+        self.shape_out
     }
 
-    fn rows<'a, T>(&self, b: Irrep, matrices: &'a Matrices<T>) -> Rows<'a, T> {
-        Rows {
-            data: &*matrices[b.index()],
-            stride: self.fold.cols(b),
-        }
+    /// The number of samples that are staged together.
+    pub(crate) fn group(&self, samples: usize) -> usize {
+        let group = GROUP_PIXELS / self.shape_out.pixels().max(1);
+        group.clamp(1, samples.max(1))
     }
 }
 
@@ -144,27 +143,33 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
-        self.blocks.init(rng, gain, params);
+        let mut drawn = params.to_vec();
+        self.blocks.init(rng, gain, &mut drawn);
+        params.copy_from_slice(&drawn);
+        for (&place, &weight) in self.weights.places().iter().zip(&drawn) {
+            params[place] = weight;
+        }
+    }
+
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        Some(Fusible::Conv(self))
     }
 
     fn scratch_len(&self, samples: usize) -> usize {
-        let rows = self.group().min(samples) * self.fold.out_pixels();
-        self.fold.lines_len() + rows * self.fold.all_cols()
+        let forward = Forward::<T>::scratch_len(self, samples, false);
+        forward.max(Backward::<T>::scratch_len(self, samples, false))
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        self.blocks.fill_bias(params, y);
-        let group = self.group();
-        let xs = x.chunks(group * self.shape_in().len());
-        let ys = y.chunks_mut(group * self.shape_out().len());
-        for (x, y) in xs.zip(ys) {
-            let samples = self.shape_in().samples(x.len());
-            let (lines, mut matrices) = self.parts(scratch, samples);
-            self.gather(x, lines, &mut matrices);
-            for b in Irrep::ALL {
-                self.blocks.forward(b, params, self.rows(b, &matrices), y);
-            }
-        }
+        T::forward(Forward {
+            conv: self,
+            samples: self.shape_in().samples(x.len()),
+            params,
+            x: Maps::Channels(x),
+            y: MapsMut::Channels(y),
+            masks: None,
+            scratch,
+        });
     }
 
     fn backward(
@@ -173,50 +178,21 @@ impl<T: Scalar> Layer<T> for R2Conv {
         x: &[T],
         _y: &[T],
         dy: &[T],
-        mut dx: Option<&mut [T]>,
+        dx: Option<&mut [T]>,
         dparams: &mut [T],
         scratch: &mut [T],
     ) {
-        self.blocks.add_bias_gradient(dy, dparams);
-        let group = self.group();
-        let (in_len, out_len) = (self.shape_in().len(), self.shape_out().len());
-        let xs = x.chunks(group * in_len);
-        for (i, (x, dy)) in xs.zip(dy.chunks(group * out_len)).enumerate() {
-            let samples = self.shape_in().samples(x.len());
-            let (lines, mut matrices) = self.parts(scratch, samples);
-            self.gather(x, lines, &mut matrices);
-            for b in Irrep::ALL {
-                let rows = self.rows(b, &matrices);
-                self.blocks.add_weight_gradient(b, rows, dy, dparams);
-            }
-            if let Some(dx) = dx.as_deref_mut() {
-                let dx = &mut dx[i * group * in_len..][..x.len()];
-                self.input_gradient(params, dy, dx, lines, &mut matrices);
-            }
-        }
-    }
-}
-
-impl R2Conv {
-    fn input_gradient<T: Scalar>(
-        &self,
-        params: &[T],
-        dy: &[T],
-        dx: &mut [T],
-        lines: &mut [T],
-        matrices: &mut Matrices<T>,
-    ) {
-        for b in Irrep::ALL {
-            let block = RowsMut {
-                data: &mut *matrices[b.index()],
-                stride: self.fold.cols(b),
-            };
-            self.blocks.input_gradient(b, params, dy, block);
-        }
-        for (i, image) in dx.chunks_exact_mut(self.shape_in().len()).enumerate() {
-            let first = i * self.fold.out_pixels();
-            self.fold.scatter(image, lines, matrices, first);
-        }
+        T::backward(Backward {
+            conv: self,
+            samples: self.shape_in().samples(x.len()),
+            params,
+            x: Maps::Channels(x),
+            dy: Maps::Channels(dy),
+            masks: None,
+            dx: dx.map(MapsMut::Channels),
+            dparams,
+            scratch,
+        });
     }
 }
 
@@ -227,7 +203,7 @@ impl fmt::Display for R2Conv {
             "R2Conv({} -> {}, {} | {} parameters)",
             self.shape_in(),
             self.shape_out(),
-            self.fold.kernel(),
+            self.patches.kernel(),
             self.blocks.num_params()
         )
     }

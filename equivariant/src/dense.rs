@@ -21,6 +21,8 @@ pub struct Dense<'a> {
     pub(crate) name: &'static str,
     pub(crate) taps: Taps,
     pub(crate) blocks: &'a Blocks,
+    /// The parameter of every entry of the blocks; none where the blocks themselves are the parameters.
+    pub(crate) places: Option<&'a [usize]>,
     pub(crate) window: Kernel,
     pub(crate) in_shape: Shape,
     pub(crate) out_shape: Shape,
@@ -167,7 +169,7 @@ impl Dense<'_> {
                     for (channel, weight) in channels.zip(&mut weights) {
                         for &([row, col], c) in &function.parts {
                             f(
-                                weight,
+                                self.places.map_or(weight, |places| places[weight]),
                                 ((out * in_dim + channel) * size + row) * size + col,
                                 c,
                             );

@@ -12,7 +12,8 @@ pub(crate) fn fill_normal<T: Scalar>(rng: &mut dyn Rng, std: f64, out: &mut [T])
         // 1 - u lies in (0, 1], where the logarithm is finite
         let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * std;
         let angle = TAU * rng.random::<f64>();
-        let values = [radius * angle.cos(), radius * angle.sin()];
+        let (sin, cos) = angle.sin_cos();
+        let values = [radius * cos, radius * sin];
         for (out, value) in pair.iter_mut().zip(values) {
             *out = T::from_f64(value);
         }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use rand::Rng;
 
-use crate::{Dense, Scalar, Shape};
+use crate::{Dense, R2Conv, Scalar, Shape};
 
 /// The gain of weights that are followed by a ReLU: it halves the second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
@@ -57,6 +57,12 @@ pub trait Layer<T: Scalar>: fmt::Display + Send + Sync {
         &[]
     }
 
+    /// What a chain may fuse this layer as.
+    #[doc(hidden)]
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        None
+    }
+
     /// The length that `scratch` must at least have for this many samples.
     fn scratch_len(&self, _samples: usize) -> usize {
         0
@@ -90,4 +96,14 @@ pub trait Layer<T: Scalar>: fmt::Display + Send + Sync {
         dparams: &mut [T],
         scratch: &mut [T],
     );
+}
+
+/// A layer that a chain knows how to fuse with its neighbours.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug)]
+pub enum Fusible<'a> {
+    /// A convolution.
+    Conv(&'a R2Conv),
+    /// A ReLU.
+    Relu,
 }

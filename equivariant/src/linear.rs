@@ -41,6 +41,7 @@ impl Linear {
             name: "Linear",
             taps: Taps::new(self.in_type, 1),
             blocks: &self.blocks,
+            places: None,
             window: Kernel {
                 size: 1,
                 stride: 1,

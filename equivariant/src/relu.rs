@@ -4,6 +4,7 @@ use std::array::from_fn;
 use std::fmt;
 
 use crate::hadamard::{parts, parts_mut, permuted, transform};
+use crate::layer::Fusible;
 use crate::{Layer, LayerError, Scalar, Shape};
 
 /// The pointwise max(0, .) in the regular basis.
@@ -43,6 +44,10 @@ impl<T: Scalar> Layer<T> for Relu {
 
     fn out_shape(&self) -> Shape {
         self.shape
+    }
+
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        Some(Fusible::Relu)
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {

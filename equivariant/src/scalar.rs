@@ -4,6 +4,10 @@ use std::fmt::{Debug, Display};
 
 use faer::traits::RealField;
 
+use crate::conv_backward::Backward;
+use crate::conv_forward::Forward;
+use crate::lanes::{Kernel, Portable, run_f32};
+
 /// `f32` for training and `f64` for gradient checks.
 pub trait Scalar:
     RealField + Copy + Default + Debug + Display + PartialOrd + Send + Sync + 'static
@@ -19,6 +23,14 @@ pub trait Scalar:
 
     /// e to the power of the value.
     fn exp(self) -> Self;
+
+    /// Runs a forward pass; not generic, so that it is compiled once and with this crate's settings.
+    #[doc(hidden)]
+    fn forward(pass: Forward<Self>);
+
+    /// The same for a backward pass.
+    #[doc(hidden)]
+    fn backward(pass: Backward<Self>);
 }
 
 impl Scalar for f32 {
@@ -35,6 +47,14 @@ impl Scalar for f32 {
     fn exp(self) -> f32 {
         f32::exp(self)
     }
+
+    fn forward(pass: Forward<f32>) {
+        run_f32(pass);
+    }
+
+    fn backward(pass: Backward<f32>) {
+        run_f32(pass);
+    }
 }
 
 impl Scalar for f64 {
@@ -50,6 +70,14 @@ impl Scalar for f64 {
 
     fn exp(self) -> f64 {
         f64::exp(self)
+    }
+
+    fn forward(pass: Forward<f64>) {
+        pass.run(Portable);
+    }
+
+    fn backward(pass: Backward<f64>) {
+        pass.run(Portable);
     }
 }
 

@@ -5,16 +5,39 @@ use std::ops::Range;
 
 use rand::Rng;
 
+use crate::chain::Chain;
 use crate::{Layer, LayerError, Scalar, Shape};
 
 /// A chain of layers, itself a layer.
 ///
+/// Convolutions and ReLUs that follow one another run fused, which changes no value but by rounding.
 /// Its parameters are those of its layers in order. `forward` leaves every activation in
 /// `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same samples
 /// filled.
 pub struct Sequential<T> {
     layers: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
+    stages: Vec<Stage>,
+}
+
+/// Layers that run as one.
+struct Stage {
+    layers: Range<usize>,
+    fused: Option<Chain>,
+}
+
+/// Fuses what can be fused.
+fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
+    let mut stages = Vec::new();
+    let mut start = 0;
+    while start < layers.len() {
+        let (fused, len) = Chain::take(&layers[start..]).unzip();
+        let end = start + len.unwrap_or(1);
+        let layers = start..end;
+        stages.push(Stage { layers, fused });
+        start = end;
+    }
+    stages
 }
 
 impl<T: Scalar> Sequential<T> {
@@ -44,6 +67,7 @@ impl<T: Scalar> Sequential<T> {
         });
         Ok(Sequential {
             params: params.collect(),
+            stages: stages(&layers),
             layers,
         })
     }
@@ -53,23 +77,33 @@ impl<T: Scalar> Sequential<T> {
         self.params[index].clone()
     }
 
-    fn last(&self) -> usize {
-        self.layers.len() - 1
+    /// The stages with their parameters.
+    fn stages(&self) -> impl DoubleEndedIterator<Item = (&dyn Layer<T>, Range<usize>)> {
+        self.stages.iter().map(|stage| {
+            let Range { start, end } = stage.layers;
+            let layer = match &stage.fused {
+                Some(chain) => chain,
+                None => self.layers[start].as_ref(),
+            };
+            (layer, self.params[start].start..self.params[end - 1].end)
+        })
     }
 
-    /// Lengths of the activations between the layers, per batch.
+    /// Lengths of the activations between the stages, per batch.
     fn between(&self, samples: usize) -> impl Iterator<Item = usize> {
-        let inner = &self.layers[..self.last()];
-        inner
-            .iter()
-            .map(move |layer| samples * layer.out_shape().len())
+        let inner = self.stages().take(self.stages.len() - 1);
+        inner.map(move |(layer, _)| samples * layer.out_shape().len())
+    }
+
+    /// Lengths of the scratch of the stages that keep it.
+    fn kept(&self, samples: usize) -> impl Iterator<Item = usize> {
+        let kept = self.stages().filter(|(layer, _)| layer.keeps_scratch());
+        kept.map(move |(layer, _)| layer.scratch_len(samples))
     }
 
     fn split<'a>(&self, samples: usize, scratch: &'a mut [T]) -> Parts<'a, T> {
         let (activations, rest) = scratch.split_at_mut(self.between(samples).sum());
-        let kept = self.layers.iter().filter(|layer| layer.keeps_scratch());
-        let kept = kept.map(|layer| layer.scratch_len(samples)).sum();
-        let (kept, rest) = rest.split_at_mut(kept);
+        let (kept, rest) = rest.split_at_mut(self.kept(samples).sum());
         let largest = self.between(samples).max().unwrap_or(0);
         let (gradient, rest) = rest.split_at_mut(largest);
         let (next_gradient, shared) = rest.split_at_mut(largest);
@@ -96,11 +130,11 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
     }
 
     fn out_shape(&self) -> Shape {
-        self.layers[self.last()].out_shape()
+        self.layers[self.layers.len() - 1].out_shape()
     }
 
     fn num_params(&self) -> usize {
-        self.params[self.last()].end
+        self.params[self.params.len() - 1].end
     }
 
     fn layers(&self) -> &[Box<dyn Layer<T>>] {
@@ -119,13 +153,11 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
     }
 
     fn scratch_len(&self, samples: usize) -> usize {
-        let len = |layer: &dyn Layer<T>| layer.scratch_len(samples);
-        let (keeping, sharing): (Vec<_>, Vec<_>) =
-            self.layers.iter().partition(|layer| layer.keeps_scratch());
-        let kept: usize = keeping.into_iter().map(|layer| len(layer.as_ref())).sum();
-        let shared = sharing.into_iter().map(|layer| len(layer.as_ref())).max();
+        let shared = self.stages().filter(|(layer, _)| !layer.keeps_scratch());
+        let shared = shared.map(|(layer, _)| layer.scratch_len(samples)).max();
+        let activations: usize = self.between(samples).sum();
         let largest = self.between(samples).max().unwrap_or(0);
-        self.between(samples).sum::<usize>() + kept + 2 * largest + shared.unwrap_or(0)
+        activations + self.kept(samples).sum::<usize>() + 2 * largest + shared.unwrap_or(0)
     }
 
     fn keeps_scratch(&self) -> bool {
@@ -142,17 +174,17 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         } = self.split(samples, scratch);
         let mut y = Some(y);
         let mut input = x;
-        for (i, (layer, range)) in self.layers.iter().zip(&self.params).enumerate() {
+        for (i, (layer, range)) in self.stages().enumerate() {
             let scratch = if layer.keeps_scratch() {
                 take_front(&mut kept, layer.scratch_len(samples))
             } else {
                 &mut *shared
             };
-            let output = match y.take_if(|_| i == self.last()) {
+            let output = match y.take_if(|_| i + 1 == self.stages.len()) {
                 Some(y) => y,
                 None => take_front(&mut activations, samples * layer.out_shape().len()),
             };
-            layer.forward(&params[range.clone()], input, output, scratch);
+            layer.forward(&params[range], input, output, scratch);
             input = output;
         }
     }
@@ -176,7 +208,7 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         } = self.split(samples, scratch);
         let mut activations = &*activations;
         let mut output = y;
-        for (i, layer) in self.layers.iter().enumerate().rev() {
+        for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
             let (in_len, out_len) = (
                 samples * layer.in_shape().len(),
                 samples * layer.out_shape().len(),
@@ -191,7 +223,7 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
             } else {
                 &mut *shared
             };
-            let dy = if i == self.last() {
+            let dy = if i + 1 == self.stages.len() {
                 dy
             } else {
                 &output_gradient[..out_len]
@@ -201,7 +233,6 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
             } else {
                 Some(&mut input_gradient[..in_len])
             };
-            let range = self.params[i].clone();
             let dparams = &mut dparams[range.clone()];
             layer.backward(&params[range], input, output, dy, dx, dparams, scratch);
             std::mem::swap(&mut output_gradient, &mut input_gradient);

@@ -55,13 +55,6 @@ impl Taps {
         &self.functions
     }
 
-    /// The index of the function of this parity whose orbit starts with `tap`, if there is one.
-    pub fn position(&self, parity: Irrep, tap: [usize; 2]) -> Option<usize> {
-        self.functions
-            .iter()
-            .position(|f| f.parity == parity && f.parts[0].0 == tap)
-    }
-
     /// The input irrep that a function of this parity takes to output irrep b.
     pub fn input(&self, b: Irrep, parity: Irrep) -> Irrep {
         self.in_type.group().restrict(b * parity)
@@ -152,7 +145,5 @@ mod tests {
         assert_eq!(taps.column(Irrep::Trivial, 6), 13);
         assert_eq!(taps.cols(Irrep::X), 5 * 3 + 4 * 2);
         assert_eq!(taps.cols(Irrep::Y), 0);
-        assert_eq!(taps.position(Irrep::X, [1, 0]), Some(8));
-        assert_eq!(taps.position(Irrep::X, [1, 1]), None);
     }
 }

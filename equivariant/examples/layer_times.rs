@@ -1,0 +1,211 @@
+//! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task> <threads>` and answers each
+//! with the milliseconds of one run.
+//!
+//! Networks: `reference`, `narrow`, `pooled`. Tasks: `training` (forward and backward of a batch), `inference` (of a
+//! batch), `latency` (of one image), `init` (layers, parameters and buffers). `<network> multiplications` answers
+//! with the multiplications of one image's forward pass instead: ours and those of the dense network.
+
+use std::error::Error;
+use std::io::{BufRead, Write, stdin, stdout};
+use std::time::Instant;
+
+use equivariant::{Chunks, Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential};
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+
+/// Images of a training chunk and of an inference chunk.
+const CHUNK: usize = 8;
+
+struct Spec {
+    name: &'static str,
+    size: usize,
+    batch: usize,
+    fields: &'static [usize],
+    /// 3 x 3 convolutions followed by pooling instead of 4 x 4 ones of stride 2.
+    pooled: bool,
+}
+
+const SPECS: [Spec; 3] = [
+    Spec {
+        name: "reference",
+        size: 64,
+        batch: 64,
+        fields: &[8, 16, 32, 32],
+        pooled: false,
+    },
+    Spec {
+        name: "narrow",
+        size: 64,
+        batch: 64,
+        fields: &[4, 8, 16, 16],
+        pooled: false,
+    },
+    Spec {
+        name: "pooled",
+        size: 128,
+        batch: 16,
+        fields: &[8, 16, 32, 32, 32],
+        pooled: true,
+    },
+];
+
+impl Spec {
+    fn build(&self) -> Result<Sequential<f32>, LayerError> {
+        let window = |size, stride, padding| Kernel {
+            size,
+            stride,
+            padding,
+        };
+        let kernel = if self.pooled {
+            window(3, 1, 1)
+        } else {
+            window(4, 2, 1)
+        };
+        let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
+        let (mut fields, mut size) = (Group::D2.trivial(6), self.size);
+        for &n in self.fields {
+            let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
+            let mut shape = Layer::<f32>::out_shape(&conv);
+            layers.push(Box::new(conv));
+            layers.push(Box::new(Relu::new(shape)?));
+            if self.pooled {
+                let pool = MaxPool::new(shape, window(2, 2, 0))?;
+                shape = Layer::<f32>::out_shape(&pool);
+                layers.push(Box::new(pool));
+            }
+            (fields, size) = (shape.fields, shape.height);
+        }
+        Sequential::new(layers)
+    }
+}
+
+/// Buffers of a thread.
+struct Workspace {
+    y: Vec<f32>,
+    scratch: Vec<f32>,
+}
+
+/// A network with everything that its runs need.
+struct Bench {
+    net: Sequential<f32>,
+    params: Vec<f32>,
+    gradient: Vec<f32>,
+    chunks: Chunks<f32, Workspace>,
+    x: Vec<f32>,
+    y: Vec<f32>,
+    alone: Workspace,
+}
+
+impl Bench {
+    fn new(spec: &Spec) -> Result<Bench, LayerError> {
+        let net = spec.build()?;
+        let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch_len(CHUNK));
+        let mut params = vec![0.0; net.num_params()];
+        net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
+        Ok(Bench {
+            gradient: vec![0.0; params.len()],
+            chunks: Chunks::new(params.len(), CHUNK, move || Workspace {
+                y: vec![0.0; out],
+                scratch: vec![0.0; scratch],
+            }),
+            x: (0..spec.batch * net.in_shape().len())
+                .map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0)
+                .collect(),
+            y: vec![0.0; spec.batch * net.out_shape().len()],
+            alone: Workspace {
+                y: vec![0.0; net.out_shape().len()],
+                scratch: vec![0.0; net.scratch_len(1)],
+            },
+            params,
+            net,
+        })
+    }
+
+    fn training(&mut self) {
+        let (net, params, x) = (&self.net, &self.params, &self.x);
+        let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
+        self.gradient.fill(0.0);
+        let samples = x.len() / in_len;
+        self.chunks
+            .accumulate(samples, &mut self.gradient, |range, w, gradient| {
+                let x = &x[range.start * in_len..range.end * in_len];
+                let y = &mut w.y[..range.len() * out_len];
+                net.forward(params, x, y, &mut w.scratch);
+                // the gradient of half the squared output
+                net.backward(params, x, y, y, None, gradient, &mut w.scratch);
+            });
+    }
+
+    fn inference(&mut self) {
+        let (net, params, x) = (&self.net, &self.params, &self.x);
+        let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
+        self.chunks.map_rows(&mut self.y, out_len, |range, w, y| {
+            let x = &x[range.start * in_len..range.end * in_len];
+            net.forward(params, x, y, &mut w.scratch);
+        });
+    }
+
+    fn latency(&mut self) {
+        let x = &self.x[..self.net.in_shape().len()];
+        let Workspace { y, scratch } = &mut self.alone;
+        self.net.forward(&self.params, x, y, scratch);
+    }
+
+    fn run(&mut self, spec: &Spec, task: &str) -> Result<f64, String> {
+        let start = Instant::now();
+        match task {
+            "training" => self.training(),
+            "inference" => self.inference(),
+            "latency" => self.latency(),
+            "init" => {
+                let net = spec.build().map_err(|error| error.to_string())?;
+                net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut self.params);
+            }
+            other => return Err(format!("got the task `{other}`")),
+        }
+        let elapsed = start.elapsed().as_secs_f64();
+        let result = self.gradient.iter().chain(&self.y).chain(&self.alone.y);
+        let sum: f32 = result.map(|v| v.abs()).sum();
+        assert!(sum.is_finite() && (sum > 0.0 || task == "init"));
+        Ok(1e3 * elapsed)
+    }
+
+    /// Multiplications of a forward pass of one image: ours, and the dense network's.
+    fn multiplications(&self) -> [usize; 2] {
+        let layers = self.net.layers().iter();
+        let dense = layers.filter_map(|layer| Some((layer.as_dense()?, layer.num_params())));
+        dense.fold([0; 2], |[ours, theirs], (dense, params)| {
+            let pixels = dense.out_shape().pixels();
+            let entries: usize = dense.kernel_shape().iter().product();
+            [ours + params * pixels, theirs + entries * pixels]
+        })
+    }
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
+    let mut benches = Vec::new();
+    for spec in &SPECS {
+        benches.push(Bench::new(spec)?);
+    }
+    for line in stdin().lock().lines() {
+        let line = line?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [name, task, threads] = words[..] else {
+            return Err(format!("got `{line}`, expected a network, a task and a number").into());
+        };
+        let at = SPECS.iter().position(|spec| spec.name == name);
+        let at = at.ok_or_else(|| format!("got the network `{name}`"))?;
+        let threads: usize = threads.parse()?;
+        let bench = &mut benches[at];
+        if task == "multiplications" {
+            let [ours, theirs] = bench.multiplications();
+            println!("{ours} {theirs}");
+        } else {
+            let pool = pools.get(threads - 1).and_then(|pool| pool.as_ref().ok());
+            let pool = pool.ok_or_else(|| format!("got {threads} threads, expected 1 or 2"))?;
+            println!("{}", pool.install(|| bench.run(&SPECS[at], task))?);
+        }
+        stdout().flush()?;
+    }
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! In the steady state nothing is allocated, on any thread.
+//!
+//! The only test of its binary, since the allocator counts for the whole process.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod common;
+
+use std::alloc::System;
+use std::hint::black_box;
+
+use common::{network, normal, params};
+use equivariant::{Chunks, Group, Layer, Sequential};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+const SAMPLES: usize = 40;
+const CHUNK: usize = 4;
+
+/// Allocations of ten runs after two.
+fn allocations(mut run: impl FnMut()) -> usize {
+    (0..2).for_each(|_| run());
+    let region = Region::new(ALLOCATOR);
+    (0..10).for_each(|_| run());
+    region.change().allocations + region.change().reallocations
+}
+
+fn check(net: &Sequential<f32>) {
+    let params = params(net, 1);
+    let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
+    let x = normal::<f32>(SAMPLES * in_len, 2);
+    let (mut gradient, mut y) = (vec![0.0; params.len()], vec![0.0; SAMPLES * out_len]);
+    let scratch = net.scratch_len(CHUNK);
+    let mut chunks: Chunks<f32, (Vec<f32>, Vec<f32>)> =
+        Chunks::new(params.len(), CHUNK, move || {
+            (vec![0.0; CHUNK * out_len], vec![0.0; scratch])
+        });
+    let training = allocations(|| {
+        chunks.accumulate(SAMPLES, &mut gradient, |range, (y, scratch), gradient| {
+            let x = &x[range.start * in_len..range.end * in_len];
+            let y = &mut y[..range.len() * out_len];
+            net.forward(&params, x, y, scratch);
+            net.backward(&params, x, y, y, None, gradient, scratch);
+        });
+    });
+    assert_eq!(training, 0, "{net}");
+    let inference = allocations(|| {
+        chunks.map_rows(&mut y, out_len, |range, (_, scratch), y| {
+            let x = &x[range.start * in_len..range.end * in_len];
+            net.forward(&params, x, y, scratch);
+        });
+    });
+    assert_eq!(inference, 0, "{net}");
+}
+
+#[test]
+fn steady_state_allocates_nothing_and_the_counter_counts() {
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .unwrap();
+    // inside the pool: handing it work from outside allocates now and then
+    pool.install(|| {
+        for group in Group::ALL {
+            check(&network(group));
+        }
+    });
+    assert!(allocations(|| drop(black_box(vec![0; 3]))) >= 10);
+}
