@@ -44,6 +44,8 @@ impl<T: Scalar> Layer<T> for AveragePool {
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.shape
+            .check_lens("AveragePool", self.out(), [x.len(), y.len()]);
         let (dim, weight) = (self.shape.fields.dim().max(1), self.weight::<T>());
         y.fill(T::ZERO);
         let out = self.out();
@@ -69,6 +71,8 @@ impl<T: Scalar> Layer<T> for AveragePool {
         _scratch: &mut [T],
     ) {
         let Some(dx) = dx else { return };
+        self.shape
+            .check_lens("AveragePool", self.out(), [dx.len(), dy.len()]);
         let (dim, weight) = (self.shape.fields.dim().max(1), self.weight::<T>());
         dx.fill(T::ZERO);
         let out = self.out();

@@ -117,7 +117,7 @@ pub enum LayerError {
     },
     /// Neighbouring layers of a sequence disagree.
     #[error(
-        "layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
+        "Sequential: layer {index} takes {takes}, but layer {previous} gives {gives}; make the shapes equal",
         previous = index - 1
     )]
     Mismatch {

@@ -54,6 +54,8 @@ impl<T: Scalar> Layer<T> for GroupMeanPool {
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.shape
+            .check_lens("GroupMeanPool", self.out(), [x.len(), y.len()]);
         let (dim, scale) = (self.shape.fields.dim().max(1), self.scale::<T>());
         let ys = y.chunks_exact_mut(self.fields.max(1));
         for (x, y) in x.chunks_exact(dim).zip(ys) {
@@ -74,6 +76,8 @@ impl<T: Scalar> Layer<T> for GroupMeanPool {
         _scratch: &mut [T],
     ) {
         let Some(dx) = dx else { return };
+        self.shape
+            .check_lens("GroupMeanPool", self.out(), [dx.len(), dy.len()]);
         let (dim, scale) = (self.shape.fields.dim().max(1), self.scale::<T>());
         let dys = dy.chunks_exact(self.fields.max(1));
         for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {

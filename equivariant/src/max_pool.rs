@@ -95,6 +95,8 @@ impl<T: Scalar> Layer<T> for MaxPool {
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        self.shape
+            .check_lens("MaxPool", self.out(), [x.len(), y.len()]);
         let regular = &mut scratch[..self.shape.len()];
         let out = self.out();
         for (x, y) in self.shape.each(x).zip(out.each_mut(y)) {
@@ -121,6 +123,8 @@ impl<T: Scalar> Layer<T> for MaxPool {
         scratch: &mut [T],
     ) {
         let Some(dx) = dx else { return };
+        self.shape
+            .check_lens("MaxPool", self.out(), [dx.len(), dy.len()]);
         let dim = self.shape.fields.dim();
         let (regular, pixel) = scratch.split_at_mut(self.shape.len());
         let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);

@@ -48,6 +48,25 @@ pub struct FieldNorm {
     statistics: Statistics,
 }
 
+/// What turns a field's coefficients into normalised ones.
+#[derive(Clone, Copy)]
+struct Standard<T> {
+    /// Of the first coefficient; the others have none.
+    mean: T,
+    /// One over the standard deviation.
+    inverse: T,
+}
+
+impl<T: Scalar> Standard<T> {
+    #[inline(always)]
+    fn apply(self, coefficient: usize, x: T) -> T {
+        match coefficient {
+            0 => (x - self.mean) * self.inverse,
+            _ => x * self.inverse,
+        }
+    }
+}
+
 impl FieldNorm {
     /// The normalisation of maps of this shape.
     ///
@@ -105,39 +124,42 @@ impl FieldNorm {
         x.chunks_exact(self.shape.fields.dim().max(1))
     }
 
-    /// `[mean, variance]` of the fields of a block, in double precision.
+    /// `[mean, variance]` of the fields of a block, summed in double precision.
     fn measure<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; BLOCK] {
         let pixels = self.pixels(x).len().max(1) as f64;
-        let mut moments = [[0.0; 2]; BLOCK];
+        let mut means = [0.0; BLOCK];
         for pixel in self.pixels(x) {
-            for ([mean, _], v) in moments.iter_mut().zip(&pixel[first..]) {
-                *mean += v.to_f64() / pixels;
+            for (sum, v) in means.iter_mut().zip(&pixel[first..]) {
+                *sum += v.to_f64();
             }
         }
-        for (j, [mean, _]) in moments.iter_mut().enumerate() {
-            *mean = if self.centred(first + j) { *mean } else { 0.0 };
-        }
-        let count = pixels * self.order as f64;
+        let means: [f64; BLOCK] = from_fn(|j| match self.centred(first + j) {
+            true => means[j] / pixels,
+            false => 0.0,
+        });
+        let mut squares = [0.0; BLOCK];
         for pixel in self.pixels(x) {
             for (a, channels) in self.channels(first) {
-                for ([mean, variance], v) in moments.iter_mut().zip(&pixel[channels]) {
-                    let centre = if a == 0 { *mean } else { 0.0 };
-                    *variance += (v.to_f64() - centre).powi(2) / count;
+                for (j, v) in pixel[channels].iter().enumerate() {
+                    let centre = if a == 0 { means[j] } else { 0.0 };
+                    squares[j] += (v.to_f64() - centre).powi(2);
                 }
             }
         }
-        moments
+        from_fn(|j| [means[j], squares[j] / (pixels * self.order as f64)])
     }
 
-    /// Means and inverse standard deviations of a block.
-    fn standard<T: Scalar>(&self, x: &[T], first: usize) -> [[T; 2]; BLOCK] {
+    fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
         let moments = match &self.statistics {
             Statistics::Fixed(moments) => {
                 from_fn(|j| moments.get(first + j).copied().unwrap_or_default())
             }
             _ => self.measure(x, first),
         };
-        moments.map(|[mean, variance]| [mean, (variance + EPSILON).sqrt().recip()].map(T::from_f64))
+        moments.map(|[mean, variance]| Standard {
+            mean: T::from_f64(mean),
+            inverse: T::from_f64((variance + EPSILON).sqrt().recip()),
+        })
     }
 
     /// The number of values that share statistics.
@@ -148,25 +170,16 @@ impl FieldNorm {
         }
     }
 
-    /// The gains and the biases of the parameters.
-    fn split<'a, T>(&self, params: &'a [T]) -> (&'a [T], &'a [T]) {
-        params.split_at(self.fields)
-    }
-
     /// Writes the normalised fields of a block.
     fn normalise<T: Scalar>(&self, params: &[T], first: usize, x: &[T], y: &mut [T]) {
-        let (gains, biases) = self.split(params);
-        let standard = self.standard(x, first);
+        let (gains, biases) = params.split_at(self.fields);
+        let standards = self.standards(x, first);
         let dim = self.shape.fields.dim().max(1);
         for (x, y) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
                 let values = x[channels.clone()].iter().zip(&mut y[channels]);
                 for (j, (&x, y)) in values.enumerate() {
-                    let [mean, inverse] = standard[j];
-                    *y = match a {
-                        0 => gains[first + j] * (x - mean) * inverse,
-                        _ => gains[first + j] * x * inverse,
-                    };
+                    *y = gains[first + j] * standards[j].apply(a, x);
                     if a == 0 && self.centred(first + j) {
                         *y += biases[first + j];
                     }
@@ -175,25 +188,20 @@ impl FieldNorm {
         }
     }
 
-    /// Sums over a block of dy times the normalised input, and of dy in trivial channels.
+    /// Sums over a block of dy times the normalised input, and of dy in the first coefficient.
     fn sums<T: Scalar>(
         &self,
-        standard: &[[T; 2]; BLOCK],
+        standards: &[Standard<T>; BLOCK],
         first: usize,
-        x: &[T],
-        dy: &[T],
+        (x, dy): (&[T], &[T]),
     ) -> [[f64; 2]; BLOCK] {
         let mut sums = [[0.0; 2]; BLOCK];
         for (x, dy) in self.pixels(x).zip(self.pixels(dy)) {
             for (a, channels) in self.channels(first) {
                 let values = x[channels.clone()].iter().zip(&dy[channels]);
                 for (j, (&x, &dy)) in values.enumerate() {
-                    let [mean, inverse] = standard[j];
-                    let centre = if a == 0 { mean } else { T::ZERO };
-                    sums[j][0] += ((x - centre) * inverse * dy).to_f64();
-                    if a == 0 && self.centred(first + j) {
-                        sums[j][1] += dy.to_f64();
-                    }
+                    sums[j][0] += (standards[j].apply(a, x) * dy).to_f64();
+                    sums[j][1] += if a == 0 { dy.to_f64() } else { 0.0 };
                 }
             }
         }
@@ -205,41 +213,64 @@ impl FieldNorm {
         &self,
         params: &[T],
         first: usize,
-        (x, dy): (&[T], &[T]),
+        values: (&[T], &[T]),
         dx: Option<&mut [T]>,
         dparams: &mut [T],
     ) {
-        let standard = self.standard(x, first);
-        let sums = self.sums(&standard, first, x, dy);
-        for (j, [scaled, trivial]) in sums.iter().enumerate().take(self.fields - first) {
-            dparams[first + j] += T::from_f64(*scaled);
-            if self.centred(first + j) {
-                dparams[self.fields + first + j] += T::from_f64(*trivial);
+        let standards = self.standards(values.0, first);
+        let sums = self.sums(&standards, first, values);
+        for (f, [scaled, shifted]) in (first..self.fields).zip(sums) {
+            dparams[f] += T::from_f64(scaled);
+            if self.centred(f) {
+                dparams[self.fields + f] += T::from_f64(shifted);
             }
         }
-        let Some(dx) = dx else { return };
+        if let Some(dx) = dx {
+            let means = self.gradient_means(first, values.0, sums);
+            self.input_gradient(params, first, (&standards, means), values, dx);
+        }
+    }
+
+    /// What the gradients in the statistics subtract: the means of dy times the normalised input, and of dy.
+    fn gradient_means<T: Scalar>(
+        &self,
+        first: usize,
+        x: &[T],
+        sums: [[f64; 2]; BLOCK],
+    ) -> [[T; 2]; BLOCK] {
+        if matches!(self.statistics, Statistics::Fixed(_)) {
+            return [[T::ZERO; 2]; BLOCK];
+        }
         let pixels = self.pixels(x).len() as f64;
-        let through = match self.statistics {
-            // fixed statistics do not depend on the input
-            Statistics::Fixed(_) => [[T::ZERO; 2]; BLOCK],
-            _ => sums.map(|[scaled, trivial]| {
-                [scaled / (pixels * self.order as f64), trivial / pixels].map(T::from_f64)
-            }),
-        };
+        from_fn(|j| {
+            let [scaled, shifted] = sums[j];
+            let shifted = if self.centred(first + j) {
+                shifted
+            } else {
+                0.0
+            };
+            [scaled / (pixels * self.order as f64), shifted / pixels].map(T::from_f64)
+        })
+    }
+
+    fn input_gradient<T: Scalar>(
+        &self,
+        params: &[T],
+        first: usize,
+        (standards, means): (&[Standard<T>; BLOCK], [[T; 2]; BLOCK]),
+        (x, dy): (&[T], &[T]),
+        dx: &mut [T],
+    ) {
         let dim = self.shape.fields.dim().max(1);
         let inputs = self.pixels(x).zip(self.pixels(dy));
         for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
                 let values = x[channels.clone()].iter().zip(&dy[channels.clone()]);
                 for (j, ((&x, &dy), dx)) in values.zip(&mut dx[channels]).enumerate() {
-                    let ([mean, inverse], [scaled, trivial]) = (standard[j], through[j]);
-                    let (centre, shift) = if a == 0 {
-                        (mean, trivial)
-                    } else {
-                        (T::ZERO, T::ZERO)
-                    };
-                    let scale = params[first + j] * inverse;
-                    *dx = scale * (dy - (x - centre) * inverse * scaled - shift);
+                    let [scaled, shifted] = means[j];
+                    let rest = dy - standards[j].apply(a, x) * scaled;
+                    let rest = if a == 0 { rest - shifted } else { rest };
+                    *dx = params[first + j] * standards[j].inverse * rest;
                 }
             }
         }
@@ -267,6 +298,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.shape
+            .check_lens("FieldNorm", self.shape, [x.len(), y.len()]);
         let group = self.group(x.len());
         for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
             for first in (0..self.fields).step_by(BLOCK) {
@@ -285,6 +318,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
         dparams: &mut [T],
         _scratch: &mut [T],
     ) {
+        self.shape
+            .check_lens("FieldNorm", self.shape, [x.len(), dy.len()]);
         let group = self.group(x.len());
         for (i, values) in x.chunks(group).zip(dy.chunks(group)).enumerate() {
             for first in (0..self.fields).step_by(BLOCK) {
@@ -299,91 +334,5 @@ impl<T: Scalar> Layer<T> for FieldNorm {
 impl fmt::Display for FieldNorm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "FieldNorm({}, {} fields)", self.shape, self.fields)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{FieldType, hadamard};
-    use symmetry::Group;
-
-    fn waves(len: usize) -> Vec<f64> {
-        (0..len)
-            .map(|i| 0.5 + (i as f64 * 1.7).sin() + i as f64 * 0.01)
-            .collect()
-    }
-
-    fn normalised(layer: &FieldNorm, x: &[f64]) -> Vec<f64> {
-        let params = [vec![1.0; layer.fields], vec![0.0; layer.fields]].concat();
-        let mut y = vec![f64::NAN; x.len()];
-        layer.forward(&params, x, &mut y, &mut []);
-        y
-    }
-
-    /// Mean and variance of field `f` of `fields` in the regular basis.
-    fn regular_moments(group: Group, fields: usize, f: usize, y: &[f64]) -> [f64; 2] {
-        let mut values = Vec::new();
-        for pixel in y.chunks(group.order() * fields) {
-            let mut pixel = pixel.to_vec();
-            hadamard(group, &mut pixel);
-            values.extend(pixel.into_iter().skip(f).step_by(fields));
-        }
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-        [mean, variance / values.len() as f64]
-    }
-
-    #[test]
-    fn fields_have_mean_zero_and_variance_one_over_group_space_and_samples() {
-        for group in Group::ALL {
-            let shape = Shape::image(3, 4, group.regular(9));
-            let x = waves(5 * shape.len());
-            let batch = FieldNorm::new(shape, Statistics::Batch).unwrap();
-            let y = normalised(&batch, &x);
-            let sample = FieldNorm::new(shape, Statistics::Sample).unwrap();
-            let alone = normalised(&sample, &x);
-            for f in 0..9 {
-                for y in shape.each(&alone).chain([&y[..]]) {
-                    let [mean, variance] = regular_moments(group, 9, f, y);
-                    assert!(
-                        mean.abs() < 1e-12 && (variance - 1.0).abs() < 1e-3,
-                        "{group}"
-                    );
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn fixed_moments_of_the_batch_do_what_the_batch_does() {
-        let shape = Shape::image(2, 3, FieldType::new(Group::D2, [2, 1, 0, 3]));
-        let x = waves(4 * shape.len());
-        let batch = FieldNorm::new(shape, Statistics::Batch).unwrap();
-        let moments = batch.moments(&x);
-        assert!(moments[..2].iter().all(|m| m[0] != 0.0));
-        assert!(
-            moments[2..].iter().all(|m| m[0] == 0.0),
-            "odd channels are not centred"
-        );
-        let fixed = FieldNorm::new(shape, Statistics::Fixed(moments)).unwrap();
-        assert_eq!(normalised(&batch, &x), normalised(&fixed, &x));
-    }
-
-    #[test]
-    fn statistics_that_do_not_fit_are_refused() {
-        let shape = Shape::vector(Group::D2.regular(2));
-        for wrong in [
-            vec![[0.0, 1.0]],
-            vec![[0.0, -1.0]; 2],
-            vec![[f64::NAN, 1.0]; 2],
-        ] {
-            let error = FieldNorm::new(shape, Statistics::Fixed(wrong)).unwrap_err();
-            assert!(
-                error
-                    .to_string()
-                    .starts_with("FieldNorm: got the fixed statistics [[")
-            );
-        }
     }
 }

@@ -70,6 +70,16 @@ impl Shape {
         values.chunks_exact_mut(self.len().max(1))
     }
 
+    /// Panics, naming the layer, unless slices of these lengths hold as many inputs of this shape as outputs of another.
+    pub(crate) fn check_lens(&self, layer: &str, out_shape: Shape, [x, y]: [usize; 2]) {
+        let (each, out_each) = (self.len(), out_shape.len());
+        let samples = x / each.max(1);
+        assert!(
+            x == samples * each && y == samples * out_each,
+            "{layer}: got an input of {x} values and an output of {y}, expected N * {each} and N * {out_each}"
+        );
+    }
+
     /// The number of samples in a slice of `len` values.
     ///
     /// # Panics

@@ -62,6 +62,10 @@ impl SpatialSoftArgmax {
         }
     }
 
+    fn out(&self) -> Shape {
+        Shape::vector(self.out_type())
+    }
+
     /// The position of a pixel.
     fn position<T: Scalar>(&self, pixel: usize) -> [T; 2] {
         let Shape { height, width, .. } = self.shape;
@@ -149,7 +153,7 @@ impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
     }
 
     fn out_shape(&self) -> Shape {
-        Shape::vector(self.out_type())
+        self.out()
     }
 
     /// The distributions of all samples, then three rows of keypoints.
@@ -162,6 +166,8 @@ impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
     }
 
     fn forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        self.shape
+            .check_lens("SpatialSoftArgmax", self.out(), [x.len(), y.len()]);
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(x.len());
         distributions.copy_from_slice(x);
@@ -198,6 +204,8 @@ impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
         scratch: &mut [T],
     ) {
         let Some(dx) = dx else { return };
+        self.shape
+            .check_lens("SpatialSoftArgmax", self.out(), [dx.len(), dy.len()]);
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(dx.len());
         let (spare, rows) = rows.split_at_mut(2 * dim);

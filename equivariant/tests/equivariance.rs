@@ -1,9 +1,14 @@
 //! f(g x) = g f(x) for every layer, and a checker that can fail.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod common;
 
-use common::{exact_layers_of, layers, params, rng};
-use equivariant::{FieldType, Group, Scalar, Shape, equivariance_error, equivariance_error_of};
+use common::{boxed, conv, exact_layers_of, layers, params, rng};
+use equivariant::{
+    FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, equivariance_error,
+    equivariance_error_of,
+};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {
@@ -30,6 +35,39 @@ fn layers_that_only_permute_and_compare_are_exact() {
             let error = equivariance_error(layer.as_ref(), &[], 5, &mut rng(5));
             assert_eq!(error, 0.0, "{name} of {group}");
         }
+    }
+}
+
+/// The reference encoder: four halving convolutions from 64 x 64 x 6 to 4 x 4, each with a ReLU.
+fn reference<T: Scalar>(group: Group) -> Sequential<T> {
+    let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
+    let mut shape = Shape::image(64, 64, group.trivial(6));
+    for n in [8, 16, 32, 32] {
+        layers.push(conv(
+            shape.fields,
+            group.regular(n),
+            [4, 2, 1],
+            [shape.height; 2],
+        ));
+        shape = layers[layers.len() - 1].out_shape();
+        layers.push(boxed(Relu::new(shape)));
+    }
+    Sequential::new(layers).unwrap()
+}
+
+fn reference_error<T: Scalar>(group: Group) -> f64 {
+    let net = reference::<T>(group);
+    let mut params = vec![T::ZERO; net.num_params()];
+    net.init(&mut rng(6), &mut params);
+    equivariance_error(&net, &params, 1, &mut rng(7))
+}
+
+#[test]
+fn the_reference_network_is_equivariant() {
+    for group in Group::ALL {
+        let (single, double) = (reference_error::<f32>(group), reference_error::<f64>(group));
+        assert!(single <= 1e-5, "{group} in single precision: {single}");
+        assert!(double <= 1e-12, "{group} in double precision: {double}");
     }
 }
 
