@@ -37,6 +37,14 @@ fn check(net: &Sequential<f32>) {
         Chunks::new(params.len(), CHUNK, move || {
             (vec![0.0; CHUNK * out_len], vec![0.0; scratch])
         });
+    // the matrix products of `Linear` keep buffers per thread: every thread needs to have run once
+    rayon::broadcast(|_| {
+        let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
+        let (mut scratch, x) = (vec![0.0; scratch], &x[..CHUNK * in_len]);
+        net.forward(&params, x, &mut y, &mut scratch);
+        let dy = y.clone();
+        net.backward(&params, x, &y, &dy, None, &mut gradient, &mut scratch);
+    });
     let training = allocations(|| {
         chunks.accumulate(SAMPLES, &mut gradient, |range, (y, scratch), gradient| {
             let x = &x[range.start * in_len..range.end * in_len];

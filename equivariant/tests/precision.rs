@@ -1,0 +1,75 @@
+//! The kernels of single precision, on the instruction set of this machine, against those of double precision, which are
+//! plain arrays and which the oracle and finite differences check.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::{conv, network, normal, params};
+use equivariant::{Group, Layer, Scalar};
+
+const SAMPLES: usize = 3;
+const TOLERANCE: f64 = 1e-5;
+
+/// Outputs, input gradients and parameter gradients, given operands of single precision.
+fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] {
+    let exact = |values: &[f32]| -> Vec<T> {
+        let values = values.iter();
+        values.map(|&v| T::from_f64(f64::from(v))).collect()
+    };
+    let [params, x, dy] = operands.map(exact);
+    let (mut y, mut dx) = (vec![T::ZERO; dy.len()], vec![T::ZERO; x.len()]);
+    let mut dparams = vec![T::ZERO; params.len()];
+    let mut scratch = vec![T::from_f64(f64::NAN); layer.scratch_len(SAMPLES)];
+    layer.forward(&params, &x, &mut y, &mut scratch);
+    layer.backward(
+        &params,
+        &x,
+        &y,
+        &dy,
+        Some(&mut dx),
+        &mut dparams,
+        &mut scratch,
+    );
+    [y, dx, dparams].map(|values| values.into_iter().map(T::to_f64).collect())
+}
+
+/// The largest difference over the largest value, of each result.
+fn errors(single: &dyn Layer<f32>, double: &dyn Layer<f64>) -> [f64; 3] {
+    let params = params(single, 1);
+    let x = normal::<f32>(SAMPLES * single.in_shape().len(), 2);
+    let dy = normal::<f32>(SAMPLES * single.out_shape().len(), 3);
+    let operands = [&params[..], &x, &dy];
+    let (single, double) = (run(single, operands), run(double, operands));
+    std::array::from_fn(|i| {
+        let scale = double[i].iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        let pairs = single[i].iter().zip(&double[i]);
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale
+    })
+}
+
+#[test]
+fn convolutions_of_every_width_agree_in_both_precisions() {
+    for group in Group::ALL {
+        // fields out: every way to cut outputs into tiles; 6 x 10 images: rows that fill no tile
+        for fields in [1, 4, 5, 8, 12, 16, 20, 33] {
+            for input in [group.trivial(6), group.regular(8), group.regular(3)] {
+                for window in [[4, 2, 1], [3, 1, 1]] {
+                    let out = group.regular(fields);
+                    let single = conv::<f32>(input, out, window, [6, 10]);
+                    let double = conv::<f64>(input, out, window, [6, 10]);
+                    let errors = errors(single.as_ref(), double.as_ref());
+                    assert!(errors.iter().all(|&e| e < TOLERANCE), "{single} {errors:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn fused_chains_agree_in_both_precisions() {
+    for group in Group::ALL {
+        let errors = errors(&network(group), &network(group));
+        assert!(errors.iter().all(|&e| e < TOLERANCE), "{group} {errors:?}");
+    }
+}
