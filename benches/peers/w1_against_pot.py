@@ -102,7 +102,9 @@ def growth(ours, folder):
         for size, value in zip(n, seconds):
             print(f"{name:>10} n = m = {size:>5} {1e3 * value:>10.2f} ms")
     axes.set(xlabel="points a side", ylabel="milliseconds, one thread", title=f"W1 of two clouds in {DIM} dimensions")
-    axes.grid(True, which="both", alpha=0.3)
+    axes.set_xticks(n, labels=n)
+    axes.minorticks_off()
+    axes.grid(True, alpha=0.3)
     axes.legend()
     figure.tight_layout()
     figure.savefig("docs/w1_growth.png", dpi=110)
