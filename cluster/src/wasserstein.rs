@@ -74,9 +74,7 @@ impl Wasserstein {
         b: Weights,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        let costs = self.costs.compute(x, y, dim)?;
-        check_weights_of("x", a, x.len() / dim)?;
-        check_weights_of("y", b, y.len() / dim)?;
+        let costs = costs(&mut self.costs, (x, a), (y, b), dim)?;
         self.solver.solve(costs, a, b)
     }
 
@@ -92,9 +90,20 @@ impl Wasserstein {
         b: Weights,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        let costs = self.costs.compute(x, y, dim)?;
-        check_weights_of("x", a, x.len() / dim)?;
-        check_weights_of("y", b, y.len() / dim)?;
+        let costs = costs(&mut self.costs, (x, a), (y, b), dim)?;
         self.solver.solve_again(costs, a, b)
     }
+}
+
+/// Returns the distances between two clouds that have a weight for each point.
+fn costs<'a>(
+    costs: &'a mut EuclideanCosts,
+    (x, a): (&[f32], Weights),
+    (y, b): (&[f32], Weights),
+    dim: usize,
+) -> Result<&'a [f64], ClusterError> {
+    let costs = costs.compute(x, y, dim)?;
+    check_weights_of("x", a, x.len() / dim)?;
+    check_weights_of("y", b, y.len() / dim)?;
+    Ok(costs)
 }
