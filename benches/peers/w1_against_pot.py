@@ -1,5 +1,6 @@
 """Times POT (ot.dist + ot.emd2, double precision) and ours on the same points; run by ot.sh."""
 
+import os
 import statistics
 import subprocess
 import sys
@@ -111,6 +112,8 @@ def growth(ours, folder):
 
 
 def main(driver, *flags):
+    # both sides on one core, so that whatever disturbs the core disturbs both
+    os.sched_setaffinity(0, [max(os.sched_getaffinity(0))])
     ours = Ours(driver)
     with tempfile.TemporaryDirectory() as folder:
         table(ours, driver, folder)
