@@ -20,12 +20,6 @@ pub enum EnvError {
         /// The name given.
         name: String,
     },
-    /// An embodiment that this version cannot simulate.
-    #[error("the embodiment `{name}` is not built yet: use `sawyer`")]
-    EmbodimentNotBuilt {
-        /// The embodiment asked for.
-        name: &'static str,
-    },
     /// A setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {

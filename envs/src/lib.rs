@@ -37,6 +37,7 @@
 struct Readme;
 
 mod camera;
+mod embodiment;
 mod error;
 mod picture;
 pub mod reward;
@@ -49,9 +50,10 @@ mod vec_env;
 mod worker;
 
 pub use camera::Camera;
+pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
-pub use scene::{Embodiment, HAND_START, Scene};
+pub use scene::{HAND_START, Scene};
 pub use settings::VecEnvSettings;
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, Dynamics, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,

@@ -2,8 +2,8 @@
 
 use crate::EnvError;
 use crate::camera::Camera;
+use crate::embodiment::Embodiment;
 use crate::picture::IMAGE_CHANNELS;
-use crate::scene::Embodiment;
 use crate::tabletop::Dynamics;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
@@ -42,12 +42,11 @@ impl VecEnvSettings {
         self.camera.size * self.camera.size * IMAGE_CHANNELS
     }
 
-    /// Refuses settings out of range and embodiments that are not built.
+    /// Refuses settings out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`].
+    /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
-        self.embodiment.source()?;
         for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
             if value == 0 {
                 return Err(EnvError::Setting {

@@ -50,7 +50,7 @@ impl VecEnv {
     /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`], [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
+    /// [`EnvError::Setting`], [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
     pub fn new(
         settings: VecEnvSettings,
         group: TaskGroup,

@@ -195,12 +195,6 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 }
 
 #[test]
-fn the_hand_is_not_built_yet() {
-    let error = Scene::new(TaskGroup::GoalReach, Embodiment::Hand, Camera::default()).unwrap_err();
-    assert!(error.to_string().contains("`hand` is not built yet"));
-}
-
-#[test]
 fn impossible_dynamics_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
     let dynamics = Dynamics {
