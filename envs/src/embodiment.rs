@@ -7,6 +7,11 @@ pub(crate) type Mjcf = (&'static str, &'static str);
 
 const SAWYER: Mjcf = ("sawyer.xml", include_str!("../../assets/mjcf/sawyer.xml"));
 const HAND: Mjcf = ("hand.xml", include_str!("../../assets/mjcf/hand.xml"));
+const PUCK_OF_SAWYER: Mjcf = (
+    "puck.xml",
+    include_str!("../../assets/mjcf/sawyer/puck.xml"),
+);
+const PUCK_OF_HAND: Mjcf = ("puck.xml", include_str!("../../assets/mjcf/hand/puck.xml"));
 
 /// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`](crate::HAND_START).
 const SAWYER_POSTURE: [(&str, f64); 7] = [
@@ -48,6 +53,14 @@ impl Embodiment {
         match self {
             Self::Sawyer => SAWYER,
             Self::Hand => HAND,
+        }
+    }
+
+    /// What of the puck collides, included by the scene that has one.
+    pub(crate) fn puck(self) -> Mjcf {
+        match self {
+            Self::Sawyer => PUCK_OF_SAWYER,
+            Self::Hand => PUCK_OF_HAND,
         }
     }
 

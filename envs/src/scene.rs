@@ -17,9 +17,6 @@ pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 const MAIN: &str = "scene.xml";
 const ARENA: Mjcf = ("arena.xml", include_str!("../../assets/mjcf/arena.xml"));
 const GRIPPER: Mjcf = ("gripper.xml", include_str!("../../assets/mjcf/gripper.xml"));
-/// Included by the embodiments, where the gripper hangs.
-const FINGERS: Mjcf = ("fingers.xml", include_str!("../../assets/mjcf/fingers.xml"));
-
 /// Physics steps until the hand is at rest at its start: 10 s.
 const SETTLE_STEPS: usize = 4000;
 
@@ -97,7 +94,7 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
         .collect();
     let camera = camera.to_mjcf("top");
     let main = format!("<mujoco>{includes}<worldbody>{camera}</worldbody></mujoco>");
-    parts.extend([FINGERS, (MAIN, &main)]);
+    parts.extend([embodiment.puck(), (MAIN, &main)]);
     let files: Vec<(&str, &[u8])> = parts
         .iter()
         .map(|&(name, text)| (name, text.as_bytes()))
