@@ -37,6 +37,7 @@
 struct Readme;
 
 mod camera;
+pub mod check;
 mod embodiment;
 mod error;
 mod picture;

@@ -36,7 +36,7 @@ const REWARD_SCALE: f64 = 0.1;
 const TARGET_LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.05);
 const TARGET_HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.35);
 /// Claw distance of an open gripper (metres).
-const OPEN_APERTURE: f64 = 0.1;
+pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
 /// How actions become motion and how long an episode lasts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +106,8 @@ pub struct Step {
 }
 
 struct Episode {
+    /// Whether anything touched anything at the end of a control step.
+    touched: bool,
     variant: TaskVariant,
     placement: Placement,
     start: Measurement,
@@ -187,6 +189,7 @@ impl TableTop {
             start,
             target: HAND_START,
             decisions: 0,
+            touched: false,
         });
         Ok(())
     }
@@ -239,6 +242,7 @@ impl TableTop {
             .set_mocap_position(self.scene.hand_target, target)?;
         self.data.set_ctrl(&[finger, -finger])?;
         self.data.step(PHYSICS_STEPS)?;
+        episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
         let now = self.measure(episode.variant.element, &episode.placement);
         let task = episode.variant.group.task();
@@ -248,6 +252,11 @@ impl TableTop {
     /// The variant of the running episode.
     pub fn variant(&self) -> Option<TaskVariant> {
         self.episode.as_ref().map(|episode| episode.variant)
+    }
+
+    /// Whether anything has touched anything in the running episode, as seen at the end of its control steps.
+    pub(crate) fn touched(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
 
     /// Ends the running episode, if any.
@@ -284,7 +293,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let now = self.measure(episode.variant.element, &episode.placement);
+        let now = self.measurement()?;
         let ExpertCommand { hand, finger } =
             self.scene.group.task().expert(&episode.placement, &now);
         let wanted = map(episode.variant.element, hand - now.hand) / self.dynamics.displacement;
@@ -295,6 +304,15 @@ impl TableTop {
             bounded.z as f32,
             finger as f32,
         ])
+    }
+
+    /// What the reward looks at now, in the canonical frame.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn measurement(&self) -> Result<Measurement, EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        Ok(self.measure(episode.variant.element, &episode.placement))
     }
 
     fn aperture(&self) -> f64 {
