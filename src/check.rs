@@ -1,9 +1,10 @@
 //! `covers check`: runs the checks of the `envs` crate and prints their figures.
 
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use envs::check::{ExpertRow, SymmetryRow, experts, symmetry};
+use envs::check::{ExpertRow, ParityRow, SymmetryRow, experts, parity, symmetry};
 use envs::{Camera, Dynamics, Embodiment};
 use serde::Serialize;
 
@@ -17,6 +18,13 @@ const RETURN_SPREAD: f64 = 0.03;
 const FREE_DEVIATION: f64 = 1e-9;
 const CONTACT_DEVIATION: f64 = 1e-6;
 
+/// Rewards and their terms may differ from Meta-World's by this much.
+const REWARD_DEVIATION: f64 = 1e-9;
+/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians): what the solver's tolerance leaves of a jammed button.
+const STEP_DEVIATION: f64 = 5e-12;
+/// Of a replayed episode the hand may end this far from Meta-World's (metres).
+const REPLAY_DEVIATION: f64 = 1e-4;
+
 /// What to check, and how much of it.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Check {
@@ -28,6 +36,14 @@ pub enum Check {
         /// Episodes a variant.
         #[arg(long, default_value_t = 100)]
         seeds: u64,
+        /// Print one JSON array instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Recordings of Meta-World beside ours: rewards, single steps, replay.
+    Parity {
+        /// Folder of recordings named ENGINE_TASK_POLICY.npz.
+        folder: PathBuf,
         /// Print one JSON array instead of a table.
         #[arg(long)]
         json: bool,
@@ -53,6 +69,7 @@ impl Check {
     /// What the environments say, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
+            Self::Parity { ref folder, json } => check_parity(folder, json, out),
             Self::Experts {
                 embodiment,
                 seeds,
@@ -124,6 +141,33 @@ fn symmetry_line(row: &SymmetryRow) -> String {
     )
 }
 
+fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, CoversError> {
+    let rows = parity(folder)?;
+    print(&rows, json, out, parity_line)?;
+    Ok(rows.iter().all(|row| {
+        row.success_mismatches == 0
+            && row.reward_deviation <= REWARD_DEVIATION
+            && row.physics_p99 <= STEP_DEVIATION
+            && row.replay_deviation <= REPLAY_DEVIATION
+    }))
+}
+
+fn parity_line(row: &ParityRow) -> String {
+    format!(
+        "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
+        row.file,
+        row.reward_deviation,
+        row.success_mismatches,
+        row.reward_steps,
+        row.physics_median,
+        row.physics_p99,
+        row.physics_max,
+        row.physics_steps,
+        row.replay_deviation,
+        row.replay_steps
+    )
+}
+
 /// One line a row, or all rows as one JSON array.
 fn print<R: Serialize>(
     rows: &[R],
@@ -142,6 +186,20 @@ fn print<R: Serialize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_repositorys_recordings_pass_and_a_folder_without_any_is_an_error() {
+        let parity = |folder: &str| Check::Parity {
+            folder: folder.into(),
+            json: false,
+        };
+        let mut out = Vec::new();
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/envs/tests/recordings");
+        assert!(parity(folder).run(&mut out).unwrap());
+        let text = String::from_utf8(out).unwrap();
+        assert_eq!(text.lines().count(), 8, "{text}");
+        assert!(parity("nowhere").run(&mut Vec::new()).is_err());
+    }
 
     #[test]
     fn json_holds_every_row() {

@@ -1,5 +1,7 @@
 //! What carries the gripper: its part of the scene and the posture that it settles from.
 
+use glam::DVec3;
+
 use crate::EnvError;
 
 /// A file of `assets/mjcf` and its text.
@@ -23,9 +25,6 @@ const SAWYER_POSTURE: [(&str, f64); 7] = [
     ("j5", 1.084860),
     ("j6", 2.292554),
 ];
-
-/// Joint positions (metres) of the hand at [`HAND_START`](crate::HAND_START), less the sag by its weight.
-const HAND_POSTURE: [(&str, f64); 3] = [("hand_x", 0.0), ("hand_y", 0.0), ("hand_z", 0.2162)];
 
 /// What carries the gripper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,11 +63,14 @@ impl Embodiment {
         }
     }
 
-    /// Joints and positions that a scene settles from.
-    pub(crate) fn posture(self) -> &'static [(&'static str, f64)] {
+    /// Joints and positions near rest with the hand's target at `hand_start`, which for the arm is [`HAND_START`](crate::HAND_START).
+    pub(crate) fn posture(self, hand_start: DVec3) -> Vec<(&'static str, f64)> {
         match self {
-            Self::Sawyer => &SAWYER_POSTURE,
-            Self::Hand => &HAND_POSTURE,
+            Self::Sawyer => SAWYER_POSTURE.to_vec(),
+            Self::Hand => ["hand_x", "hand_y", "hand_z"]
+                .into_iter()
+                .zip(hand_start.to_array())
+                .collect(),
         }
     }
 }

@@ -61,6 +61,16 @@ pub enum EnvError {
         /// What happened there.
         source: Box<EnvError>,
     },
+    /// A variant that a layout does not have.
+    #[error(
+        "the layout `{layout}` has no variant under {element}: use `identity`, or the layout `symmetric`"
+    )]
+    NoSuchVariant {
+        /// The layout.
+        layout: &'static str,
+        /// The element asked for.
+        element: symmetry::D2,
+    },
     /// No variants to draw from.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
     NoVariants {
@@ -82,6 +92,20 @@ pub enum EnvError {
         worker: usize,
         /// The operating system's reason.
         source: std::io::Error,
+    },
+    /// A recording that cannot be compared with.
+    #[error("{}: {source}", path.display())]
+    Recording {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        source: Box<crate::check::RecordingError>,
+    },
+    /// A folder without recordings.
+    #[error("no recording in {}: expected files named ENGINE_TASK_POLICY.npz", folder.display())]
+    NoRecordings {
+        /// The folder.
+        folder: std::path::PathBuf,
     },
     /// A scene that MuJoCo does not take, or that lacks a name.
     #[error(transparent)]

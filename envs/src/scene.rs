@@ -4,25 +4,26 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
+use rand_chacha::ChaCha8Rng;
 
 use crate::EnvError;
 use crate::camera::Camera;
 use crate::embodiment::{Embodiment, Mjcf};
-use crate::task::{Parts, TaskGroup};
+use crate::layout::{Layout, Settling};
+use crate::task::{Placement, TaskGroup};
 
-/// Where the hand's target stands at the start of every episode (metres): over the centre, clear of an open drawer.
+/// Where the hand's target stands at the start of every episode of the symmetric layout (metres): over the centre, clear of an open drawer.
 pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
 const ARENA: Mjcf = ("arena.xml", include_str!("../../assets/mjcf/arena.xml"));
 const GRIPPER: Mjcf = ("gripper.xml", include_str!("../../assets/mjcf/gripper.xml"));
-/// Physics steps until the hand is at rest at its start: 10 s.
-const SETTLE_STEPS: usize = 4000;
-
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
 pub struct Scene {
+    /// Whose figures it follows.
+    pub layout: Layout,
     /// The task group.
     pub group: TaskGroup,
     /// What carries the gripper.
@@ -32,6 +33,8 @@ pub struct Scene {
     /// The camera over the centre.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
+    /// Where the hand's target stands when an episode starts (metres).
+    pub(crate) hand_start: DVec3,
     pub(crate) hand: BodyId,
     pub(crate) claws: [BodyId; 2],
     pub(crate) tips: [SiteId; 2],
@@ -41,27 +44,46 @@ pub struct Scene {
     pub(crate) object_body: Option<BodyId>,
     /// Addresses in `qpos` and positions of the joints that an episode starts away from zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
-    /// The state at rest with open fingers, from which every episode starts.
+    /// Address in `qpos` of the loose cylinder's position, where there is one.
+    pub(crate) decoy: Option<usize>,
+    /// The state from which every episode starts.
     pub(crate) settled: State,
 }
 
 impl Scene {
-    /// Compiles the scene of `group` and lets it come to rest.
+    /// Compiles the scene of `group` in the symmetric layout and lets it come to rest.
     ///
     /// # Errors
     /// [`EnvError::Setting`] for an impossible camera, or what MuJoCo says of the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
+        Self::in_layout(Layout::Symmetric, group, embodiment, camera)
+    }
+
+    /// Compiles the scene of `group` in `layout` and brings it to where its episodes start.
+    ///
+    /// # Errors
+    /// As [`Scene::new`].
+    pub fn in_layout(
+        layout: Layout,
+        group: TaskGroup,
+        embodiment: Embodiment,
+        camera: Camera,
+    ) -> Result<Self, EnvError> {
         camera.check()?;
         let parts = group.task().parts();
-        let model = Arc::new(compile(parts, embodiment, &camera)?);
+        let model = Arc::new(compile(layout, group, embodiment, &camera)?);
+        let settling = layout.settling(group, embodiment);
         let mocap = |name| model.mocap(name);
         let start_joints = parts
             .start_joints
             .iter()
             .map(|&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position)));
         Ok(Self {
+            layout,
             group,
             embodiment,
+            hand_start: settling.hand_start,
+            decoy: decoy(&model),
             camera,
             camera_id: model.camera("top")?,
             hand: model.body("hand")?,
@@ -72,22 +94,34 @@ impl Scene {
             goal: mocap("goal").ok(),
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             start_joints: start_joints.collect::<Result<_, EnvError>>()?,
-            settled: settle(&model, embodiment)?,
+            settled: settle(&model, &settling)?,
             model,
         })
     }
-}
 
-impl Scene {
-    /// The state at rest with open fingers, from which every episode starts.
+    /// The state with open fingers from which every episode starts: at rest, or where Meta-World's reset leaves it.
     pub fn settled(&self) -> &State {
         &self.settled
     }
+
+    /// Draws where an episode puts things.
+    pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        match self.layout {
+            Layout::Symmetric => self.group.task().place(rng),
+            Layout::MetaWorld => self.group.task().place_stock(rng),
+        }
+    }
 }
 
-fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Model, EnvError> {
-    let mut parts = vec![ARENA, GRIPPER, embodiment.mjcf()];
-    parts.extend(task.scene);
+fn compile(
+    layout: Layout,
+    group: TaskGroup,
+    embodiment: Embodiment,
+    camera: &Camera,
+) -> Result<Model, EnvError> {
+    let mut parts = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
+    parts.extend(group.task().parts().scene);
+    parts.extend(layout.addition(group));
     let includes: String = parts
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
@@ -95,6 +129,7 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
     let camera = camera.to_mjcf("top");
     let main = format!("<mujoco>{includes}<worldbody>{camera}</worldbody></mujoco>");
     parts.extend([embodiment.puck(), (MAIN, &main)]);
+    parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()
         .map(|&(name, text)| (name, text.as_bytes()))
@@ -102,15 +137,21 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
     Ok(Model::from_files(MAIN, &files)?)
 }
 
-fn settle(model: &Arc<Model>, embodiment: Embodiment) -> Result<State, EnvError> {
+fn decoy(model: &Model) -> Option<usize> {
+    let joint = model.joint("decoy").ok()?;
+    Some(model.joint_qpos_address(joint))
+}
+
+fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
     let mut data = Data::new(Arc::clone(model));
-    for &(name, position) in embodiment.posture() {
+    for &(name, position) in &settling.posture {
         let address = model.joint_qpos_address(model.joint(name)?);
         data.qpos_mut()[address] = position;
     }
-    data.set_mocap_position(model.mocap("hand_target")?, HAND_START.to_array())?;
+    let hand_start = settling.hand_start.to_array();
+    data.set_mocap_position(model.mocap("hand_target")?, hand_start)?;
     data.set_ctrl(&OPEN_FINGERS)?;
-    data.step(SETTLE_STEPS)?;
+    data.step(settling.steps)?;
     Ok(data.save())
 }
 

@@ -3,6 +3,7 @@
 use crate::EnvError;
 use crate::camera::Camera;
 use crate::embodiment::Embodiment;
+use crate::layout::Layout;
 use crate::picture::IMAGE_CHANNELS;
 use crate::tabletop::Dynamics;
 
@@ -13,6 +14,8 @@ pub struct VecEnvSettings {
     pub num_envs: usize,
     /// Number of worker threads; results do not depend on it.
     pub threads: usize,
+    /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Dynamics::meta_world`].
+    pub layout: Layout,
     /// What carries the gripper.
     pub embodiment: Embodiment,
     /// The camera over the table.
@@ -28,6 +31,7 @@ impl Default for VecEnvSettings {
         Self {
             num_envs: 20,
             threads: 2,
+            layout: Layout::default(),
             embodiment: Embodiment::default(),
             camera: Camera::default(),
             dynamics: Dynamics::default(),

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::EnvError;
-use crate::scene::{HAND_START, Scene};
+use crate::scene::Scene;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskVariant};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
@@ -29,12 +29,9 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
 ];
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-const PHYSICS_STEPS: usize = 5;
+pub(crate) const PHYSICS_STEPS: usize = 5;
 /// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
-/// Bounds of the hand's target (metres): wider along y than the hand needs, so that a blocked hand can push.
-const TARGET_LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.05);
-const TARGET_HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.35);
 /// Claw distance of an open gripper (metres).
 pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
@@ -60,6 +57,15 @@ impl Default for Dynamics {
 }
 
 impl Dynamics {
+    /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
+    pub fn meta_world() -> Self {
+        Self {
+            action_repeat: 1,
+            displacement: 0.01,
+            horizon: 500,
+        }
+    }
+
     /// Decisions in an episode.
     pub fn decisions(&self) -> usize {
         self.horizon / self.action_repeat
@@ -152,19 +158,44 @@ impl TableTop {
     /// Starts an episode of the variant `element` at a placement drawn from `rng`.
     ///
     /// # Errors
-    /// What MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
     pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
-        let placement = self.scene.group.task().place(rng);
+        let placement = self.scene.place(rng);
         self.reset_to(element, placement)
     }
 
     /// Starts an episode of the variant `element` at a given placement (canonical frame).
     ///
     /// # Errors
-    /// What MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
-        let scene = &self.scene;
+        let scene = Arc::clone(&self.scene);
+        scene.layout.check(element)?;
         self.data.restore(&scene.settled)?;
+        self.put_objects(element, &placement)?;
+        self.data.forward_kinematics()?;
+        let start = self.measure(element, &placement);
+        self.episode = Some(Episode {
+            variant: TaskVariant {
+                group: scene.group,
+                element,
+            },
+            placement,
+            start,
+            target: scene.hand_start,
+            decisions: 0,
+            touched: false,
+        });
+        Ok(())
+    }
+
+    /// Puts the objects where `placement` says, with their joints as an episode starts them.
+    pub(crate) fn put_objects(
+        &mut self,
+        element: D2,
+        placement: &Placement,
+    ) -> Result<(), EnvError> {
+        let scene = &self.scene;
         for (body, position) in [
             (scene.object, placement.object),
             (scene.goal, placement.goal),
@@ -178,19 +209,10 @@ impl TableTop {
         for &(address, position) in &scene.start_joints {
             self.data.qpos_mut()[address] = position;
         }
-        self.data.forward_kinematics()?;
-        let start = self.measure(element, &placement);
-        self.episode = Some(Episode {
-            variant: TaskVariant {
-                group: scene.group,
-                element,
-            },
-            placement,
-            start,
-            target: HAND_START,
-            decisions: 0,
-            touched: false,
-        });
+        if let Some(address) = scene.decoy {
+            let position = map(element, placement.object).to_array();
+            self.data.qpos_mut()[address..address + 3].copy_from_slice(&position);
+        }
         Ok(())
     }
 
@@ -236,7 +258,8 @@ impl TableTop {
         move_by: DVec3,
         finger: f64,
     ) -> Result<Evaluation, EnvError> {
-        episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
+        let [low, high] = self.scene.layout.target_bounds();
+        episode.target = (episode.target + move_by).clamp(low, high);
         let target = episode.target.to_array();
         self.data
             .set_mocap_position(self.scene.hand_target, target)?;

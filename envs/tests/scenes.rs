@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Embodiment, HAND_START, Scene, TaskGroup};
+use envs::{Camera, Embodiment, HAND_START, Layout, Scene, TaskGroup};
 use mujoco::Data;
 
 fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
@@ -13,10 +13,18 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
 
 #[test]
 fn everything_in_every_scene_has_a_name() {
-    for embodiment in Embodiment::ALL {
-        for group in TaskGroup::ALL {
-            let unnamed = scene(group, embodiment).model.unnamed();
-            assert!(unnamed.is_empty(), "{embodiment}, {group}: {unnamed:?}");
+    for layout in Layout::ALL {
+        for embodiment in Embodiment::ALL {
+            for group in TaskGroup::ALL {
+                let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).unwrap();
+                let unnamed = scene.model.unnamed();
+                let warning = scene.model.warning();
+                assert!(
+                    unnamed.is_empty(),
+                    "{layout}, {embodiment}, {group}: {unnamed:?}"
+                );
+                assert_eq!(warning, None, "{layout}, {embodiment}, {group}");
+            }
         }
     }
 }
