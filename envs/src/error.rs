@@ -71,6 +71,14 @@ pub enum EnvError {
         /// The element asked for.
         element: symmetry::D2,
     },
+    /// A snapshot of another scene.
+    #[error("the snapshot is of {got}, this environment is {expected}")]
+    OtherScene {
+        /// Task, embodiment and layout of the snapshot.
+        got: String,
+        /// Those of the environment.
+        expected: String,
+    },
     /// No variants to draw from.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
     NoVariants {

@@ -4,8 +4,8 @@ use glam::DVec3;
 use symmetry::D2;
 
 use crate::embodiment::{Embodiment, Mjcf};
-use crate::task::TaskGroup;
-use crate::{EnvError, HAND_START};
+use crate::task::{TaskGroup, TaskVariant};
+use crate::{Dynamics, EnvError, HAND_START};
 
 macro_rules! part {
     ($folder:literal, $file:literal) => {
@@ -74,6 +74,19 @@ impl Layout {
         match self {
             Self::Symmetric => &D2::ALL,
             Self::MetaWorld => &[D2::Identity],
+        }
+    }
+
+    /// Every variant of every group in this layout.
+    pub fn variants(self) -> impl Iterator<Item = TaskVariant> {
+        TaskVariant::all().filter(move |variant| self.elements().contains(&variant.element))
+    }
+
+    /// The dynamics that go with this layout.
+    pub fn dynamics(self) -> Dynamics {
+        match self {
+            Self::Symmetric => Dynamics::default(),
+            Self::MetaWorld => Dynamics::meta_world(),
         }
     }
 

@@ -38,6 +38,7 @@ struct Readme;
 
 mod camera;
 pub mod check;
+mod dynamics;
 mod embodiment;
 mod error;
 mod layout;
@@ -52,6 +53,7 @@ mod vec_env;
 mod worker;
 
 pub use camera::Camera;
+pub use dynamics::Dynamics;
 pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use layout::Layout;
@@ -59,7 +61,7 @@ pub use picture::{IMAGE_CHANNELS, Painter, RGB};
 pub use scene::{HAND_START, Scene};
 pub use settings::VecEnvSettings;
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, Dynamics, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
     Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,

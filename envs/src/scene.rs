@@ -104,6 +104,11 @@ impl Scene {
         &self.settled
     }
 
+    /// What tells this scene from others.
+    pub(crate) fn key(&self) -> (Layout, Embodiment, TaskGroup) {
+        (self.layout, self.embodiment, self.group)
+    }
+
     /// Draws where an episode puts things.
     pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         match self.layout {

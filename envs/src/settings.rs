@@ -2,10 +2,10 @@
 
 use crate::EnvError;
 use crate::camera::Camera;
+use crate::dynamics::Dynamics;
 use crate::embodiment::Embodiment;
 use crate::layout::Layout;
 use crate::picture::IMAGE_CHANNELS;
-use crate::tabletop::Dynamics;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
 #[derive(Clone, Copy, Debug, PartialEq)]

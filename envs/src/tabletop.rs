@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use mujoco::Data;
+use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::EnvError;
+use crate::dynamics::Dynamics;
+use crate::embodiment::Embodiment;
+use crate::layout::Layout;
 use crate::scene::Scene;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskVariant};
+use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskGroup, TaskVariant};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -35,71 +38,6 @@ const REWARD_SCALE: f64 = 0.1;
 /// Claw distance of an open gripper (metres).
 pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
-/// How actions become motion and how long an episode lasts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamics {
-    /// Control steps that one action is held for.
-    pub action_repeat: usize,
-    /// Displacement of the hand's target by a full action, per decision (metres).
-    pub displacement: f64,
-    /// Control steps in an episode; a multiple of `action_repeat`.
-    pub horizon: usize,
-}
-
-impl Default for Dynamics {
-    fn default() -> Self {
-        Self {
-            action_repeat: 10,
-            displacement: 0.04,
-            horizon: 500,
-        }
-    }
-}
-
-impl Dynamics {
-    /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
-    pub fn meta_world() -> Self {
-        Self {
-            action_repeat: 1,
-            displacement: 0.01,
-            horizon: 500,
-        }
-    }
-
-    /// Decisions in an episode.
-    pub fn decisions(&self) -> usize {
-        self.horizon / self.action_repeat
-    }
-
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
-        let setting = |name, value: String, expected| EnvError::Setting {
-            name,
-            value,
-            expected,
-        };
-        if self.action_repeat == 0
-            || self.horizon == 0
-            || !self.horizon.is_multiple_of(self.action_repeat)
-        {
-            let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
-            return Err(setting(
-                "horizon",
-                value,
-                "a positive multiple of the action repeat",
-            ));
-        }
-        if !(self.displacement > 0.0 && self.displacement.is_finite()) {
-            let value = self.displacement.to_string();
-            return Err(setting(
-                "displacement",
-                value,
-                "a positive length in metres",
-            ));
-        }
-        Ok(())
-    }
-}
-
 /// What one decision brought.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
@@ -111,6 +49,7 @@ pub struct Step {
     pub truncated: bool,
 }
 
+#[derive(Clone, Debug, PartialEq)]
 struct Episode {
     /// Whether anything touched anything at the end of a control step.
     touched: bool,
@@ -119,6 +58,14 @@ struct Episode {
     start: Measurement,
     target: DVec3,
     decisions: usize,
+}
+
+/// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start included, and the episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    scene: (Layout, Embodiment, TaskGroup),
+    simulation: State,
+    episode: Episode,
 }
 
 /// A table-top environment without a camera. All lengths in metres, world frame.
@@ -213,6 +160,37 @@ impl TableTop {
             let position = map(element, placement.object).to_array();
             self.data.qpos_mut()[address..address + 3].copy_from_slice(&position);
         }
+        Ok(())
+    }
+
+    /// Copies the running episode out.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn save(&self) -> Result<Snapshot, EnvError> {
+        Ok(Snapshot {
+            scene: self.scene.key(),
+            simulation: self.data.save(),
+            episode: self.episode.clone().ok_or(EnvError::NotReset)?,
+        })
+    }
+
+    /// Goes back to a saved episode, which continues to the same bits.
+    ///
+    /// # Errors
+    /// [`EnvError::OtherScene`] for a snapshot of another scene, and nothing has changed.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
+        if snapshot.scene != self.scene.key() {
+            let words =
+                |(layout, embodiment, group)| format!("{group} with {embodiment}, {layout}");
+            return Err(EnvError::OtherScene {
+                got: words(snapshot.scene),
+                expected: words(self.scene.key()),
+            });
+        }
+        self.data.restore(&snapshot.simulation)?;
+        self.data.forward_kinematics()?;
+        self.episode = Some(snapshot.episode.clone());
         Ok(())
     }
 
