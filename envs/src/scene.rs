@@ -131,9 +131,13 @@ fn compile(
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
         .collect();
-    let camera = camera.to_mjcf("top");
-    let main = format!("<mujoco>{includes}<worldbody>{camera}</worldbody></mujoco>");
-    parts.extend([embodiment.puck(), (MAIN, &main)]);
+    let main = format!(
+        "<mujoco>{includes}<worldbody>{}</worldbody></mujoco>",
+        camera.to_mjcf("top")
+    );
+    parts.push((MAIN, &main));
+    // what the parts above include by name
+    parts.push(embodiment.puck());
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()

@@ -8,7 +8,7 @@ use envs::{Camera, Dynamics, Embodiment};
 #[test]
 fn experts_solve_every_variant_of_both_embodiments() {
     for embodiment in Embodiment::ALL {
-        let rows = experts(embodiment, Dynamics::default(), 3).unwrap();
+        let rows = experts(embodiment, Dynamics::default(), 2).unwrap();
         assert_eq!(rows.len(), 16);
         for row in rows {
             assert_eq!(row.successes, row.episodes, "{row:?}");
