@@ -323,7 +323,6 @@ mod tests {
                 ..Experiment::smoke()
             },
             Experiment::smoke().with_threads(0),
-            Experiment::smoke().with_embodiment(Embodiment::Hand),
         ];
         for experiment in broken {
             assert!(experiment.check().is_err(), "{experiment:?}");

@@ -12,6 +12,7 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+pub mod check;
 pub mod cli;
 mod covers;
 mod error;

@@ -9,7 +9,7 @@ use clap::Parser;
 use covers::cli::StreamOptions;
 use covers::experiment::{Experiment, Summary, run};
 use covers::{Covers, CoversSettings, RunFolder, Stream};
-use envs::{Camera, TaskGroup, VecEnvSettings};
+use envs::{Camera, Embodiment, TaskGroup, VecEnvSettings};
 use rl::VectorEnv;
 
 /// A folder of this test's own, gone when it ends.
@@ -98,17 +98,9 @@ fn options_are_checked_and_named() {
 }
 
 #[test]
-fn an_embodiment_that_is_not_built_says_so() {
+fn the_embodiment_reaches_the_environments() {
     let options = StreamOptions::parse_from(["continual_stream", "--embodiment", "hand"]);
-    let scratch = Scratch::new("hand");
-    let folder = RunFolder::create(&scratch.0, &options.run_name()).unwrap();
-    let message = run(&options.experiment(), &folder, &mut |_| ())
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.contains("`hand` is not built yet: use `sawyer`"),
-        "{message}"
-    );
+    assert_eq!(options.experiment().envs.embodiment, Embodiment::Hand);
 }
 
 fn stream(size: usize) -> Stream {

@@ -20,12 +20,6 @@ pub enum EnvError {
         /// The name given.
         name: String,
     },
-    /// An embodiment that this version cannot simulate.
-    #[error("the embodiment `{name}` is not built yet: use `sawyer`")]
-    EmbodimentNotBuilt {
-        /// The embodiment asked for.
-        name: &'static str,
-    },
     /// A setting outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     Setting {
@@ -67,6 +61,24 @@ pub enum EnvError {
         /// What happened there.
         source: Box<EnvError>,
     },
+    /// A variant that a layout does not have.
+    #[error(
+        "the layout `{layout}` has no variant under {element}: use `identity`, or the layout `symmetric`"
+    )]
+    NoSuchVariant {
+        /// The layout.
+        layout: &'static str,
+        /// The element asked for.
+        element: symmetry::D2,
+    },
+    /// A snapshot of another scene.
+    #[error("the snapshot is of {got}, this environment is {expected}")]
+    OtherScene {
+        /// Task, embodiment and layout of the snapshot.
+        got: String,
+        /// Those of the environment.
+        expected: String,
+    },
     /// No variants to draw from.
     #[error("no variants of {group} to draw from: name at least one element of D2")]
     NoVariants {
@@ -88,6 +100,20 @@ pub enum EnvError {
         worker: usize,
         /// The operating system's reason.
         source: std::io::Error,
+    },
+    /// A recording that cannot be compared with.
+    #[error("{}: {source}", path.display())]
+    Recording {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What is wrong with it.
+        source: Box<crate::check::RecordingError>,
+    },
+    /// A folder without recordings.
+    #[error("no recording in {}: expected files named ENGINE_TASK_POLICY.npz", folder.display())]
+    NoRecordings {
+        /// The folder.
+        folder: std::path::PathBuf,
     },
     /// A scene that MuJoCo does not take, or that lacks a name.
     #[error(transparent)]

@@ -37,7 +37,11 @@
 struct Readme;
 
 mod camera;
+pub mod check;
+mod dynamics;
+mod embodiment;
 mod error;
+mod layout;
 mod picture;
 pub mod reward;
 mod scene;
@@ -49,12 +53,15 @@ mod vec_env;
 mod worker;
 
 pub use camera::Camera;
+pub use dynamics::Dynamics;
+pub use embodiment::Embodiment;
 pub use error::EnvError;
+pub use layout::Layout;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
-pub use scene::{Embodiment, HAND_START, Scene};
+pub use scene::{HAND_START, Scene};
 pub use settings::VecEnvSettings;
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, Dynamics, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
     Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,

@@ -4,76 +4,37 @@ use std::sync::Arc;
 
 use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
+use rand_chacha::ChaCha8Rng;
 
 use crate::EnvError;
 use crate::camera::Camera;
-use crate::task::{Parts, TaskGroup};
+use crate::embodiment::{Embodiment, Mjcf};
+use crate::layout::{Layout, Settling};
+use crate::task::{Placement, TaskGroup};
 
-/// Where the hand's target stands at the start of every episode (metres): over the centre, clear of an open drawer.
+/// Where the hand's target stands at the start of every episode of the symmetric layout (metres): over the centre, clear of an open drawer.
 pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
-const ARENA: (&str, &str) = ("arena.xml", include_str!("../../assets/mjcf/arena.xml"));
-const SAWYER: (&str, &str) = ("sawyer.xml", include_str!("../../assets/mjcf/sawyer.xml"));
-
-/// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`].
-const SAWYER_POSTURE: [(&str, f64); 7] = [
-    ("j0", 1.932580),
-    ("j1", -0.499083),
-    ("j2", -1.058834),
-    ("j3", 1.651000),
-    ("j4", 1.047360),
-    ("j5", 1.084860),
-    ("j6", 2.292554),
-];
-
-/// Physics steps until the arm is at rest at its start: 10 s.
-const SETTLE_STEPS: usize = 4000;
-
-/// What carries the gripper.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Embodiment {
-    /// A seven-joint Sawyer arm.
-    #[default]
-    Sawyer,
-    /// The gripper alone on three slides; not built yet.
-    Hand,
-}
-
-impl std::str::FromStr for Embodiment {
-    type Err = EnvError;
-
-    fn from_str(name: &str) -> Result<Self, EnvError> {
-        match name {
-            "sawyer" => Ok(Self::Sawyer),
-            "hand" => Ok(Self::Hand),
-            _ => Err(EnvError::UnknownEmbodiment {
-                name: name.to_owned(),
-            }),
-        }
-    }
-}
-
-impl Embodiment {
-    pub(crate) fn source(self) -> Result<(&'static str, &'static str), EnvError> {
-        match self {
-            Self::Sawyer => Ok(SAWYER),
-            Self::Hand => Err(EnvError::EmbodimentNotBuilt { name: "hand" }),
-        }
-    }
-}
-
+const ARENA: Mjcf = ("arena.xml", include_str!("../../assets/mjcf/arena.xml"));
+const GRIPPER: Mjcf = ("gripper.xml", include_str!("../../assets/mjcf/gripper.xml"));
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
 pub struct Scene {
+    /// Whose figures it follows.
+    pub layout: Layout,
     /// The task group.
     pub group: TaskGroup,
+    /// What carries the gripper.
+    pub embodiment: Embodiment,
     /// The compiled model.
     pub model: Arc<Model>,
     /// The camera over the centre.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
+    /// Where the hand's target stands when an episode starts (metres).
+    pub(crate) hand_start: DVec3,
     pub(crate) hand: BodyId,
     pub(crate) claws: [BodyId; 2],
     pub(crate) tips: [SiteId; 2],
@@ -83,26 +44,46 @@ pub struct Scene {
     pub(crate) object_body: Option<BodyId>,
     /// Addresses in `qpos` and positions of the joints that an episode starts away from zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
-    /// The state at rest with open fingers, from which every episode starts.
+    /// Address in `qpos` of the loose cylinder's position, where there is one.
+    pub(crate) decoy: Option<usize>,
+    /// The state from which every episode starts.
     pub(crate) settled: State,
 }
 
 impl Scene {
-    /// Compiles the scene of `group` and lets it come to rest.
+    /// Compiles the scene of `group` in the symmetric layout and lets it come to rest.
     ///
     /// # Errors
-    /// [`EnvError::EmbodimentNotBuilt`], or what MuJoCo says of the model.
+    /// [`EnvError::Setting`] for an impossible camera, or what MuJoCo says of the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
+        Self::in_layout(Layout::Symmetric, group, embodiment, camera)
+    }
+
+    /// Compiles the scene of `group` in `layout` and brings it to where its episodes start.
+    ///
+    /// # Errors
+    /// As [`Scene::new`].
+    pub fn in_layout(
+        layout: Layout,
+        group: TaskGroup,
+        embodiment: Embodiment,
+        camera: Camera,
+    ) -> Result<Self, EnvError> {
         camera.check()?;
         let parts = group.task().parts();
-        let model = Arc::new(compile(parts, embodiment, &camera)?);
+        let model = Arc::new(compile(layout, group, embodiment, &camera)?);
+        let settling = layout.settling(group, embodiment);
         let mocap = |name| model.mocap(name);
         let start_joints = parts
             .start_joints
             .iter()
             .map(|&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position)));
         Ok(Self {
+            layout,
             group,
+            embodiment,
+            hand_start: settling.hand_start,
+            decoy: decoy(&model),
             camera,
             camera_id: model.camera("top")?,
             hand: model.body("hand")?,
@@ -113,15 +94,39 @@ impl Scene {
             goal: mocap("goal").ok(),
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             start_joints: start_joints.collect::<Result<_, EnvError>>()?,
-            settled: settle(&model)?,
+            settled: settle(&model, &settling)?,
             model,
         })
     }
+
+    /// The state with open fingers from which every episode starts: at rest, or where Meta-World's reset leaves it.
+    pub fn settled(&self) -> &State {
+        &self.settled
+    }
+
+    /// What tells this scene from others.
+    pub(crate) fn key(&self) -> (Layout, Embodiment, TaskGroup) {
+        (self.layout, self.embodiment, self.group)
+    }
+
+    /// Draws where an episode puts things.
+    pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        match self.layout {
+            Layout::Symmetric => self.group.task().place(rng),
+            Layout::MetaWorld => self.group.task().place_stock(rng),
+        }
+    }
 }
 
-fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Model, EnvError> {
-    let mut parts = vec![ARENA, embodiment.source()?];
-    parts.extend(task.scene);
+fn compile(
+    layout: Layout,
+    group: TaskGroup,
+    embodiment: Embodiment,
+    camera: &Camera,
+) -> Result<Model, EnvError> {
+    let mut parts = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
+    parts.extend(group.task().parts().scene);
+    parts.extend(layout.addition(group));
     let includes: String = parts
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
@@ -131,6 +136,9 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
         camera.to_mjcf("top")
     );
     parts.push((MAIN, &main));
+    // what the parts above include by name
+    parts.push(embodiment.puck());
+    parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()
         .map(|&(name, text)| (name, text.as_bytes()))
@@ -138,15 +146,21 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
     Ok(Model::from_files(MAIN, &files)?)
 }
 
-fn settle(model: &Arc<Model>) -> Result<State, EnvError> {
+fn decoy(model: &Model) -> Option<usize> {
+    let joint = model.joint("decoy").ok()?;
+    Some(model.joint_qpos_address(joint))
+}
+
+fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
     let mut data = Data::new(Arc::clone(model));
-    for (name, angle) in SAWYER_POSTURE {
+    for &(name, position) in &settling.posture {
         let address = model.joint_qpos_address(model.joint(name)?);
-        data.qpos_mut()[address] = angle;
+        data.qpos_mut()[address] = position;
     }
-    data.set_mocap_position(model.mocap("hand_target")?, HAND_START.to_array())?;
+    let hand_start = settling.hand_start.to_array();
+    data.set_mocap_position(model.mocap("hand_target")?, hand_start)?;
     data.set_ctrl(&OPEN_FINGERS)?;
-    data.step(SETTLE_STEPS)?;
+    data.step(settling.steps)?;
     Ok(data.save())
 }
 

@@ -2,9 +2,10 @@
 
 use crate::EnvError;
 use crate::camera::Camera;
+use crate::dynamics::Dynamics;
+use crate::embodiment::Embodiment;
+use crate::layout::Layout;
 use crate::picture::IMAGE_CHANNELS;
-use crate::scene::Embodiment;
-use crate::tabletop::Dynamics;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,6 +14,8 @@ pub struct VecEnvSettings {
     pub num_envs: usize,
     /// Number of worker threads; results do not depend on it.
     pub threads: usize,
+    /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Dynamics::meta_world`].
+    pub layout: Layout,
     /// What carries the gripper.
     pub embodiment: Embodiment,
     /// The camera over the table.
@@ -28,6 +31,7 @@ impl Default for VecEnvSettings {
         Self {
             num_envs: 20,
             threads: 2,
+            layout: Layout::default(),
             embodiment: Embodiment::default(),
             camera: Camera::default(),
             dynamics: Dynamics::default(),
@@ -42,12 +46,11 @@ impl VecEnvSettings {
         self.camera.size * self.camera.size * IMAGE_CHANNELS
     }
 
-    /// Refuses settings out of range and embodiments that are not built.
+    /// Refuses settings out of range.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`].
+    /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
-        self.embodiment.source()?;
         for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
             if value == 0 {
                 return Err(EnvError::Setting {

@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use mujoco::Data;
+use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::EnvError;
-use crate::scene::{HAND_START, Scene};
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskVariant};
+use crate::dynamics::Dynamics;
+use crate::embodiment::Embodiment;
+use crate::layout::Layout;
+use crate::scene::Scene;
+use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskGroup, TaskVariant};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -29,70 +32,11 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
 ];
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-const PHYSICS_STEPS: usize = 5;
+pub(crate) const PHYSICS_STEPS: usize = 5;
 /// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
-/// Bounds of the hand's target (metres): wider along y than the hand needs, so that a blocked hand can push.
-const TARGET_LOW: DVec3 = DVec3::new(-0.3, -0.3, 0.05);
-const TARGET_HIGH: DVec3 = DVec3::new(0.3, 0.3, 0.35);
 /// Claw distance of an open gripper (metres).
-const OPEN_APERTURE: f64 = 0.1;
-
-/// How actions become motion and how long an episode lasts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamics {
-    /// Control steps that one action is held for.
-    pub action_repeat: usize,
-    /// Displacement of the hand's target by a full action, per decision (metres).
-    pub displacement: f64,
-    /// Control steps in an episode; a multiple of `action_repeat`.
-    pub horizon: usize,
-}
-
-impl Default for Dynamics {
-    fn default() -> Self {
-        Self {
-            action_repeat: 10,
-            displacement: 0.04,
-            horizon: 500,
-        }
-    }
-}
-
-impl Dynamics {
-    /// Decisions in an episode.
-    pub fn decisions(&self) -> usize {
-        self.horizon / self.action_repeat
-    }
-
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
-        let setting = |name, value: String, expected| EnvError::Setting {
-            name,
-            value,
-            expected,
-        };
-        if self.action_repeat == 0
-            || self.horizon == 0
-            || !self.horizon.is_multiple_of(self.action_repeat)
-        {
-            let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
-            return Err(setting(
-                "horizon",
-                value,
-                "a positive multiple of the action repeat",
-            ));
-        }
-        if !(self.displacement > 0.0 && self.displacement.is_finite()) {
-            let value = self.displacement.to_string();
-            return Err(setting(
-                "displacement",
-                value,
-                "a positive length in metres",
-            ));
-        }
-        Ok(())
-    }
-}
+pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
 /// What one decision brought.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,12 +49,23 @@ pub struct Step {
     pub truncated: bool,
 }
 
+#[derive(Clone, Debug, PartialEq)]
 struct Episode {
+    /// Whether anything touched anything at the end of a control step.
+    touched: bool,
     variant: TaskVariant,
     placement: Placement,
     start: Measurement,
     target: DVec3,
     decisions: usize,
+}
+
+/// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start included, and the episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    scene: (Layout, Embodiment, TaskGroup),
+    simulation: State,
+    episode: Episode,
 }
 
 /// A table-top environment without a camera. All lengths in metres, world frame.
@@ -150,19 +105,44 @@ impl TableTop {
     /// Starts an episode of the variant `element` at a placement drawn from `rng`.
     ///
     /// # Errors
-    /// What MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
     pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
-        let placement = self.scene.group.task().place(rng);
+        let placement = self.scene.place(rng);
         self.reset_to(element, placement)
     }
 
     /// Starts an episode of the variant `element` at a given placement (canonical frame).
     ///
     /// # Errors
-    /// What MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
-        let scene = &self.scene;
+        let scene = Arc::clone(&self.scene);
+        scene.layout.check(element)?;
         self.data.restore(&scene.settled)?;
+        self.put_objects(element, &placement)?;
+        self.data.forward_kinematics()?;
+        let start = self.measure(element, &placement);
+        self.episode = Some(Episode {
+            variant: TaskVariant {
+                group: scene.group,
+                element,
+            },
+            placement,
+            start,
+            target: scene.hand_start,
+            decisions: 0,
+            touched: false,
+        });
+        Ok(())
+    }
+
+    /// Puts the objects where `placement` says, with their joints as an episode starts them.
+    pub(crate) fn put_objects(
+        &mut self,
+        element: D2,
+        placement: &Placement,
+    ) -> Result<(), EnvError> {
+        let scene = &self.scene;
         for (body, position) in [
             (scene.object, placement.object),
             (scene.goal, placement.goal),
@@ -176,18 +156,41 @@ impl TableTop {
         for &(address, position) in &scene.start_joints {
             self.data.qpos_mut()[address] = position;
         }
+        if let Some(address) = scene.decoy {
+            let position = map(element, placement.object).to_array();
+            self.data.qpos_mut()[address..address + 3].copy_from_slice(&position);
+        }
+        Ok(())
+    }
+
+    /// Copies the running episode out.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn save(&self) -> Result<Snapshot, EnvError> {
+        Ok(Snapshot {
+            scene: self.scene.key(),
+            simulation: self.data.save(),
+            episode: self.episode.clone().ok_or(EnvError::NotReset)?,
+        })
+    }
+
+    /// Goes back to a saved episode, which continues to the same bits.
+    ///
+    /// # Errors
+    /// [`EnvError::OtherScene`] for a snapshot of another scene, and nothing has changed.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
+        if snapshot.scene != self.scene.key() {
+            let words =
+                |(layout, embodiment, group)| format!("{group} with {embodiment}, {layout}");
+            return Err(EnvError::OtherScene {
+                got: words(snapshot.scene),
+                expected: words(self.scene.key()),
+            });
+        }
+        self.data.restore(&snapshot.simulation)?;
         self.data.forward_kinematics()?;
-        let start = self.measure(element, &placement);
-        self.episode = Some(Episode {
-            variant: TaskVariant {
-                group: scene.group,
-                element,
-            },
-            placement,
-            start,
-            target: HAND_START,
-            decisions: 0,
-        });
+        self.episode = Some(snapshot.episode.clone());
         Ok(())
     }
 
@@ -233,12 +236,14 @@ impl TableTop {
         move_by: DVec3,
         finger: f64,
     ) -> Result<Evaluation, EnvError> {
-        episode.target = (episode.target + move_by).clamp(TARGET_LOW, TARGET_HIGH);
+        let [low, high] = self.scene.layout.target_bounds();
+        episode.target = (episode.target + move_by).clamp(low, high);
         let target = episode.target.to_array();
         self.data
             .set_mocap_position(self.scene.hand_target, target)?;
         self.data.set_ctrl(&[finger, -finger])?;
         self.data.step(PHYSICS_STEPS)?;
+        episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
         let now = self.measure(episode.variant.element, &episode.placement);
         let task = episode.variant.group.task();
@@ -248,6 +253,11 @@ impl TableTop {
     /// The variant of the running episode.
     pub fn variant(&self) -> Option<TaskVariant> {
         self.episode.as_ref().map(|episode| episode.variant)
+    }
+
+    /// Whether anything has touched anything in the running episode, as seen at the end of its control steps.
+    pub(crate) fn touched(&self) -> bool {
+        self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
 
     /// Ends the running episode, if any.
@@ -284,7 +294,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let now = self.measure(episode.variant.element, &episode.placement);
+        let now = self.measurement()?;
         let ExpertCommand { hand, finger } =
             self.scene.group.task().expert(&episode.placement, &now);
         let wanted = map(episode.variant.element, hand - now.hand) / self.dynamics.displacement;
@@ -295,6 +305,15 @@ impl TableTop {
             bounded.z as f32,
             finger as f32,
         ])
+    }
+
+    /// What the reward looks at now, in the canonical frame.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn measurement(&self) -> Result<Measurement, EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        Ok(self.measure(episode.variant.element, &episode.placement))
     }
 
     fn aperture(&self) -> f64 {

@@ -100,6 +100,8 @@ impl std::fmt::Display for TaskVariant {
 pub struct Placement {
     /// Origin of the scene's `object` body; unused by scenes without one.
     pub object: DVec3,
+    /// Where the hand's target stands when the episode starts.
+    pub hand_start: DVec3,
     /// The point where the object, or the fingertips, should be; a scene's `goal` body has its origin there.
     pub goal: DVec3,
 }
@@ -117,9 +119,15 @@ pub struct Measurement {
     pub object: DVec3,
 }
 
-/// Reward in `[0, 10]` and success of one control step.
+/// Reward in `[0, 10]` and success of one control step, and the terms that the reward is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation {
+    /// How near the fingertips are to the object, and where the task asks for it how the fingers are held, in `[0, 1]`; 1 in Goal Reach.
+    pub approach: f64,
+    /// How near the object is to its goal, in `[0, 1]`.
+    pub in_place: f64,
+    /// How far the object is from its goal (metres); in Goal Reach the fingertips.
+    pub remaining: f64,
     /// Meta-World's dense reward, in `[0, 10]`.
     pub reward: f64,
     /// Whether the success condition holds now.
@@ -150,6 +158,9 @@ pub trait Task: Send + Sync {
 
     /// Draws a placement; x is drawn off-centre, so that the four variants fill four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
+
+    /// Draws a placement from Meta-World's ranges.
+    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Reward and success of the state `now`, given the state at the episode's start and the action's finger component in `[-1, 1]`.
     fn evaluate(

@@ -50,7 +50,7 @@ impl VecEnv {
     /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::EmbodimentNotBuilt`], [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
+    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
     pub fn new(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -81,11 +81,13 @@ impl VecEnv {
     /// A group's model is compiled when it is first named.
     ///
     /// # Errors
-    /// [`EnvError::NoVariants`], or what MuJoCo or OpenGL says.
+    /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
     pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         if elements.is_empty() {
             return Err(EnvError::NoVariants { group });
         }
+        let layout = self.settings.layout;
+        elements.iter().try_for_each(|&g| layout.check(g))?;
         let scene = self.scene(group)?;
         for worker in &self.workers {
             worker.send(Command::SetTasks(Arc::clone(&scene), elements.to_vec()));
@@ -99,9 +101,12 @@ impl VecEnv {
             return Ok(Arc::clone(scene));
         }
         let VecEnvSettings {
-            embodiment, camera, ..
+            layout,
+            embodiment,
+            camera,
+            ..
         } = self.settings;
-        let scene = Arc::new(Scene::new(group, embodiment, camera)?);
+        let scene = Arc::new(Scene::in_layout(layout, group, embodiment, camera)?);
         self.scenes.insert(group, Arc::clone(&scene));
         Ok(scene)
     }

@@ -11,10 +11,11 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::EnvError;
+use crate::dynamics::Dynamics;
 use crate::picture::{Painter, RGB, stack};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, Dynamics, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
 /// What a worker is asked to do; it answers each with [`Rows`] or an error.

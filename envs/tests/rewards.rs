@@ -44,7 +44,11 @@ fn rewards_and_successes_are_meta_worlds() {
     let (mut successes, mut failures) = (0, 0);
     for (index, row) in ROWS.iter().enumerate() {
         let goal = DVec3::from_array(row.goal);
-        let placement = Placement { object: goal, goal };
+        let placement = Placement {
+            object: goal,
+            hand_start: envs::HAND_START,
+            goal,
+        };
         let start = measurement(row.start_tcp, row.start_object, 1.0);
         let now = measurement(row.tcp, row.object, row.aperture);
         let got = row

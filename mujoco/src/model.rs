@@ -178,6 +178,19 @@ impl Model {
         unsafe { CStr::from_ptr(name) }.to_str().ok()
     }
 
+    /// Bodies, joints, geoms, sites, cameras and actuators without a name, for instance `geom 3`.
+    pub fn unnamed(&self) -> Vec<String> {
+        let kinds = [
+            self.unnamed_of::<Body>(),
+            self.unnamed_of::<Joint>(),
+            self.unnamed_of::<Geom>(),
+            self.unnamed_of::<Site>(),
+            self.unnamed_of::<Camera>(),
+            self.unnamed_of::<Actuator>(),
+        ];
+        kinds.concat()
+    }
+
     /// Index of a joint's first element in `qpos`.
     pub fn joint_qpos_address(&self, joint: JointId) -> usize {
         self.array(self.get().jnt_qposadr, self.get().njnt)[joint.index()] as usize
@@ -261,6 +274,13 @@ impl Model {
     fn names<K: Named>(&self) -> impl Iterator<Item = &str> {
         let count = <K as Lookup>::count(self.get()) as usize;
         (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
+    }
+
+    fn unnamed_of<K: Named>(&self) -> Vec<String> {
+        (0..<K as Lookup>::count(self.get()) as usize)
+            .filter(|&index| self.name(Id::<K>::new(index)).is_none())
+            .map(|index| format!("{} {index}", K::NOUN))
+            .collect()
     }
 
     fn mocap_index(&self, body: BodyId) -> Option<usize> {

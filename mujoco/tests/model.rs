@@ -53,6 +53,12 @@ fn sizes_and_readers() {
 }
 
 #[test]
+fn what_has_no_name_is_listed() {
+    let model = Model::from_xml(ARM).unwrap();
+    assert_eq!(model.unnamed(), ["geom 1"]);
+}
+
+#[test]
 fn ids_are_indices() {
     let model = Model::from_xml(ARM).unwrap();
     assert_eq!(model.body("world").unwrap().index(), 0);

@@ -3,12 +3,15 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, uniform};
+use super::{CANONICAL_X, STOCK_X, uniform};
 use crate::reward::{hamacher, long_tail};
+use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 /// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past the press.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
+const STOCK_BOX_Y: std::ops::Range<f64> = 0.25..0.30;
+const STOCK_HAND_START: DVec3 = DVec3::new(0.0, -0.2, 0.2);
 const BOX_Z: f64 = 0.115;
 /// From the button body's origin to the middle of its cap.
 const CAP: DVec3 = DVec3::new(0.0, -0.193, 0.0);
@@ -46,6 +49,16 @@ impl Task for ButtonPress {
         let object = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, BOX_Y), BOX_Z);
         Placement {
             object,
+            hand_start: HAND_START,
+            goal: object + HOLE,
+        }
+    }
+
+    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, STOCK_BOX_Y), BOX_Z);
+        Placement {
+            object,
+            hand_start: STOCK_HAND_START,
             goal: object + HOLE,
         }
     }
@@ -63,6 +76,9 @@ impl Task for ButtonPress {
         let pressed = long_tail(remaining, PRESSED, TRAVEL);
         let touching = if distance <= NEAR { 1.0 } else { 0.0 };
         Evaluation {
+            approach: near,
+            in_place: pressed,
+            remaining,
             reward: 2.0 * hamacher(now.aperture, near) + 8.0 * pressed * touching,
             success: remaining <= SUCCESS,
         }

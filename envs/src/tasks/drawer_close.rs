@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, uniform};
+use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
 use crate::reward::{gaussian, hamacher, long_tail};
+use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 const CASE_Y: f64 = 0.3;
@@ -44,6 +45,16 @@ impl Task for DrawerClose {
         let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
         Placement {
             object,
+            hand_start: HAND_START,
+            goal: object + SHUT,
+        }
+    }
+
+    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let object = DVec3::new(uniform(rng, STOCK_X), CASE_Y, 0.0);
+        Placement {
+            object,
+            hand_start: STOCK_HAND_START,
             goal: object + SHUT,
         }
     }
@@ -63,6 +74,9 @@ impl Task for DrawerClose {
         let success = remaining <= SUCCESS;
         let pushing = hamacher(reached, finger.clamp(0.0, 1.0));
         Evaluation {
+            approach: pushing,
+            in_place: shut,
+            remaining,
             reward: if success {
                 10.0
             } else {

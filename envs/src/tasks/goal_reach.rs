@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, uniform};
+use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
 use crate::reward::long_tail;
 use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
@@ -12,6 +12,13 @@ use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task
 const RADIUS: f64 = 0.05;
 const GOAL_Y: std::ops::Range<f64> = 0.08..0.18;
 const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
+
+const STOCK_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
+const STOCK_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
+/// Where Meta-World's loose cylinder stands (metres), and how far from the goal it must be.
+const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
+const DECOY_Z: f64 = 0.02;
+const APART: f64 = 0.15;
 
 const PARTS: Parts = Parts {
     scene: None,
@@ -36,7 +43,30 @@ impl Task for GoalReach {
             uniform(rng, GOAL_Y),
             uniform(rng, GOAL_Z),
         );
-        Placement { object: goal, goal }
+        Placement {
+            object: goal,
+            hand_start: HAND_START,
+            goal,
+        }
+    }
+
+    /// The object is Meta-World's decoy, at least 0.15 m from the goal in the plane.
+    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
+        loop {
+            let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, DECOY_Y), DECOY_Z);
+            let goal = DVec3::new(
+                uniform(rng, STOCK_X),
+                uniform(rng, STOCK_GOAL_Y),
+                uniform(rng, STOCK_GOAL_Z),
+            );
+            if (goal - object).truncate().length() >= APART {
+                return Placement {
+                    object,
+                    hand_start: STOCK_HAND_START,
+                    goal,
+                };
+            }
+        }
     }
 
     fn evaluate(
@@ -47,9 +77,13 @@ impl Task for GoalReach {
         _: f64,
     ) -> Evaluation {
         let distance = now.tcp.distance(placement.goal);
-        let margin = HAND_START.distance(placement.goal);
+        let margin = placement.hand_start.distance(placement.goal);
+        let in_place = long_tail(distance, RADIUS, margin);
         Evaluation {
-            reward: 10.0 * long_tail(distance, RADIUS, margin),
+            approach: 1.0,
+            in_place,
+            remaining: distance,
+            reward: 10.0 * in_place,
             success: distance <= RADIUS,
         }
     }

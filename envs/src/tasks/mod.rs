@@ -12,11 +12,17 @@ pub use plate_slide::PlateSlide;
 
 use std::ops::Range;
 
+use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives a different task.
 const CANONICAL_X: Range<f64> = 0.08..0.20;
+
+/// Meta-World's x of every object and goal (metres).
+const STOCK_X: Range<f64> = -0.1..0.1;
+/// Where Meta-World's hand starts (metres), but for the button.
+const STOCK_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
 
 fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {
     range.start + (range.end - range.start) * rng.random::<f64>()

@@ -3,8 +3,9 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, uniform};
+use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
 use crate::reward::{hamacher, long_tail};
+use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
 
 const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
@@ -38,7 +39,16 @@ impl Task for PlateSlide {
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         Placement {
             object: PUCK_START,
+            hand_start: HAND_START,
             goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
+        }
+    }
+
+    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
+        Placement {
+            object: PUCK_START,
+            hand_start: STOCK_HAND_START,
+            goal: DVec3::new(uniform(rng, STOCK_X), uniform(rng, GOAL_Y), 0.0),
         }
     }
 
@@ -58,6 +68,9 @@ impl Task for PlateSlide {
             start.tcp.distance(START_ON_TABLE),
         );
         Evaluation {
+            approach: touching,
+            in_place: placed,
+            remaining,
             reward: if remaining < BOUND {
                 10.0
             } else {

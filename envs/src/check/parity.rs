@@ -1,0 +1,285 @@
+//! Do our scenes and rewards do what Meta-World's did?
+//!
+//! Three comparisons with recordings of Meta-World 3.1.1 on MuJoCo 2.2.2 (weld torquescale 1): rewards from recorded states, single control
+//! steps from recorded states, and open-loop replay. Our scenes put boxes in the place of convex meshes: physics is compared where neither touched.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use mujoco::{GeomId, State};
+use serde::Serialize;
+use symmetry::D2;
+
+use super::recording::{CENTRE, Recording, files};
+use super::{RecordingError, parallel};
+use crate::tabletop::PHYSICS_STEPS;
+use crate::{
+    Camera, Dynamics, Embodiment, EnvError, Layout, Measurement, Placement, Scene, TableTop,
+    TaskGroup,
+};
+
+/// Boxes in the place of the convex meshes of Meta-World's gripper base and goal net.
+const STAND_INS: [&str; 6] = [
+    "gripper_base",
+    "gripper_neck",
+    "net_back",
+    "net_left",
+    "net_right",
+    "net_top",
+];
+
+/// How one recording compares.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParityRow {
+    /// The file's name.
+    pub file: String,
+    /// The task group.
+    pub task: &'static str,
+    /// Control steps whose rewards were compared.
+    pub reward_steps: usize,
+    /// Largest difference of the reward, of scale 10, or of one of its terms.
+    pub reward_deviation: f64,
+    /// Steps where success differed.
+    pub success_mismatches: usize,
+    /// Single control steps compared: those in which no mesh, and no box in its place, touched anything.
+    pub physics_steps: usize,
+    /// Largest difference in qpos (metres, radians) after a single step: median over the steps.
+    pub physics_median: f64,
+    /// The same: of the best 99 in 100 steps.
+    pub physics_p99: f64,
+    /// The same: of all.
+    pub physics_max: f64,
+    /// Control steps replayed open loop: each episode up to the first in which a mesh, or a box in its place, touched anything.
+    pub replay_steps: usize,
+    /// Largest distance of the hand from the recorded one (metres).
+    pub replay_deviation: f64,
+}
+
+/// Compares every recording (`ENGINE_TASK_POLICY.npz`) of `folder`.
+///
+/// # Errors
+/// [`EnvError::Recording`] names the file and what is wrong with it; or what MuJoCo says.
+pub fn parity(folder: &Path) -> Result<Vec<ParityRow>, EnvError> {
+    let paths = files(folder).map_err(|source| of_file(folder, source))?;
+    if paths.is_empty() {
+        return Err(EnvError::NoRecordings {
+            folder: folder.to_owned(),
+        });
+    }
+    parallel::map(&paths, |path| compare(path))
+}
+
+fn of_file(path: &Path, source: RecordingError) -> EnvError {
+    EnvError::Recording {
+        path: path.to_owned(),
+        source: Box::new(source),
+    }
+}
+
+fn compare(path: &Path) -> Result<ParityRow, EnvError> {
+    let group = Recording::task(path).map_err(|source| of_file(path, source))?;
+    let mut replica = Replica::new(group)?;
+    let recording = Recording::read(path, replica.table.scene());
+    let recording = recording.map_err(|source| of_file(path, source))?;
+    let mut row = ParityRow {
+        file: path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into(),
+        task: group.name(),
+        reward_steps: 0,
+        reward_deviation: 0.0,
+        success_mismatches: 0,
+        physics_steps: 0,
+        physics_median: 0.0,
+        physics_p99: 0.0,
+        physics_max: 0.0,
+        replay_steps: 0,
+        replay_deviation: 0.0,
+    };
+    let mut physics = Vec::new();
+    for episode in 0..recording.episodes {
+        replica.begin(&recording, episode)?;
+        replica.rewards(&recording, episode, &mut row)?;
+        replica.single_steps(&recording, episode, &mut physics)?;
+        replica.replay(&recording, episode, &mut row)?;
+    }
+    physics.sort_by(f64::total_cmp);
+    row.physics_steps = physics.len();
+    [row.physics_median, row.physics_p99, row.physics_max] =
+        [0.5, 0.99, 1.0].map(|share| quantile(&physics, share));
+    Ok(row)
+}
+
+/// The smallest value that `share` of the sorted `values` do not exceed; zero where there are none.
+fn quantile(values: &[f64], share: f64) -> f64 {
+    let rank = (share * values.len() as f64).ceil() as usize;
+    values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
+}
+
+/// Our scene, put into recorded states.
+struct Replica {
+    table: TableTop,
+    placement: Placement,
+    start: Measurement,
+    /// The placement of an episode with a cold solver.
+    cold: State,
+    stand_ins: Vec<GeomId>,
+}
+
+impl Replica {
+    fn new(group: TaskGroup) -> Result<Self, EnvError> {
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+        let scene = Arc::new(Scene::in_layout(layout, group, arm, Camera::default())?);
+        let mut table = TableTop::new(Arc::clone(&scene), Dynamics::meta_world())?;
+        let placement = scene.group.task().place_stock(&mut super::first_seed());
+        table.reset_to(D2::Identity, placement)?;
+        let stand_ins = STAND_INS
+            .iter()
+            .filter_map(|name| scene.model.geom(name).ok());
+        Ok(Self {
+            placement,
+            start: table.measurement()?,
+            cold: scene.settled().clone(),
+            stand_ins: stand_ins.collect(),
+            table,
+        })
+    }
+
+    fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
+        self.placement = recording.placement(self.table.scene().group, episode);
+        self.table.reset_to(D2::Identity, self.placement)?;
+        let [hand, object] = recording.hand_and_object(episode, 0);
+        self.start = Measurement {
+            hand,
+            object,
+            tcp: recording.start_tcp(episode),
+            aperture: 1.0,
+        };
+        self.table.data_mut().reset();
+        self.table.put_objects(D2::Identity, &self.placement)?;
+        self.cold = self.table.data_mut().save();
+        Ok(())
+    }
+
+    /// Puts the scene into the recorded state before step `step`.
+    fn put(&mut self, recording: &Recording, episode: usize, step: usize) -> Result<(), EnvError> {
+        let qpos = self.in_our_frame(recording.qpos.row(&[episode, step]));
+        let data = self.table.data_mut();
+        data.restore(&self.cold)?;
+        data.qpos_mut().copy_from_slice(&qpos);
+        data.qvel_mut()
+            .copy_from_slice(recording.qvel.row(&[episode, step]));
+        Ok(())
+    }
+
+    /// Only the loose cylinder's position is counted from the world's origin.
+    fn in_our_frame(&self, qpos: &[f64]) -> Vec<f64> {
+        let mut qpos = qpos.to_vec();
+        if let Some(address) = self.table.scene().decoy {
+            qpos[address + 1] -= CENTRE.y;
+        }
+        qpos
+    }
+
+    /// Lets recorded step `step` happen from the present state, and says whether no mesh there and no box in its place here touched anything.
+    fn step(
+        &mut self,
+        recording: &Recording,
+        episode: usize,
+        step: usize,
+    ) -> Result<bool, EnvError> {
+        let target = super::recording::centred(recording.target.row(&[episode, step + 1]));
+        let finger = recording.action.row(&[episode, step])[3];
+        let hand_target = self.table.scene().hand_target;
+        let data = self.table.data_mut();
+        data.set_mocap_position(hand_target, target.to_array())?;
+        data.set_ctrl(&[finger, -finger])?;
+        let mut comparable = !recording.meshes_touch(episode, step);
+        for _ in 0..PHYSICS_STEPS {
+            data.step(1)?;
+            let touching = |geom| self.stand_ins.contains(&geom);
+            comparable &= !data
+                .contacts()
+                .any(|contact| contact.geoms.into_iter().any(touching));
+        }
+        data.forward_kinematics()?;
+        Ok(comparable)
+    }
+
+    /// Rewards, successes and terms of the recorded states.
+    fn rewards(
+        &mut self,
+        recording: &Recording,
+        episode: usize,
+        row: &mut ParityRow,
+    ) -> Result<(), EnvError> {
+        let group = self.table.scene().group;
+        for step in 0..recording.steps {
+            self.put(recording, episode, step + 1)?;
+            self.table.data_mut().forward_kinematics()?;
+            let now = self.table.measurement()?;
+            let finger = recording.action.row(&[episode, step])[3];
+            let ours = group
+                .task()
+                .evaluate(&self.placement, &self.start, &now, finger);
+            let info = recording.info.row(&[episode, step]);
+            let mut terms = vec![
+                ours.reward - recording.reward.row(&[episode, step])[0],
+                ours.in_place - info[4],
+                ours.remaining - info[5],
+            ];
+            // Meta-World's Reach reports a distance in this place
+            if group != TaskGroup::GoalReach {
+                terms.push(ours.approach - info[3]);
+            }
+            row.reward_deviation = terms
+                .iter()
+                .fold(row.reward_deviation, |m, t| m.max(t.abs()));
+            row.success_mismatches += usize::from(ours.success != (info[0] != 0.0));
+            row.reward_steps += 1;
+        }
+        Ok(())
+    }
+
+    /// Single control steps from the recorded states, with a cold solver.
+    fn single_steps(
+        &mut self,
+        recording: &Recording,
+        episode: usize,
+        differences: &mut Vec<f64>,
+    ) -> Result<(), EnvError> {
+        for step in 0..recording.steps {
+            self.put(recording, episode, step)?;
+            if !self.step(recording, episode, step)? {
+                continue;
+            }
+            let expected = self.in_our_frame(recording.qpos.row(&[episode, step + 1]));
+            let pairs = self.table.data_mut().qpos().iter().zip(&expected);
+            differences.push(pairs.fold(0.0, |max, (a, b)| f64::max(max, (a - b).abs())));
+        }
+        Ok(())
+    }
+
+    /// The recorded actions one after the other, up to the first step that cannot be compared.
+    fn replay(
+        &mut self,
+        recording: &Recording,
+        episode: usize,
+        row: &mut ParityRow,
+    ) -> Result<(), EnvError> {
+        self.put(recording, episode, 0)?;
+        for step in 0..recording.steps {
+            if !self.step(recording, episode, step)? {
+                break;
+            }
+            let [recorded, _] = recording.hand_and_object(episode, step + 1);
+            row.replay_deviation = row
+                .replay_deviation
+                .max(self.table.hand().distance(recorded));
+            row.replay_steps += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,233 @@
+//! Do a variant and its canonical twin stay mirror images of one another?
+
+use std::sync::Arc;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use symmetry::D2;
+
+use super::experts::episode;
+use super::parallel;
+use crate::tabletop::ACTION_DIM;
+use crate::{
+    ACTION_IRREPS, Camera, Dynamics, Embodiment, EnvError, Measurement, Painter, Placement, RGB,
+    Scene, TableTop, TaskGroup,
+};
+
+/// Decisions that a random action is held for.
+const HELD: usize = 5;
+
+/// How far a variant strayed from the mirror image of its canonical twin.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SymmetryRow {
+    /// What carried the gripper.
+    pub embodiment: &'static str,
+    /// The task group.
+    pub task: &'static str,
+    /// The variant's element of D2.
+    pub element: String,
+    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw distance or object before anything touched.
+    pub free_deviation: f64,
+    /// The same from the first contact on.
+    pub contact_deviation: f64,
+    /// Open loop: the largest difference of a decision's reward.
+    pub reward_deviation: f64,
+    /// Open loop: pictures compared, one a decision.
+    pub frames: usize,
+    /// Pictures that were not the mirror image bit for bit.
+    pub frames_differing: usize,
+    /// Pixels that differed in the worst of them.
+    pub pixels_differing: usize,
+    /// Closed loop: the expert's mean return here over its mean return on the canonical twin.
+    pub return_ratio: f64,
+}
+
+/// Drives every variant but the identities and its canonical twin side by side, on the placements of the seeds `0..seeds`.
+///
+/// Open loop, the twin's actions are mirrored for the variant: those of the twin's expert, then random ones. Closed loop, each has its own expert.
+///
+/// # Errors
+/// [`EnvError::Setting`] for no seeds, or what MuJoCo or OpenGL says.
+pub fn symmetry(
+    embodiment: Embodiment,
+    camera: Camera,
+    seeds: u64,
+) -> Result<Vec<SymmetryRow>, EnvError> {
+    super::check_seeds(seeds)?;
+    let mut jobs = Vec::new();
+    for group in TaskGroup::ALL {
+        let scene = Arc::new(Scene::new(group, embodiment, camera)?);
+        let others = D2::ALL.into_iter().filter(|&g| g != D2::Identity);
+        jobs.extend(others.map(|element| (Arc::clone(&scene), element)));
+    }
+    parallel::map(&jobs, |(scene, element)| {
+        let mut twins = Twins::new(Arc::clone(scene), *element, *element)?;
+        twins.compare(seeds)?;
+        Ok(twins.row)
+    })
+}
+
+/// A canonical table and a variant of it, driven alike.
+struct Twins {
+    canonical: TableTop,
+    variant: TableTop,
+    element: D2,
+    /// Maps the canonical actions for the variant; the variant's own element, unless the checker itself is checked.
+    of_actions: D2,
+    painter: Painter,
+    pictures: [Vec<u8>; 2],
+    touched: bool,
+    row: SymmetryRow,
+}
+
+/// Who chooses the canonical actions.
+#[derive(Clone, Copy)]
+enum Driver {
+    Expert,
+    Random,
+}
+
+impl Twins {
+    fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
+        let dynamics = Dynamics::default();
+        let pixels = scene.camera.size * scene.camera.size * RGB;
+        let row = SymmetryRow {
+            embodiment: scene.embodiment.name(),
+            task: scene.group.name(),
+            element: element.to_string(),
+            free_deviation: 0.0,
+            contact_deviation: 0.0,
+            reward_deviation: 0.0,
+            frames: 0,
+            frames_differing: 0,
+            pixels_differing: 0,
+            return_ratio: 1.0,
+        };
+        Ok(Self {
+            canonical: TableTop::new(Arc::clone(&scene), dynamics)?,
+            variant: TableTop::new(Arc::clone(&scene), dynamics)?,
+            element,
+            of_actions,
+            painter: Painter::new(scene)?,
+            pictures: [vec![0; pixels], vec![0; pixels]],
+            touched: false,
+            row,
+        })
+    }
+
+    fn compare(&mut self, seeds: u64) -> Result<(), EnvError> {
+        let mut returns = [0.0; 2];
+        for seed in 0..seeds {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let placement = self.canonical.scene().group.task().place(&mut rng);
+            for driver in [Driver::Expert, Driver::Random] {
+                self.open_loop(placement, driver, &mut rng)?;
+            }
+            self.reset(placement)?;
+            returns[0] += episode(&mut self.canonical)?.0;
+            returns[1] += episode(&mut self.variant)?.0;
+        }
+        self.row.return_ratio = returns[1] / returns[0];
+        Ok(())
+    }
+
+    fn reset(&mut self, placement: Placement) -> Result<(), EnvError> {
+        self.canonical.reset_to(D2::Identity, placement)?;
+        self.variant.reset_to(self.element, placement)?;
+        self.touched = false;
+        Ok(())
+    }
+
+    fn open_loop(
+        &mut self,
+        placement: Placement,
+        driver: Driver,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<(), EnvError> {
+        self.reset(placement)?;
+        let mut action = [0.0; ACTION_DIM];
+        for decision in 0..Dynamics::default().decisions() {
+            match driver {
+                Driver::Expert => action = self.canonical.expert_action()?,
+                Driver::Random if decision % HELD == 0 => {
+                    action = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+                }
+                Driver::Random => {}
+            }
+            self.decide(&action)?;
+            self.look()?;
+        }
+        Ok(())
+    }
+
+    fn decide(&mut self, action: &[f32; ACTION_DIM]) -> Result<(), EnvError> {
+        let mirrored: [f32; ACTION_DIM] =
+            std::array::from_fn(|i| action[i] * f32::from(ACTION_IRREPS[i].sign(self.of_actions)));
+        let here = self.canonical.step(action)?;
+        let there = self.variant.step(&mirrored)?;
+        self.touched |= self.canonical.touched() || self.variant.touched();
+        let deviation = deviation(&self.canonical.measurement()?, &self.variant.measurement()?);
+        let worst = if self.touched {
+            &mut self.row.contact_deviation
+        } else {
+            &mut self.row.free_deviation
+        };
+        *worst = worst.max(deviation);
+        let of_reward = (here.reward - there.reward).abs();
+        self.row.reward_deviation = self.row.reward_deviation.max(of_reward);
+        Ok(())
+    }
+
+    /// Compares the pictures.
+    fn look(&mut self) -> Result<(), EnvError> {
+        let size = self.canonical.scene().camera.size;
+        let [here, there] = &mut self.pictures;
+        self.painter.paint(&mut self.canonical, here)?;
+        self.painter.paint(&mut self.variant, there)?;
+        let mirrored = self.element.transform_image(here, size, size, RGB);
+        let pixels = mirrored.chunks(RGB).zip(there.chunks(RGB));
+        let differing = pixels.filter(|(a, b)| a != b).count();
+        self.row.frames += 1;
+        self.row.frames_differing += usize::from(differing > 0);
+        self.row.pixels_differing = self.row.pixels_differing.max(differing);
+        Ok(())
+    }
+}
+
+/// The largest distance (metres) between what two tables measure, both in the canonical frame.
+fn deviation(a: &Measurement, b: &Measurement) -> f64 {
+    let distances = [
+        a.hand.distance(b.hand),
+        a.tcp.distance(b.tcp),
+        a.object.distance(b.object),
+        (a.aperture - b.aperture).abs() * crate::tabletop::OPEN_APERTURE,
+    ];
+    distances.into_iter().fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(embodiment: Embodiment, element: D2, of_actions: D2) -> SymmetryRow {
+        let scene = Scene::new(TaskGroup::PlateSlide, embodiment, Camera::default()).unwrap();
+        let mut twins = Twins::new(Arc::new(scene), element, of_actions).unwrap();
+        twins.compare(1).unwrap();
+        twins.row
+    }
+
+    #[test]
+    fn a_wrong_mirror_is_noticed() {
+        let row = row(Embodiment::Hand, D2::FlipX, D2::FlipY);
+        assert!(row.free_deviation > 1e-2, "{row:?}");
+        assert!(row.reward_deviation > 1e-2, "{row:?}");
+        assert!(row.frames_differing * 2 > row.frames, "{row:?}");
+    }
+
+    #[test]
+    fn the_arm_is_not_symmetric_open_loop() {
+        let row = row(Embodiment::Sawyer, D2::FlipY, D2::FlipY);
+        assert!(row.free_deviation > 1e-3, "{row:?}");
+    }
+}

@@ -1,0 +1,167 @@
+//! Two layouts of the same tasks: the symmetric one to learn on, and Meta-World's own figures to compare with.
+
+use glam::DVec3;
+use symmetry::D2;
+
+use crate::embodiment::{Embodiment, Mjcf};
+use crate::task::{TaskGroup, TaskVariant};
+use crate::{Dynamics, EnvError, HAND_START};
+
+macro_rules! part {
+    ($folder:literal, $file:literal) => {
+        (
+            $file,
+            include_str!(concat!("../../assets/mjcf/", $folder, "/", $file)),
+        )
+    };
+}
+
+macro_rules! parts {
+    ($folder:literal) => {
+        [
+            part!($folder, "left_finger.xml"),
+            part!($folder, "plunger.xml"),
+            part!($folder, "handle.xml"),
+            part!($folder, "bars.xml"),
+        ]
+    };
+}
+
+const SYMMETRIC: [Mjcf; 4] = parts!("symmetric");
+const META_WORLD: [Mjcf; 4] = parts!("metaworld");
+const STOCK_ARM: Mjcf = part!("metaworld", "sawyer.xml");
+const DECOY: Mjcf = part!("metaworld", "decoy.xml");
+
+/// Physics steps until a hand is at rest at its start: 10 s.
+const SETTLED: usize = 4000;
+/// Physics steps of Meta-World's reset: 0.625 s, after which its arm still moves.
+const STOCK_RESET: usize = 250;
+
+/// How a scene comes to where its episodes start.
+pub(crate) struct Settling {
+    /// Where the hand's target stands (metres).
+    pub hand_start: DVec3,
+    /// Joints and positions away from zero.
+    pub posture: Vec<(&'static str, f64)>,
+    /// Physics steps until episodes may start.
+    pub steps: usize,
+}
+
+/// Whose figures a scene follows. In both the world's origin is the centre of the table; Meta-World's own is 0.6 m nearer to the robot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Layout {
+    /// Centred, settled, off-centre placements: four variants in four quadrants.
+    #[default]
+    Symmetric,
+    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; one variant, the identity.
+    MetaWorld,
+}
+
+impl Layout {
+    /// Every layout.
+    pub const ALL: [Self; 2] = [Self::Symmetric, Self::MetaWorld];
+
+    /// The name as options spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Symmetric => "symmetric",
+            Self::MetaWorld => "metaworld",
+        }
+    }
+
+    /// The variants that a group has in this layout.
+    pub fn elements(self) -> &'static [D2] {
+        match self {
+            Self::Symmetric => &D2::ALL,
+            Self::MetaWorld => &[D2::Identity],
+        }
+    }
+
+    /// Every variant of every group in this layout.
+    pub fn variants(self) -> impl Iterator<Item = TaskVariant> {
+        TaskVariant::all().filter(move |variant| self.elements().contains(&variant.element))
+    }
+
+    /// The dynamics that go with this layout.
+    pub fn dynamics(self) -> Dynamics {
+        match self {
+            Self::Symmetric => Dynamics::default(),
+            Self::MetaWorld => Dynamics::meta_world(),
+        }
+    }
+
+    /// Lowest and highest corner (metres) of the box that holds the hand's target.
+    pub(crate) fn target_bounds(self) -> [DVec3; 2] {
+        match self {
+            // wider along y than the hand needs, so that a blocked hand can push
+            Self::Symmetric => [DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35)],
+            Self::MetaWorld => [DVec3::new(-0.5, -0.2, 0.05), DVec3::new(0.5, 0.4, 0.5)],
+        }
+    }
+
+    /// Where the hand's target stands when an episode starts (metres).
+    fn hand_start(self, group: TaskGroup) -> DVec3 {
+        match (self, group) {
+            (Self::Symmetric, _) => HAND_START,
+            (Self::MetaWorld, TaskGroup::ButtonPress) => DVec3::new(0.0, -0.2, 0.2),
+            (Self::MetaWorld, _) => DVec3::new(0.0, 0.0, 0.2),
+        }
+    }
+
+    /// How a scene comes to where its episodes start.
+    pub(crate) fn settling(self, group: TaskGroup, embodiment: Embodiment) -> Settling {
+        let hand_start = self.hand_start(group);
+        let posture = match (self, embodiment) {
+            // the stock arm comes from its initial pose, stretched to the side
+            (Self::MetaWorld, Embodiment::Sawyer) => Vec::new(),
+            _ => embodiment.posture(hand_start),
+        };
+        let steps = match self {
+            Self::Symmetric => SETTLED,
+            Self::MetaWorld => STOCK_RESET,
+        };
+        Settling {
+            hand_start,
+            posture,
+            steps,
+        }
+    }
+
+    /// The embodiment's part of a scene.
+    pub(crate) fn embodiment(self, embodiment: Embodiment) -> Mjcf {
+        match (self, embodiment) {
+            (Self::MetaWorld, Embodiment::Sawyer) => STOCK_ARM,
+            _ => embodiment.mjcf(),
+        }
+    }
+
+    /// Files that other parts include by name.
+    pub(crate) fn included(self) -> &'static [Mjcf] {
+        match self {
+            Self::Symmetric => &SYMMETRIC,
+            Self::MetaWorld => &META_WORLD,
+        }
+    }
+
+    /// A part that this layout adds to a group's scene.
+    pub(crate) fn addition(self, group: TaskGroup) -> Option<Mjcf> {
+        (self == Self::MetaWorld && group == TaskGroup::GoalReach).then_some(DECOY)
+    }
+
+    /// Refuses an element that this layout has no variant for.
+    pub(crate) fn check(self, element: D2) -> Result<(), EnvError> {
+        if self.elements().contains(&element) {
+            return Ok(());
+        }
+        Err(EnvError::NoSuchVariant {
+            layout: self.name(),
+            element,
+        })
+    }
+}
+
+impl std::fmt::Display for Layout {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}

@@ -1,0 +1,218 @@
+//! `covers check`: runs the checks of the `envs` crate and prints their figures.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Subcommand;
+use envs::check::{ExpertRow, ParityRow, SymmetryRow, experts, parity, symmetry};
+use envs::{Camera, Dynamics, Embodiment};
+use serde::Serialize;
+
+use crate::CoversError;
+
+/// Share of the seeds that a scripted expert must solve.
+const EXPERT_SUCCESS: f64 = 0.98;
+/// Closed loop, an expert's return may differ by this share between the variants of a group.
+const RETURN_SPREAD: f64 = 0.03;
+/// Open loop, `hand` may stray from the mirror image by this much (metres): before anything touches, and after.
+const FREE_DEVIATION: f64 = 1e-9;
+const CONTACT_DEVIATION: f64 = 1e-6;
+
+/// Rewards and their terms may differ from Meta-World's by this much.
+const REWARD_DEVIATION: f64 = 1e-9;
+/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians): what the solver's tolerance leaves of a jammed button.
+const STEP_DEVIATION: f64 = 5e-12;
+/// Of a replayed episode the hand may end this far from Meta-World's (metres).
+const REPLAY_DEVIATION: f64 = 1e-4;
+
+/// What to check, and how much of it.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Check {
+    /// Scripted experts on all 16 variants.
+    Experts {
+        /// `sawyer` or `hand`; both where none is named.
+        #[arg(long)]
+        embodiment: Option<Embodiment>,
+        /// Episodes a variant.
+        #[arg(long, default_value_t = 100)]
+        seeds: u64,
+        /// Print one JSON array instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Recordings of Meta-World beside ours: rewards, single steps, replay.
+    Parity {
+        /// Folder of recordings named ENGINE_TASK_POLICY.npz.
+        folder: PathBuf,
+        /// Print one JSON array instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Variants beside their canonical twins, open loop and closed loop.
+    Symmetry {
+        /// `sawyer` or `hand`.
+        #[arg(long)]
+        embodiment: Embodiment,
+        /// Placements a variant.
+        #[arg(long, default_value_t = 10)]
+        seeds: u64,
+        /// Print one JSON array instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+impl Check {
+    /// Runs the check, prints its rows to `out`, and says whether every figure is within its bound.
+    ///
+    /// # Errors
+    /// What the environments say, or an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
+        match *self {
+            Self::Parity { ref folder, json } => check_parity(folder, json, out),
+            Self::Experts {
+                embodiment,
+                seeds,
+                json,
+            } => check_experts(embodiment, seeds, json, out),
+            Self::Symmetry {
+                embodiment,
+                seeds,
+                json,
+            } => check_symmetry(embodiment, seeds, json, out),
+        }
+    }
+}
+
+fn check_experts(
+    embodiment: Option<Embodiment>,
+    seeds: u64,
+    json: bool,
+    out: &mut impl Write,
+) -> Result<bool, CoversError> {
+    let embodiments = embodiment.map_or(Embodiment::ALL.to_vec(), |one| vec![one]);
+    let mut rows = Vec::new();
+    for embodiment in embodiments {
+        rows.extend(experts(embodiment, Dynamics::default(), seeds)?);
+    }
+    print(&rows, json, out, expert_line)?;
+    Ok(rows.iter().all(|row| row.success_rate() >= EXPERT_SUCCESS))
+}
+
+fn expert_line(row: &ExpertRow) -> String {
+    format!(
+        "{:<7} {:<13} {:<10} success {:>4} of {:<4} return {:>6.1}",
+        row.embodiment, row.task, row.element, row.successes, row.episodes, row.mean_return
+    )
+}
+
+fn check_symmetry(
+    embodiment: Embodiment,
+    seeds: u64,
+    json: bool,
+    out: &mut impl Write,
+) -> Result<bool, CoversError> {
+    let rows = symmetry(embodiment, Camera::default(), seeds)?;
+    print(&rows, json, out, symmetry_line)?;
+    let mirrors = |row: &SymmetryRow| {
+        row.free_deviation <= FREE_DEVIATION
+            && row.contact_deviation <= CONTACT_DEVIATION
+            && row.frames_differing == 0
+    };
+    let fair = |row: &SymmetryRow| (row.return_ratio - 1.0).abs() <= RETURN_SPREAD;
+    Ok(rows
+        .iter()
+        .all(|row| fair(row) && (embodiment == Embodiment::Sawyer || mirrors(row))))
+}
+
+fn symmetry_line(row: &SymmetryRow) -> String {
+    format!(
+        "{:<7} {:<13} {:<10} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",
+        row.embodiment,
+        row.task,
+        row.element,
+        row.free_deviation,
+        row.contact_deviation,
+        row.reward_deviation,
+        row.frames_differing,
+        row.frames,
+        row.pixels_differing,
+        row.return_ratio
+    )
+}
+
+fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, CoversError> {
+    let rows = parity(folder)?;
+    print(&rows, json, out, parity_line)?;
+    Ok(rows.iter().all(|row| {
+        row.success_mismatches == 0
+            && row.reward_deviation <= REWARD_DEVIATION
+            && row.physics_p99 <= STEP_DEVIATION
+            && row.replay_deviation <= REPLAY_DEVIATION
+    }))
+}
+
+fn parity_line(row: &ParityRow) -> String {
+    format!(
+        "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
+        row.file,
+        row.reward_deviation,
+        row.success_mismatches,
+        row.reward_steps,
+        row.physics_median,
+        row.physics_p99,
+        row.physics_max,
+        row.physics_steps,
+        row.replay_deviation,
+        row.replay_steps
+    )
+}
+
+/// One line a row, or all rows as one JSON array.
+fn print<R: Serialize>(
+    rows: &[R],
+    json: bool,
+    out: &mut impl Write,
+    line: impl Fn(&R) -> String,
+) -> Result<(), CoversError> {
+    let text = if json {
+        serde_json::json!(rows).to_string()
+    } else {
+        rows.iter().map(line).collect::<Vec<_>>().join("\n")
+    };
+    writeln!(out, "{text}").map_err(|error| CoversError::write("standard output".as_ref(), error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_repositorys_recordings_pass_and_a_folder_without_any_is_an_error() {
+        let parity = |folder: &str| Check::Parity {
+            folder: folder.into(),
+            json: false,
+        };
+        let mut out = Vec::new();
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/envs/tests/recordings");
+        assert!(parity(folder).run(&mut out).unwrap());
+        let text = String::from_utf8(out).unwrap();
+        assert_eq!(text.lines().count(), 8, "{text}");
+        assert!(parity("nowhere").run(&mut Vec::new()).is_err());
+    }
+
+    #[test]
+    fn json_holds_every_row() {
+        let check = Check::Experts {
+            embodiment: Some(Embodiment::Hand),
+            seeds: 1,
+            json: true,
+        };
+        let mut out = Vec::new();
+        assert!(check.run(&mut out).unwrap());
+        let rows: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        assert_eq!(rows.as_array().unwrap().len(), 16);
+        assert_eq!(rows[0]["embodiment"], "hand");
+        assert_eq!(rows[15]["successes"], 1);
+    }
+}
