@@ -66,5 +66,8 @@ pub fn summary_table(summary: &Summary) -> String {
         summary.seconds,
         summary.decisions_per_second
     );
+    if summary.failures > 0 {
+        let _ = write!(table, ", {} failures of environments", summary.failures);
+    }
     table
 }

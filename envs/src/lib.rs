@@ -42,6 +42,7 @@ mod picture;
 pub mod reward;
 mod scene;
 mod settings;
+mod share;
 mod tabletop;
 mod task;
 pub mod tasks;
@@ -59,4 +60,4 @@ pub use tabletop::{
 pub use task::{
     Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,
 };
-pub use vec_env::{ObservationsMut, StepMut, VecEnv};
+pub use vec_env::{Failure, ObservationsMut, StepMut, VecEnv};

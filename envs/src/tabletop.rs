@@ -142,6 +142,11 @@ impl TableTop {
         &self.scene
     }
 
+    /// The simulation, to be looked at: positions of bodies, contacts, its saved state.
+    pub fn simulation(&self) -> &Data {
+        &self.data
+    }
+
     /// The simulation, for a renderer.
     pub(crate) fn data_mut(&mut self) -> &mut Data {
         &mut self.data

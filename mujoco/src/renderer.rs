@@ -346,6 +346,34 @@ fn flip_rows(image: &mut [u8], row: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use khronos_egl as egl;
+
+    fn renderer() -> (Data, Renderer) {
+        let xml = r#"<mujoco><worldbody><camera name="top" pos="0 0 2"/></worldbody></mujoco>"#;
+        let model = Arc::new(Model::from_xml(xml).unwrap());
+        let backends = [Backend::EglSurfaceless];
+        let options = RenderOptions::default();
+        let renderer = Renderer::with_backends(Arc::clone(&model), 8, 8, options, &backends);
+        (Data::new(model), renderer.unwrap())
+    }
+
+    #[test]
+    fn a_lost_context_is_an_error_of_its_renderer_alone() {
+        let (mut data, mut lost) = renderer();
+        // SAFETY: EGL is loaded already; loading it again runs nothing.
+        let egl = unsafe { egl::DynamicInstance::<egl::EGL1_5>::load_required() }.unwrap();
+        let (display, context) = (egl.get_current_display(), egl.get_current_context());
+        let (mut other_data, mut other) = renderer();
+        egl.destroy_context(display.unwrap(), context.unwrap())
+            .unwrap();
+        let camera = data.model().camera("top").unwrap();
+        let mut image = vec![0; lost.image_len()];
+        let error = lost.render(&mut data, camera, &mut image).unwrap_err();
+        assert!(matches!(error, RenderError::Current { .. }), "{error:?}");
+        let text = error.to_string();
+        assert!(text.contains("lost") && text.contains("make a new renderer"));
+        other.render(&mut other_data, camera, &mut image).unwrap();
+    }
 
     #[test]
     fn rows_are_reversed_and_pixels_kept() {

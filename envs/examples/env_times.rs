@@ -1,0 +1,263 @@
+//! Times environments on request, for `benches/peers/envs.sh`: reads lines `<measure> <embodiment> <task> <threads>` and
+//! answers each with one number.
+//!
+//! Measures: `state` (control steps per second without pictures), `ceiling` (the same motion by bare physics steps),
+//! `image` (control steps per second of a `VecEnv` with a 64 x 64 x 6 image each), `frame` (milliseconds of one picture),
+//! `reset` (milliseconds, without a picture), `memory` (megabytes of this process with 64 environments and their images).
+//! Threads work side by side and their rates add up.
+
+use std::error::Error;
+use std::io::{Write, stdin, stdout};
+use std::sync::{Arc, Barrier};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use envs::{
+    ACTION_DIM, Camera, Dynamics, Embodiment, HAND_START, ObservationsMut, Painter, RGB, Scene,
+    StepMut, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+};
+use glam::DVec3;
+use mujoco::Data;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+type Failure = Box<dyn Error + Send + Sync>;
+
+/// How long one answer measures.
+const TURN: Duration = Duration::from_millis(400);
+/// Environments of a `VecEnv` on each thread.
+const ENVS: usize = 16;
+/// Environments whose memory is asked for.
+const MANY: usize = 64;
+/// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as in Meta-World.
+const DYNAMICS: Dynamics = Dynamics {
+    action_repeat: 1,
+    displacement: 0.01,
+    horizon: 500,
+};
+
+#[derive(Clone, Copy)]
+struct Subject {
+    embodiment: Embodiment,
+    group: TaskGroup,
+    camera: Camera,
+}
+
+impl Subject {
+    fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
+        Ok(Self {
+            embodiment: embodiment.parse()?,
+            group: group.parse()?,
+            camera: Camera {
+                size: 64,
+                ..Camera::default()
+            },
+        })
+    }
+
+    /// A table at the start of an episode, and the stream of its actions.
+    fn table(self) -> Result<(TableTop, ChaCha8Rng), Failure> {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let scene = Scene::new(self.group, self.embodiment, self.camera)?;
+        let mut table = TableTop::new(Arc::new(scene), DYNAMICS)?;
+        table.reset(D2::Identity, &mut rng)?;
+        Ok((table, rng))
+    }
+
+    fn state(self, start: &Barrier) -> Result<f64, Failure> {
+        let (mut table, mut rng) = self.table()?;
+        start.wait();
+        rate(|| {
+            if table.step(&action(&mut rng))?.truncated {
+                table.reset(D2::Identity, &mut rng)?;
+            }
+            Ok(())
+        })
+    }
+
+    /// What `state` asks of MuJoCo and nothing else: the target moves, the fingers are set, five physics steps.
+    fn ceiling(self, start: &Barrier) -> Result<f64, Failure> {
+        let (table, mut rng) = self.table()?;
+        let model = &table.scene().model;
+        let hand_target = model.mocap("hand_target")?;
+        let (mut data, begin) = (Data::new(Arc::clone(model)), table.simulation().save());
+        let (mut target, mut steps) = (HAND_START, 0);
+        start.wait();
+        rate(|| {
+            if steps % DYNAMICS.horizon == 0 {
+                data.restore(&begin)?;
+                target = HAND_START;
+            }
+            steps += 1;
+            let [x, y, z, finger] = action(&mut rng).map(f64::from);
+            let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
+            target = (target + DYNAMICS.displacement * DVec3::new(x, y, z)).clamp(low, high);
+            data.set_mocap_position(hand_target, target.to_array())?;
+            data.set_ctrl(&[finger, -finger])?;
+            Ok(data.step(5)?)
+        })
+    }
+
+    fn reset(self) -> Result<f64, Failure> {
+        let (mut table, mut rng) = self.table()?;
+        let resets = rate(|| Ok(table.reset(D2::FlipX, &mut rng)?))?;
+        Ok(1e3 / resets)
+    }
+
+    fn frame(self) -> Result<f64, Failure> {
+        let (mut table, mut rng) = self.table()?;
+        let mut painter = Painter::new(Arc::clone(table.scene()))?;
+        let mut rgb = vec![0; self.camera.size * self.camera.size * RGB];
+        let (mut spent, mut frames, start) = (Duration::ZERO, 0_u32, Instant::now());
+        while start.elapsed() < TURN {
+            // pictures of a moving scene, without the time of the motion
+            if table.step(&action(&mut rng))?.truncated {
+                table.reset(D2::Identity, &mut rng)?;
+            }
+            let before = Instant::now();
+            painter.paint(&mut table, &mut rgb)?;
+            spent += before.elapsed();
+            frames += 1;
+        }
+        Ok(1e3 * spent.as_secs_f64() / f64::from(frames))
+    }
+
+    fn image(self, threads: usize) -> Result<f64, Failure> {
+        let mut batch = Batch::new(self, ENVS * threads, threads)?;
+        batch.step()?;
+        Ok((ENVS * threads) as f64 * rate(|| batch.step())?)
+    }
+
+    fn memory(self, threads: usize) -> Result<f64, Failure> {
+        let mut batch = Batch::new(self, MANY, threads)?;
+        for _ in 0..50 {
+            batch.step()?;
+        }
+        let status = std::fs::read_to_string("/proc/self/status")?;
+        let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let kilobytes = resident.and_then(|text| text.split_whitespace().next());
+        Ok(kilobytes.ok_or("no VmRSS")?.parse::<f64>()? / 1024.0)
+    }
+}
+
+/// A vector environment, its random actions and its buffers.
+struct Batch {
+    env: VecEnv,
+    rng: ChaCha8Rng,
+    actions: Vec<f32>,
+    images: [Vec<u8>; 2],
+    vectors: [Vec<f32>; 2],
+    rewards: Vec<f32>,
+    flags: [Vec<bool>; 2],
+}
+
+impl Batch {
+    fn new(subject: Subject, n: usize, threads: usize) -> Result<Self, Failure> {
+        let settings = VecEnvSettings {
+            num_envs: n,
+            threads,
+            embodiment: subject.embodiment,
+            camera: subject.camera,
+            dynamics: DYNAMICS,
+            ..VecEnvSettings::default()
+        };
+        let image = settings.image_len();
+        let mut batch = Self {
+            env: VecEnv::new(settings, subject.group, &D2::ALL)?,
+            rng: ChaCha8Rng::seed_from_u64(0),
+            actions: vec![0.0; n * ACTION_DIM],
+            images: [vec![0; n * image], vec![0; n * image]],
+            vectors: [vec![0.0; n * VECTOR_DIM], vec![0.0; n * VECTOR_DIM]],
+            rewards: vec![0.0; n],
+            flags: [vec![false; n], vec![false; n]],
+        };
+        batch.env.reset(ObservationsMut {
+            images: &mut batch.images[0],
+            vectors: &mut batch.vectors[0],
+        })?;
+        Ok(batch)
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        for row in self.actions.chunks_exact_mut(ACTION_DIM) {
+            row.copy_from_slice(&action(&mut self.rng));
+        }
+        let [images, final_images] = &mut self.images;
+        let [vectors, final_vectors] = &mut self.vectors;
+        let [success, truncated] = &mut self.flags;
+        self.env.step(
+            &self.actions,
+            StepMut {
+                observations: ObservationsMut { images, vectors },
+                final_observations: ObservationsMut {
+                    images: final_images,
+                    vectors: final_vectors,
+                },
+                rewards: &mut self.rewards,
+                success,
+                truncated,
+            },
+        )?;
+        Ok(())
+    }
+}
+
+fn action(rng: &mut ChaCha8Rng) -> [f32; ACTION_DIM] {
+    std::array::from_fn(|_| rng.random_range(-1.0..1.0))
+}
+
+/// Runs per second of `run`, over one turn.
+fn rate(mut run: impl FnMut() -> Result<(), Failure>) -> Result<f64, Failure> {
+    let (mut runs, start) = (0_u32, Instant::now());
+    while start.elapsed() < TURN {
+        run()?;
+        runs += 1;
+    }
+    Ok(f64::from(runs) / start.elapsed().as_secs_f64())
+}
+
+/// The sum of the rates that `work` reaches on each of `threads` threads at the same time.
+fn side_by_side(
+    threads: usize,
+    work: impl Fn(&Barrier) -> Result<f64, Failure> + Sync,
+) -> Result<f64, Failure> {
+    let barrier = Barrier::new(threads);
+    thread::scope(|scope| {
+        let running: Vec<_> = (0..threads)
+            .map(|_| scope.spawn(|| work(&barrier)))
+            .collect();
+        let mut sum = 0.0;
+        for thread in running {
+            sum += thread.join().map_err(|_| "a thread panicked")??;
+        }
+        Ok(sum)
+    })
+}
+
+fn answer(line: &str) -> Result<f64, Failure> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let [measure, embodiment, group, threads] = words[..] else {
+        return Err("expected `<measure> <embodiment> <task> <threads>`".into());
+    };
+    let (subject, threads) = (Subject::parse(embodiment, group)?, threads.parse()?);
+    match measure {
+        "state" => side_by_side(threads, |start| subject.state(start)),
+        "ceiling" => side_by_side(threads, |start| subject.ceiling(start)),
+        "image" => subject.image(threads),
+        "frame" => subject.frame(),
+        "reset" => subject.reset(),
+        "memory" => subject.memory(threads),
+        _ => Err(format!("unknown measure `{measure}`").into()),
+    }
+}
+
+fn main() -> Result<(), Failure> {
+    // the first model of a process tunes software rendering, provided that there are no threads yet
+    Subject::parse("sawyer", "goal-reach")?.table()?;
+    for line in stdin().lines() {
+        writeln!(stdout(), "{}", answer(&line?)?)?;
+        stdout().flush()?;
+    }
+    Ok(())
+}
