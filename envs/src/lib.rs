@@ -49,7 +49,7 @@ pub mod tasks;
 mod vec_env;
 mod worker;
 
-pub use camera::Camera;
+pub use camera::{Camera, Light, Mark};
 pub use error::EnvError;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
 pub use scene::{Embodiment, HAND_START, Scene};

@@ -40,7 +40,7 @@ impl Painter {
         self.renderer
             .render(table.data_mut(), self.scene.camera_id, rgb)?;
         let camera = &self.scene.camera;
-        camera.draw_disc(table.hand(), camera.disc_color, rgb);
+        camera.draw_mark(&camera.mark, table.hand(), rgb);
         Ok(())
     }
 }

@@ -126,10 +126,7 @@ fn compile(task: &Parts, embodiment: Embodiment, camera: &Camera) -> Result<Mode
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
         .collect();
-    let main = format!(
-        "<mujoco>{includes}<worldbody>{}</worldbody></mujoco>",
-        camera.to_mjcf("top")
-    );
+    let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     let files: Vec<(&str, &[u8])> = parts
         .iter()

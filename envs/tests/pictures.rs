@@ -137,7 +137,10 @@ fn a_point_projects_to_its_pixel() {
     // the puck's centre, dark on the table, against the camera's own projection
     let camera = Camera {
         size: 96,
-        disc_radius: 0.0,
+        mark: envs::Mark {
+            radius: 0.0,
+            ..envs::Mark::default()
+        },
         ..Camera::default()
     };
     let scene = Arc::new(Scene::new(TaskGroup::ButtonPress, Embodiment::Sawyer, camera).unwrap());

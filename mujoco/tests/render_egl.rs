@@ -131,6 +131,40 @@ fn shadows_are_off_unless_asked_for() {
     assert_ne!(image_with(true), image_with(false));
 }
 
+/// A slanted edge, lit evenly: multisampling would mix the two colours along it.
+#[test]
+fn edges_are_not_smoothed() {
+    let xml = r#"<mujoco><visual><quality offsamples="4"/><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+      <worldbody>
+        <camera name="top" pos="0 0 2"/>
+        <geom type="box" size=".5 .3 .1" euler="0 0 25" rgba="1 1 1 1"/>
+      </worldbody></mujoco>"#;
+    let (mut data, mut renderer) = ready(xml, RenderOptions::default());
+    let mut levels = draw(&mut data, &mut renderer);
+    levels.sort_unstable();
+    levels.dedup();
+    assert_eq!(levels, [0, 255]);
+}
+
+/// A mirror under a red ball that the camera sees beside the ball, or would.
+#[test]
+fn mirrors_do_not_reflect() {
+    let image = |reflectance| {
+        let xml = format!(
+            r#"<mujoco>
+                 <asset><material name="mirror" reflectance="{reflectance}" rgba=".5 .5 .5 1"/></asset>
+                 <worldbody>
+                   <camera name="top" pos="0 -1 1" euler="45 0 0"/>
+                   <geom type="plane" size="3 3 .1" material="mirror"/>
+                   <geom type="sphere" size=".2" pos="0 .5 .8" rgba="1 0 0 1"/>
+                 </worldbody></mujoco>"#
+        );
+        let (mut data, mut renderer) = ready(&xml, RenderOptions::default());
+        draw(&mut data, &mut renderer)
+    };
+    assert_eq!(image(0.9), image(0.0));
+}
+
 #[test]
 fn bad_arguments_are_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
