@@ -155,30 +155,45 @@ impl Camera {
     /// Draws `mark` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
     pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
-        let [radius, hole] = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
+        let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
         let middle = self.size as f64 / 2.0;
-        // pixels beyond these cannot be reached by the mark
-        let span = |centre: f64| {
-            let low = (centre - radius - 1.0).clamp(0.0, self.size as f64) as usize;
-            let high = (centre + radius + 1.0).clamp(0.0, self.size as f64) as usize;
-            low..high
-        };
-        let columns = span(middle + u);
-        for row in span(middle - v) {
-            let dy = (middle - (row as f64 + 0.5)) - v;
-            for col in columns.clone() {
-                let dx = ((col as f64 + 0.5) - middle) - u;
-                let distance = dx * dx + dy * dy;
-                if distance < radius * radius && distance >= hole * hole {
-                    rgb[(row * self.size + col) * 3..][..3].copy_from_slice(&mark.color);
-                }
+        draw_ring([middle; 2], [u, -v], radii, mark.color, self.size, rgb);
+    }
+}
+
+/// Colours the pixels of `rgb` `[H, width, 3]` whose middles are nearer than `radii[0]` and not nearer than `radii[1]` to the point `offset` (right,
+/// down) from `centre` (column, row); all in pixels. Mirroring the offset mirrors the ring exactly where the centre is the picture's.
+pub(crate) fn draw_ring(
+    centre: [f64; 2],
+    offset: [f64; 2],
+    radii: [f64; 2],
+    color: [u8; 3],
+    width: usize,
+    rgb: &mut [u8],
+) {
+    // pixels outside of these ranges cannot be reached
+    let reach = |axis: usize, count: usize| {
+        let middle = centre[axis] + offset[axis];
+        let [low, high] = [-1.0, 1.0].map(|side| middle + side * (radii[0] + 1.0));
+        let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
+        pixel(low)..pixel(high)
+    };
+    let squares = radii.map(|radius| radius * radius);
+    let columns = reach(0, width);
+    for row in reach(1, rgb.len() / (3 * width)) {
+        let dy = ((row as f64 + 0.5) - centre[1]) - offset[1];
+        for column in columns.clone() {
+            let dx = ((column as f64 + 0.5) - centre[0]) - offset[0];
+            let distance = dx * dx + dy * dy;
+            if distance < squares[0] && distance >= squares[1] {
+                rgb[(row * width + column) * 3..][..3].copy_from_slice(&color);
             }
         }
     }
 }
 
 impl Mark {
-    fn check(&self) -> Result<(), EnvError> {
+    pub(crate) fn check(&self) -> Result<(), EnvError> {
         let drawn = self.radius >= 0.0 && self.radius.is_finite();
         require(drawn, "mark radius", &self.radius, RADIUS)?;
         let inside = (0.0..=self.radius).contains(&self.hole);
@@ -193,7 +208,8 @@ const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "a length in metres, or 0 for no mark";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 
-fn require(
+/// Refuses a setting where a condition does not hold.
+pub(crate) fn require(
     holds: bool,
     name: &'static str,
     value: &dyn ToString,

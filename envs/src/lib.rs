@@ -38,6 +38,7 @@ struct Readme;
 
 mod camera;
 mod error;
+pub mod inpainting;
 mod picture;
 pub mod reward;
 mod scene;

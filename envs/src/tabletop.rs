@@ -261,7 +261,7 @@ impl TableTop {
     }
 
     /// Position of the hand (metres, world frame).
-    pub(crate) fn hand(&self) -> DVec3 {
+    pub fn hand(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 

@@ -57,7 +57,7 @@ pub use data::{Contact, Data};
 pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::Backend;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
-pub use model::Model;
+pub use model::{Model, Shape};
 pub use renderer::{RenderOptions, Renderer};
 pub use state::State;
 

@@ -14,6 +14,35 @@ use crate::init;
 use crate::raw;
 use crate::vfs::{Vfs, file_name};
 
+/// Shape of a geom, in its own frame, in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A ball.
+    Sphere {
+        /// Its radius.
+        radius: f64,
+    },
+    /// A cylinder along z with half a ball on either end.
+    Capsule {
+        /// Radius of cylinder and balls.
+        radius: f64,
+        /// Half the length of the cylinder, without the balls.
+        half_length: f64,
+    },
+    /// A cylinder along z.
+    Cylinder {
+        /// Its radius.
+        radius: f64,
+        /// Half its length.
+        half_length: f64,
+    },
+    /// A box.
+    Box {
+        /// Half its extent along x, y and z.
+        half: [f64; 3],
+    },
+}
+
 /// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
 /// [`Renderer`](crate::Renderer) of any number of threads.
 ///
@@ -215,6 +244,31 @@ impl Model {
     /// Body that a geom is fixed to.
     pub fn geom_body(&self, geom: GeomId) -> BodyId {
         Id::new(self.array(self.get().geom_bodyid, self.get().ngeom)[geom.index()] as usize)
+    }
+
+    /// Every geom, in the model's order.
+    pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
+        (0..self.ngeom()).map(Id::new)
+    }
+
+    /// Shape of a geom; its axis, where it has one, is the z axis of its frame. None for planes, meshes and other shapes
+    /// that three figures do not describe.
+    pub fn geom_shape(&self, geom: GeomId) -> Option<Shape> {
+        let [x, y, z] = self.geom_size(geom);
+        let kind = self.array(self.get().geom_type, self.get().ngeom)[geom.index()];
+        match kind.cast_unsigned() {
+            raw::mjGEOM_SPHERE => Some(Shape::Sphere { radius: x }),
+            raw::mjGEOM_CAPSULE => Some(Shape::Capsule {
+                radius: x,
+                half_length: y,
+            }),
+            raw::mjGEOM_CYLINDER => Some(Shape::Cylinder {
+                radius: x,
+                half_length: y,
+            }),
+            raw::mjGEOM_BOX => Some(Shape::Box { half: [x, y, z] }),
+            _ => None,
+        }
     }
 
     /// Group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides groups.
