@@ -13,8 +13,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, Camera, Dynamics, Embodiment, HAND_START, ObservationsMut, Painter, RGB, Scene,
-    StepMut, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Dynamics, Embodiment, HAND_START, Painter, RGB, Scene, TableTop,
+    TaskGroup, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -124,15 +124,15 @@ impl Subject {
     }
 
     fn image(self, threads: usize) -> Result<f64, Failure> {
-        let mut batch = Batch::new(self, ENVS * threads, threads)?;
-        batch.step()?;
-        Ok((ENVS * threads) as f64 * rate(|| batch.step())?)
+        let mut driven = Driven::new(self, ENVS * threads, threads)?;
+        driven.step()?;
+        Ok((ENVS * threads) as f64 * rate(|| driven.step())?)
     }
 
     fn memory(self, threads: usize) -> Result<f64, Failure> {
-        let mut batch = Batch::new(self, MANY, threads)?;
+        let mut driven = Driven::new(self, MANY, threads)?;
         for _ in 0..50 {
-            batch.step()?;
+            driven.step()?;
         }
         let status = std::fs::read_to_string("/proc/self/status")?;
         let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
@@ -141,65 +141,42 @@ impl Subject {
     }
 }
 
-/// A vector environment, its random actions and its buffers.
-struct Batch {
+/// A vector environment and its random actions.
+struct Driven {
     env: VecEnv,
     rng: ChaCha8Rng,
     actions: Vec<f32>,
-    images: [Vec<u8>; 2],
-    vectors: [Vec<f32>; 2],
-    rewards: Vec<f32>,
-    flags: [Vec<bool>; 2],
+    batch: Batch,
 }
 
-impl Batch {
-    fn new(subject: Subject, n: usize, threads: usize) -> Result<Self, Failure> {
+impl Driven {
+    fn new(subject: Subject, num_envs: usize, threads: usize) -> Result<Self, Failure> {
         let settings = VecEnvSettings {
-            num_envs: n,
+            num_envs,
             threads,
             embodiment: subject.embodiment,
             camera: subject.camera,
             dynamics: DYNAMICS,
             ..VecEnvSettings::default()
         };
-        let image = settings.image_len();
-        let mut batch = Self {
+        let mut driven = Self {
             env: VecEnv::new(settings, subject.group, &D2::ALL)?,
             rng: ChaCha8Rng::seed_from_u64(0),
-            actions: vec![0.0; n * ACTION_DIM],
-            images: [vec![0; n * image], vec![0; n * image]],
-            vectors: [vec![0.0; n * VECTOR_DIM], vec![0.0; n * VECTOR_DIM]],
-            rewards: vec![0.0; n],
-            flags: [vec![false; n], vec![false; n]],
+            actions: vec![0.0; num_envs * ACTION_DIM],
+            batch: Batch::new(&settings),
         };
-        batch.env.reset(ObservationsMut {
-            images: &mut batch.images[0],
-            vectors: &mut batch.vectors[0],
-        })?;
-        Ok(batch)
+        driven.env.reset(driven.batch.observations())?;
+        Ok(driven)
     }
 
     fn step(&mut self) -> Result<(), Failure> {
         for row in self.actions.chunks_exact_mut(ACTION_DIM) {
             row.copy_from_slice(&action(&mut self.rng));
         }
-        let [images, final_images] = &mut self.images;
-        let [vectors, final_vectors] = &mut self.vectors;
-        let [success, truncated] = &mut self.flags;
-        self.env.step(
-            &self.actions,
-            StepMut {
-                observations: ObservationsMut { images, vectors },
-                final_observations: ObservationsMut {
-                    images: final_images,
-                    vectors: final_vectors,
-                },
-                rewards: &mut self.rewards,
-                success,
-                truncated,
-            },
-        )?;
-        Ok(())
+        match self.env.step(&self.actions, self.batch.step())? {
+            [] => Ok(()),
+            [failure, ..] => Err(failure.error.to_string().into()),
+        }
     }
 }
 

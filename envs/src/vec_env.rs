@@ -6,36 +6,13 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::EnvError;
+use crate::batch::{ObservationsMut, StepMut};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::share::{Command, Rows};
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
-
-/// Borrowed buffers for the observations of N environments.
-#[derive(Debug)]
-pub struct ObservationsMut<'a> {
-    /// `[N, size, size, 6]`: current and first RGB picture of the episode.
-    pub images: &'a mut [u8],
-    /// `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
-    pub vectors: &'a mut [f32],
-}
-
-/// Borrowed buffers for the outcome of one step of N environments.
-#[derive(Debug)]
-pub struct StepMut<'a> {
-    /// What the next action should be chosen from: of the next episode where one ended.
-    pub observations: ObservationsMut<'a>,
-    /// The last observation of an episode; rows are written only where `truncated`.
-    pub final_observations: ObservationsMut<'a>,
-    /// `[N]`, in `[0, 1]`.
-    pub rewards: &'a mut [f32],
-    /// `[N]`: the success condition held during the step.
-    pub success: &'a mut [bool],
-    /// `[N]`: the episode reached its time limit, or its environment failed; tasks never end otherwise.
-    pub truncated: &'a mut [bool],
-}
 
 /// What went wrong in one environment while the others went on.
 #[derive(Debug)]

@@ -8,9 +8,7 @@
 use std::alloc::System;
 use std::hint::black_box;
 
-use envs::{
-    ACTION_DIM, Dynamics, ObservationsMut, StepMut, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
-};
+use envs::{ACTION_DIM, Batch, Dynamics, TaskGroup, VecEnv, VecEnvSettings};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
 
@@ -40,33 +38,13 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, TaskGroup::PlateSlide, &D2::ALL).unwrap();
-    let image = settings.image_len();
-    let (mut images, mut last_images) = (vec![0; N * image], vec![0; N * image]);
-    let (mut vectors, mut last_vectors) = ([0.0; N * VECTOR_DIM], [0.0; N * VECTOR_DIM]);
-    let (mut rewards, mut success, mut truncated) = ([0.0; N], [false; N], [false; N]);
-    env.reset(ObservationsMut {
-        images: &mut images,
-        vectors: &mut vectors,
-    })
-    .unwrap();
+    let mut batch = Batch::new(&settings);
+    env.reset(batch.observations()).unwrap();
     let mut ends = 0;
     let mut steps = |n| {
         for _ in 0..n {
-            let out = StepMut {
-                observations: ObservationsMut {
-                    images: &mut images,
-                    vectors: &mut vectors,
-                },
-                final_observations: ObservationsMut {
-                    images: &mut last_images,
-                    vectors: &mut last_vectors,
-                },
-                rewards: &mut rewards,
-                success: &mut success,
-                truncated: &mut truncated,
-            };
-            env.step(&[0.3; N * ACTION_DIM], out).unwrap();
-            ends += usize::from(truncated[0]);
+            env.step(&[0.3; N * ACTION_DIM], batch.step()).unwrap();
+            ends += usize::from(batch.truncated[0]);
         }
     };
     steps(4);

@@ -5,62 +5,14 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Dynamics, EnvError, ObservationsMut, Painter, RGB, Scene, StepMut,
-    TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Dynamics, EnvError, ObservationsMut, Painter, RGB, Scene, TableTop,
+    TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 const N: usize = 3;
-
-struct Buffers {
-    images: Vec<u8>,
-    vectors: Vec<f32>,
-    final_images: Vec<u8>,
-    final_vectors: Vec<f32>,
-    rewards: Vec<f32>,
-    success: Vec<bool>,
-    truncated: Vec<bool>,
-}
-
-impl Buffers {
-    fn new(settings: &VecEnvSettings) -> Self {
-        let (n, image) = (settings.num_envs, settings.image_len());
-        Self {
-            images: vec![0; n * image],
-            vectors: vec![0.0; n * VECTOR_DIM],
-            final_images: vec![0; n * image],
-            final_vectors: vec![0.0; n * VECTOR_DIM],
-            rewards: vec![0.0; n],
-            success: vec![false; n],
-            truncated: vec![false; n],
-        }
-    }
-
-    fn observations(&mut self) -> ObservationsMut<'_> {
-        ObservationsMut {
-            images: &mut self.images,
-            vectors: &mut self.vectors,
-        }
-    }
-
-    fn step(&mut self) -> StepMut<'_> {
-        StepMut {
-            observations: ObservationsMut {
-                images: &mut self.images,
-                vectors: &mut self.vectors,
-            },
-            final_observations: ObservationsMut {
-                images: &mut self.final_images,
-                vectors: &mut self.final_vectors,
-            },
-            rewards: &mut self.rewards,
-            success: &mut self.success,
-            truncated: &mut self.truncated,
-        }
-    }
-}
 
 fn settings(threads: usize) -> VecEnvSettings {
     VecEnvSettings {
@@ -89,7 +41,7 @@ fn action(step: usize) -> Vec<f32> {
 fn trace(threads: usize) -> Vec<u32> {
     let settings = settings(threads);
     let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     let mut trace = Vec::new();
     for group in [
         TaskGroup::DrawerClose,
@@ -124,7 +76,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     let start = buffers.vectors.clone();
     for step in 1..=settings.dynamics.decisions() {
@@ -213,7 +165,7 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
     let (settings, group) = (settings(2), TaskGroup::ButtonPress);
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
     env.reset(buffers.observations()).unwrap();
     for (env, twin) in twins.iter_mut().enumerate() {
@@ -249,9 +201,9 @@ fn variants_are_drawn_from_the_elements_given() {
         ..settings(2)
     };
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &[D2::FlipX]).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
-    let goals = |buffers: &Buffers| -> Vec<(bool, bool)> {
+    let goals = |buffers: &Batch| -> Vec<(bool, bool)> {
         let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
@@ -270,7 +222,7 @@ fn variants_are_drawn_from_the_elements_given() {
 fn bad_input_is_refused_and_changes_nothing() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     let early = env.step(&action(0), buffers.step()).unwrap_err();
     assert!(
         early.to_string().contains("no episode is running"),
@@ -294,7 +246,7 @@ fn bad_input_is_refused_and_changes_nothing() {
     assert!(none.to_string().contains("no variants of goal-reach"));
     env.step(&action(0), buffers.step()).unwrap();
     let mut fresh = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut expected = Buffers::new(&settings);
+    let mut expected = Batch::new(&settings);
     fresh.reset(expected.observations()).unwrap();
     fresh.step(&action(0), expected.step()).unwrap();
     assert_eq!(buffers.vectors, expected.vectors);
@@ -305,7 +257,7 @@ fn bad_input_is_refused_and_changes_nothing() {
 fn a_switch_ends_running_episodes() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &[D2::Identity]).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
@@ -325,7 +277,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
     let settings = settings(2);
     let mut plain = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
     let mut prepared = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut buffers = [Buffers::new(&settings), Buffers::new(&settings)];
+    let mut buffers = [Batch::new(&settings), Batch::new(&settings)];
     let [a, b] = &mut buffers;
     for group in [TaskGroup::GoalReach, TaskGroup::PlateSlide] {
         plain.set_tasks(group, &D2::ALL).unwrap();

@@ -1,7 +1,7 @@
 //! Environments that fail, and the others.
 
 use super::*;
-use crate::{Camera, Dynamics, TableTop};
+use crate::{Batch, Camera, Dynamics, TableTop};
 
 const N: usize = 3;
 /// The environment that is made to fail.
@@ -20,8 +20,7 @@ struct Seen {
 
 struct Rig {
     env: VecEnv,
-    images: [Vec<u8>; 2],
-    vectors: [Vec<f32>; 2],
+    batch: Batch,
 }
 
 impl Rig {
@@ -39,28 +38,27 @@ impl Rig {
             },
             ..VecEnvSettings::default()
         };
-        let image = settings.image_len();
         Self {
             env: VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap(),
-            images: [vec![0; N * image], vec![0; N * image]],
-            vectors: [vec![0.0; N * VECTOR_DIM], vec![0.0; N * VECTOR_DIM]],
+            batch: Batch::new(&settings),
         }
     }
 
     fn reset(&mut self) -> Vec<String> {
-        let out = ObservationsMut {
-            images: &mut self.images[0],
-            vectors: &mut self.vectors[0],
-        };
-        texts(self.env.reset(out).unwrap())
+        texts(self.env.reset(self.batch.observations()).unwrap())
     }
 
-    fn observation(&self, which: usize, env: usize) -> (Vec<u8>, Vec<f32>) {
-        let image = self.env.settings.image_len();
+    /// Row `env` of an observation.
+    fn row(observation: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
+        let image = observation.images.len() / N;
         (
-            self.images[which][env * image..][..image].to_vec(),
-            self.vectors[which][env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
+            observation.images[env * image..][..image].to_vec(),
+            observation.vectors[env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
         )
+    }
+
+    fn observation(&mut self, env: usize) -> (Vec<u8>, Vec<f32>) {
+        Self::row(&self.batch.observations(), env)
     }
 
     /// One step of the same action everywhere, and the failures in it.
@@ -69,24 +67,13 @@ impl Rig {
     }
 
     fn try_step(&mut self) -> Result<(Vec<Seen>, Vec<String>), EnvError> {
-        let (mut rewards, mut success, mut truncated) = ([0.0; N], [false; N], [false; N]);
-        let [images, last_images] = &mut self.images;
-        let [vectors, last_vectors] = &mut self.vectors;
-        let out = StepMut {
-            observations: ObservationsMut { images, vectors },
-            final_observations: ObservationsMut {
-                images: last_images,
-                vectors: last_vectors,
-            },
-            rewards: &mut rewards,
-            success: &mut success,
-            truncated: &mut truncated,
-        };
-        let failures = texts(self.env.step(&[0.5; N * ACTION_DIM], out)?);
+        let actions = [0.5; N * ACTION_DIM];
+        let failures = texts(self.env.step(&actions, self.batch.step())?);
+        let out = self.batch.step();
         let seen = |env| Seen {
-            observation: self.observation(0, env),
-            last: truncated[env].then(|| self.observation(1, env)),
-            reward: rewards[env],
+            observation: Self::row(&out.observations, env),
+            last: out.truncated[env].then(|| Self::row(&out.final_observations, env)),
+            reward: out.rewards[env],
         };
         Ok(((0..N).map(seen).collect(), failures))
     }
@@ -113,7 +100,7 @@ fn check_failure(threads: usize, deed: fn(&mut TableTop), says: &str) {
         if decision == FATAL {
             hurt.sabotage(deed);
         }
-        let before = hurt.observation(0, VICTIM);
+        let before = hurt.observation(VICTIM);
         let ((expected, _), (seen, failures)) = (sane.step(), hurt.step());
         for env in (0..N).filter(|&env| env != VICTIM) {
             assert_eq!(seen[env], expected[env], "{env} in decision {decision}");
@@ -167,7 +154,7 @@ fn an_environment_that_cannot_restart_fails_in_every_step() {
         let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
         *table.data_mut() = mujoco::Data::new(Arc::new(other));
     });
-    let before = rig.observation(0, VICTIM);
+    let before = rig.observation(VICTIM);
     for says in ["panicked", "no episode is running"] {
         let (seen, failures) = rig.step();
         assert_eq!(failures.len(), 2, "{failures:?}");
