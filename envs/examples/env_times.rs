@@ -13,8 +13,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Dynamics, Embodiment, HAND_START, Painter, RGB, Scene, TableTop,
-    TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Backdrop, Batch, Camera, Dynamics, Embodiment, HAND_START, Painter, RGB, Scene,
+    TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -105,20 +105,26 @@ impl Subject {
         Ok(1e3 / resets)
     }
 
+    /// One picture as a `VecEnv` paints it, of a scene that moves between pictures; the time of the motion does not count.
     fn frame(self) -> Result<f64, Failure> {
         let (mut table, mut rng) = self.table()?;
         let mut painter = Painter::new(Arc::clone(table.scene()))?;
+        let mut backdrop = Backdrop::default();
         let mut rgb = vec![0; self.camera.size * self.camera.size * RGB];
         let (mut spent, mut frames, start) = (Duration::ZERO, 0_u32, Instant::now());
+        let mut begins = true;
         while start.elapsed() < TURN {
-            // pictures of a moving scene, without the time of the motion
-            if table.step(&action(&mut rng))?.truncated {
-                table.reset(D2::Identity, &mut rng)?;
-            }
             let before = Instant::now();
-            painter.paint(&mut table, &mut rgb)?;
+            if begins {
+                painter.paint_backdrop(&mut table, &mut backdrop)?;
+            }
+            painter.paint_over(&mut table, &backdrop, &mut rgb)?;
             spent += before.elapsed();
             frames += 1;
+            begins = table.step(&action(&mut rng))?.truncated;
+            if begins {
+                table.reset(D2::Identity, &mut rng)?;
+            }
         }
         Ok(1e3 * spent.as_secs_f64() / f64::from(frames))
     }

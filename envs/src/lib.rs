@@ -48,6 +48,7 @@ mod worker;
 pub use batch::{Batch, ObservationsMut, StepMut};
 pub use camera::{Camera, Light, Mark};
 pub use error::EnvError;
+pub use mujoco::Backdrop;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
 pub use scene::{Embodiment, HAND_START, Scene};
 pub use settings::VecEnvSettings;

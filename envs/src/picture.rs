@@ -1,6 +1,6 @@
 //! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
 
-use mujoco::{RenderOptions, Renderer};
+use mujoco::{Backdrop, RenderOptions, Renderer};
 use std::sync::Arc;
 
 use crate::EnvError;
@@ -68,12 +68,51 @@ impl Painter {
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
+        let camera = self.scene.camera_id;
+        self.renderer.render(table.data_mut(), camera, rgb)?;
+        self.add_mark(table, rgb);
+        Ok(())
+    }
+
+    /// Draws what stands still during the episode that `table` has begun, for [`Painter::paint_over`].
+    ///
+    /// # Errors
+    /// As [`Painter::paint`].
+    pub fn paint_backdrop(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &mut Backdrop,
+    ) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        let camera = self.scene.camera_id;
+        let drawn = self
+            .renderer
+            .draw_backdrop(table.data_mut(), camera, backdrop);
+        Ok(drawn?)
+    }
+
+    /// Paints what [`Painter::paint`] does, to the same bits, over the backdrop of the same episode: in less than half the time.
+    ///
+    /// # Errors
+    /// As [`Painter::paint`].
+    pub fn paint_over(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &Backdrop,
+        rgb: &mut [u8],
+    ) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        let camera = self.scene.camera_id;
         self.renderer
-            .render(table.data_mut(), self.scene.camera_id, rgb)?;
+            .render_over(table.data_mut(), camera, backdrop, rgb)?;
+        self.add_mark(table, rgb);
+        Ok(())
+    }
+
+    fn add_mark(&self, table: &TableTop, rgb: &mut [u8]) {
         if let Some(mark) = &self.mark {
             self.scene.camera.draw_mark(mark, table.hand(), rgb);
         }
-        Ok(())
     }
 }
 

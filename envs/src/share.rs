@@ -7,6 +7,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
+use mujoco::Backdrop;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -79,11 +80,12 @@ impl Rows {
     }
 }
 
-/// One environment slot: its random stream and its episode's first picture.
+/// One environment slot: its random stream, its episode's first picture, and what stands still in that episode.
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,
     first: Vec<u8>,
+    backdrop: Backdrop,
     #[cfg(test)]
     sabotage: Option<fn(&mut TableTop)>,
 }
@@ -114,6 +116,7 @@ impl Share {
                 index,
                 rng,
                 first: vec![0; pixels],
+                backdrop: Backdrop::default(),
                 #[cfg(test)]
                 sabotage: None,
             }
@@ -214,7 +217,8 @@ impl Share {
         tables[row].end_episode();
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         tables[row].reset(element, &mut slot.rng)?;
-        painter.paint(&mut tables[row], &mut slot.first)?;
+        painter.paint_backdrop(&mut tables[row], &mut slot.backdrop)?;
+        painter.paint_over(&mut tables[row], &slot.backdrop, &mut slot.first)?;
         let image = chunk(&mut rows.images, row, self.settings.image_len());
         stack(&slot.first, &slot.first, image);
         chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&tables[row].observe()?);
@@ -234,7 +238,7 @@ impl Share {
         action.copy_from_slice(chunk(&mut rows.actions, row, ACTION_DIM));
         let step = table.step(&action)?;
         let vector = table.observe()?;
-        painter.paint(table, &mut self.picture)?;
+        painter.paint_over(table, &slot.backdrop, &mut self.picture)?;
         rows.rewards[row] = step.reward as f32;
         rows.success[row] = step.success;
         rows.truncated[row] = step.truncated;
