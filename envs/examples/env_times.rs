@@ -26,7 +26,7 @@ type Failure = Box<dyn Error + Send + Sync>;
 
 /// How long one answer measures.
 const TURN: Duration = Duration::from_millis(400);
-/// Environments of a `VecEnv` on each thread.
+/// Environments that take turns on each thread.
 const ENVS: usize = 16;
 /// Environments whose memory is asked for.
 const MANY: usize = 64;
@@ -66,9 +66,18 @@ impl Subject {
     }
 
     fn state(self, start: &Barrier) -> Result<f64, Failure> {
-        let (mut table, mut rng) = self.table()?;
+        let (table, mut rng) = self.table()?;
+        let scene = Arc::clone(table.scene());
+        let mut tables = vec![table];
+        for _ in 1..ENVS {
+            let mut table = TableTop::new(Arc::clone(&scene), DYNAMICS)?;
+            table.reset(D2::Identity, &mut rng)?;
+            tables.push(table);
+        }
+        let mut turns = (0..ENVS).cycle();
         start.wait();
         rate(|| {
+            let table = &mut tables[turns.next().unwrap_or(0)];
             if table.step(&action(&mut rng))?.truncated {
                 table.reset(D2::Identity, &mut rng)?;
             }
@@ -80,19 +89,25 @@ impl Subject {
     fn ceiling(self, start: &Barrier) -> Result<f64, Failure> {
         let (table, mut rng) = self.table()?;
         let model = &table.scene().model;
-        let hand_target = model.mocap("hand_target")?;
-        let (mut data, begin) = (Data::new(Arc::clone(model)), table.simulation().save());
-        let (mut target, mut steps) = (HAND_START, 0);
+        let (hand_target, begin) = (model.mocap("hand_target")?, table.simulation().save());
+        let mut simulations = Vec::new();
+        for _ in 0..ENVS {
+            let mut data = Data::new(Arc::clone(model));
+            data.restore(&begin)?;
+            simulations.push((data, HAND_START, 0));
+        }
+        let mut turns = (0..ENVS).cycle();
         start.wait();
         rate(|| {
-            if steps % DYNAMICS.horizon == 0 {
+            let (data, target, steps) = &mut simulations[turns.next().unwrap_or(0)];
+            *steps += 1;
+            if *steps % DYNAMICS.horizon == 0 {
                 data.restore(&begin)?;
-                target = HAND_START;
+                *target = HAND_START;
             }
-            steps += 1;
             let [x, y, z, finger] = action(&mut rng).map(f64::from);
             let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
-            target = (target + DYNAMICS.displacement * DVec3::new(x, y, z)).clamp(low, high);
+            *target = (*target + DYNAMICS.displacement * DVec3::new(x, y, z)).clamp(low, high);
             data.set_mocap_position(hand_target, target.to_array())?;
             data.set_ctrl(&[finger, -finger])?;
             Ok(data.step(5)?)
