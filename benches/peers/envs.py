@@ -128,6 +128,7 @@ def measures(ours, task):
         "MW tuned": lambda: tuned.ask(image),
         "frame ms": lambda: ours.ask("frame", task),
         "reset ms": lambda: ours.ask("reset", task),
+        "switch ms": lambda: ours.ask("switch", task),
         "MW reset ms": lambda: shipped.ask(reset),
     }
 

@@ -3,7 +3,8 @@
 //!
 //! Measures: `state` (control steps per second without pictures), `ceiling` (the same motion by bare physics steps),
 //! `image` (control steps per second of a `VecEnv` with a 64 x 64 x 6 image each), `frame` (milliseconds of one picture),
-//! `reset` (milliseconds, without a picture), `memory` (megabytes of this process with 64 environments and their images).
+//! `reset` (milliseconds, without a picture), `switch` (milliseconds, from one prepared group to the next with 64 environments), `memory` (megabytes of this process with 64 environments and their images, all
+//! task groups prepared).
 //! Threads work side by side and their rates add up.
 
 use std::error::Error;
@@ -150,8 +151,20 @@ impl Subject {
         Ok((ENVS * threads) as f64 * rate(|| driven.step())?)
     }
 
+    fn switch(self, threads: usize) -> Result<f64, Failure> {
+        let mut driven = Driven::new(self, MANY, threads)?;
+        driven.env.prepare(&TaskGroup::ALL)?;
+        let mut groups = TaskGroup::ALL.into_iter().cycle();
+        let switches = rate(|| {
+            let group = groups.next().unwrap_or(self.group);
+            Ok(driven.env.set_tasks(group, &D2::ALL)?)
+        })?;
+        Ok(1e3 / switches)
+    }
+
     fn memory(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
+        driven.env.prepare(&TaskGroup::ALL)?;
         for _ in 0..50 {
             driven.step()?;
         }
@@ -245,6 +258,7 @@ fn answer(line: &str) -> Result<f64, Failure> {
         "image" => subject.image(threads),
         "frame" => subject.frame(),
         "reset" => subject.reset(),
+        "switch" => subject.switch(threads),
         "memory" => subject.memory(threads),
         _ => Err(format!("unknown measure `{measure}`").into()),
     }

@@ -16,16 +16,16 @@ use crate::EnvError;
 use crate::picture::{Painter, RGB, stack};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, Dynamics, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::vec_env::Failure;
 
 /// What a worker is asked to do; it answers each with a [`Reply`].
 pub(crate) enum Command {
-    /// Make tables and a renderer for this scene, where there are none yet.
+    /// Make a renderer for this scene, where there is none yet.
     Prepare(Arc<Scene>),
-    /// Simulate this prepared group from the next reset on, with variants drawn from these elements.
-    SetTasks(TaskGroup, Vec<D2>),
+    /// Simulate this scene, which is prepared, from the next reset on, with variants drawn from these elements.
+    SetTasks(Arc<Scene>, Vec<D2>),
     /// Start an episode everywhere.
     Reset(Rows),
     /// Hold these actions for one decision.
@@ -90,18 +90,14 @@ struct Slot {
     sabotage: Option<fn(&mut TableTop)>,
 }
 
-/// A group's tables, one a slot, and the painter they share.
-struct Tables {
-    tables: Vec<TableTop>,
-    painter: Painter,
-}
-
 /// What a worker thread owns.
 pub(crate) struct Share {
     settings: VecEnvSettings,
     slots: Vec<Slot>,
-    groups: BTreeMap<TaskGroup, Tables>,
-    current: Option<TaskGroup>,
+    /// Of every group that was prepared.
+    painters: BTreeMap<TaskGroup, Painter>,
+    /// Of the present group, one a slot: a simulation takes megabytes, and making one a fraction of a millisecond.
+    tables: Vec<TableTop>,
     elements: Vec<D2>,
     picture: Vec<u8>,
 }
@@ -124,8 +120,8 @@ impl Share {
         Self {
             settings,
             slots: slots.collect(),
-            groups: BTreeMap::new(),
-            current: None,
+            painters: BTreeMap::new(),
+            tables: Vec::new(),
             elements: Vec::new(),
             picture: vec![0; pixels],
         }
@@ -134,10 +130,7 @@ impl Share {
     pub(crate) fn obey(&mut self, command: Command) -> Reply {
         let (rows, result) = match command {
             Command::Prepare(scene) => (None, self.prepare(scene)),
-            Command::SetTasks(group, elements) => {
-                (self.current, self.elements) = (Some(group), elements);
-                (None, Ok(()))
-            }
+            Command::SetTasks(scene, elements) => (None, self.set_tasks(&scene, elements)),
             Command::Reset(mut rows) => {
                 let result = self.reset(&mut rows);
                 (Some(rows), result)
@@ -156,12 +149,23 @@ impl Share {
     }
 
     fn prepare(&mut self, scene: Arc<Scene>) -> Result<(), EnvError> {
-        if let Entry::Vacant(entry) = self.groups.entry(scene.group) {
-            entry.insert(Tables::new(
-                scene,
-                self.settings.dynamics,
-                self.slots.len(),
-            )?);
+        if let Entry::Vacant(entry) = self.painters.entry(scene.group) {
+            entry.insert(Painter::new(scene)?);
+        }
+        Ok(())
+    }
+
+    fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
+        self.elements = elements;
+        if !self
+            .tables
+            .iter()
+            .any(|table| Arc::ptr_eq(table.scene(), scene))
+        {
+            // the old ones go first, so that there are never two sets
+            self.tables.clear();
+            let table = |_| TableTop::new(Arc::clone(scene), self.settings.dynamics);
+            self.tables = self.slots.iter().map(table).collect::<Result<_, _>>()?;
         }
         Ok(())
     }
@@ -211,24 +215,24 @@ impl Share {
 
     /// Starts an episode in slot `row` and writes its first observation.
     fn begin(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
-        let slot = &mut self.slots[row];
-        let Tables { tables, painter } = current(&mut self.groups, self.current)?;
+        let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
+        let painter = painter_of(&mut self.painters, table)?;
         // where this fails, the next decision must not go on with an old episode
-        tables[row].end_episode();
+        table.end_episode();
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
-        tables[row].reset(element, &mut slot.rng)?;
-        painter.paint_backdrop(&mut tables[row], &mut slot.backdrop)?;
-        painter.paint_over(&mut tables[row], &slot.backdrop, &mut slot.first)?;
+        table.reset(element, &mut slot.rng)?;
+        painter.paint_backdrop(table, &mut slot.backdrop)?;
+        painter.paint_over(table, &slot.backdrop, &mut slot.first)?;
         let image = chunk(&mut rows.images, row, self.settings.image_len());
         stack(&slot.first, &slot.first, image);
-        chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&tables[row].observe()?);
+        chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
         Ok(())
     }
 
     /// Takes one decision in slot `row` and writes what it led to, all or nothing.
     fn decide(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
-        let Tables { tables, painter } = current(&mut self.groups, self.current)?;
-        let (table, slot) = (&mut tables[row], &mut self.slots[row]);
+        let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
+        let painter = painter_of(&mut self.painters, table)?;
         #[cfg(test)]
         slot.sabotage
             .take()
@@ -254,23 +258,12 @@ impl Share {
     }
 }
 
-impl Tables {
-    fn new(scene: Arc<Scene>, dynamics: Dynamics, count: usize) -> Result<Self, EnvError> {
-        let tables = (0..count)
-            .map(|_| TableTop::new(Arc::clone(&scene), dynamics))
-            .collect::<Result<_, _>>()?;
-        let painter = Painter::new(scene)?;
-        Ok(Self { tables, painter })
-    }
-}
-
-fn current(
-    groups: &mut BTreeMap<TaskGroup, Tables>,
-    group: Option<TaskGroup>,
-) -> Result<&mut Tables, EnvError> {
-    group
-        .and_then(|group| groups.get_mut(&group))
-        .ok_or(EnvError::NotReset)
+fn painter_of<'a>(
+    painters: &'a mut BTreeMap<TaskGroup, Painter>,
+    table: &TableTop,
+) -> Result<&'a mut Painter, EnvError> {
+    let painter = painters.get_mut(&table.scene().group);
+    painter.ok_or(EnvError::NotReset)
 }
 
 fn chunk<T>(values: &mut [T], row: usize, len: usize) -> &mut [T] {

@@ -72,7 +72,7 @@ impl VecEnv {
         &self.settings
     }
 
-    /// Makes models, simulations and renderers of `groups`, so that [`VecEnv::set_tasks`] is cheap from then on.
+    /// Makes models and renderers of `groups` and lets their scenes come to rest, so that [`VecEnv::set_tasks`] is cheap from then on.
     ///
     /// # Errors
     /// What MuJoCo or OpenGL says.
@@ -97,7 +97,8 @@ impl VecEnv {
         }
         self.running = false;
         self.prepare(&[group])?;
-        self.tell(|| Command::SetTasks(group, elements.to_vec()))
+        let scene = self.scene(group)?;
+        self.tell(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
     /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
