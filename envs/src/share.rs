@@ -157,11 +157,8 @@ impl Share {
 
     fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
         self.elements = elements;
-        if !self
-            .tables
-            .iter()
-            .any(|table| Arc::ptr_eq(table.scene(), scene))
-        {
+        let known = self.tables.first();
+        if !known.is_some_and(|table| Arc::ptr_eq(table.scene(), scene)) {
             // the old ones go first, so that there are never two sets
             self.tables.clear();
             let table = |_| TableTop::new(Arc::clone(scene), self.settings.dynamics);
