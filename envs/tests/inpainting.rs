@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use envs::inpainting::{Correction, Inpainter, Inpainting, Limb, Skeleton, View};
-use envs::{Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Camera, Dynamics, Embodiment, Light, Painter, RGB, Scene, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -37,8 +37,13 @@ struct Studio {
 
 impl Studio {
     fn new(group: TaskGroup) -> Self {
+        Self::lit(group, Light::default())
+    }
+
+    fn lit(group: TaskGroup, light: Light) -> Self {
         let camera = Camera {
             size: SIZE,
+            light,
             ..Camera::default()
         };
         let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
@@ -147,4 +152,47 @@ fn a_mask_that_is_too_thin_is_noticed() {
     let tally = studio.episode(D2::Identity, Correction::MeanAndDeviation);
     assert!(tally.uncovered > 1000, "{tally:?}");
     assert!(tally.from_composed * 200 > tally.pixels, "{tally:?}");
+}
+
+/// Mean difference (levels) of pictures taken under dim light, and painted with a background taken under full light, from the arm-free picture under
+/// full light, mark included.
+fn deviation_under_dim_light(correction: Correction) -> f64 {
+    let light = Light {
+        ambient: 0.3,
+        camera: 0.25,
+        overhead: 0.2,
+    };
+    let group = TaskGroup::PlateSlide;
+    let (mut full, mut dim) = (Studio::new(group), Studio::lit(group, light));
+    for studio in [&mut full, &mut dim] {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        studio.table.reset(D2::HalfTurn, &mut rng).unwrap();
+    }
+    let mut inpainter = full.inpainter(correction);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for _ in 0..10 {
+        let raw = Studio::paint(&mut dim.raw, &mut dim.table);
+        let painted = dim.inpaint(&mut inpainter, &raw);
+        let expected = Studio::paint(&mut full.shortcut, &mut full.table);
+        let differences = painted.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b));
+        sum += differences.map(f64::from).sum::<f64>();
+        count += raw.len() as f64;
+        let action = full.table.expert_action().unwrap();
+        full.table.step(&action).unwrap();
+        dim.table.step(&action).unwrap();
+    }
+    sum / count
+}
+
+#[test]
+fn other_light_is_corrected() {
+    let none = deviation_under_dim_light(Correction::None);
+    for correction in [Correction::MeanAndDeviation, Correction::GreyWorld] {
+        let corrected = deviation_under_dim_light(correction);
+        println!("{correction:?}: {none} -> {corrected}");
+        assert!(
+            corrected < none / 10.0,
+            "{correction:?}: {none} -> {corrected}"
+        );
+    }
 }
