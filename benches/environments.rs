@@ -61,7 +61,13 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let whole = rgb.clone();
     painter.paint_backdrop(&mut table, &mut backdrop)?;
     group.bench_function("picture_over_backdrop", |b| {
-        b.iter(|| assert!(painter.paint_over(&mut table, &backdrop, &mut rgb).is_ok()));
+        b.iter(|| {
+            assert!(
+                painter
+                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .is_ok()
+            )
+        });
     });
     assert!(rgb == whole);
     group.finish();

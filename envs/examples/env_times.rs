@@ -134,7 +134,7 @@ impl Subject {
             if begins {
                 painter.paint_backdrop(&mut table, &mut backdrop)?;
             }
-            painter.paint_over(&mut table, &backdrop, &mut rgb)?;
+            painter.paint_over(&mut table, &mut backdrop, &mut rgb)?;
             spent += before.elapsed();
             frames += 1;
             begins = table.step(&action(&mut rng))?.truncated;

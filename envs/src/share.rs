@@ -219,7 +219,7 @@ impl Share {
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         table.reset(element, &mut slot.rng)?;
         painter.paint_backdrop(table, &mut slot.backdrop)?;
-        painter.paint_over(table, &slot.backdrop, &mut slot.first)?;
+        painter.paint_over(table, &mut slot.backdrop, &mut slot.first)?;
         let image = chunk(&mut rows.images, row, self.settings.image_len());
         stack(&slot.first, &slot.first, image);
         chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
@@ -239,7 +239,7 @@ impl Share {
         action.copy_from_slice(chunk(&mut rows.actions, row, ACTION_DIM));
         let step = table.step(&action)?;
         let vector = table.observe()?;
-        painter.paint_over(table, &slot.backdrop, &mut self.picture)?;
+        painter.paint_over(table, &mut slot.backdrop, &mut self.picture)?;
         rows.rewards[row] = step.reward as f32;
         rows.success[row] = step.success;
         rows.truncated[row] = step.truncated;

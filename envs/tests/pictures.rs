@@ -114,7 +114,9 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
             painter.paint_backdrop(&mut table, &mut backdrop).unwrap();
             loop {
                 painter.paint(&mut table, &mut expected).unwrap();
-                painter.paint_over(&mut table, &backdrop, &mut rgb).unwrap();
+                painter
+                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .unwrap();
                 assert!(rgb == expected, "{group} {element}");
                 let action = table.expert_action().unwrap();
                 if table.step(&action).unwrap().truncated {

@@ -13,6 +13,9 @@ pub struct Backdrop {
     rgb: Vec<u8>,
     /// `[H, W]`, as OpenGL measures it.
     depth: Vec<f32>,
+    /// The last picture over it, and where the moving geoms were: position and rotation of each.
+    last: Vec<u8>,
+    poses: Vec<[f32; 12]>,
 }
 
 impl Renderer {
@@ -31,12 +34,14 @@ impl Renderer {
         self.check_arguments(data, camera, &backdrop.rgb)?;
         self.make_current()?;
         self.update_scene(data, camera, raw::mjCAT_STATIC)?;
+        backdrop.last.clear();
         self.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
         check_opengl("drawing a backdrop")
     }
 
     /// As [`Renderer::render`], to the same bits, but draws only the geoms that joints move; the others are taken from
-    /// `backdrop`. That holds as long as nothing has moved the others since, as setting a mocap body does.
+    /// `backdrop`, and everything where none has moved since the last picture. That holds as long as nothing has moved the
+    /// others since the backdrop was drawn, as setting a mocap body does.
     ///
     /// Where a moving geom is transparent, or there are shadows, everything is drawn.
     ///
@@ -46,7 +51,7 @@ impl Renderer {
         &mut self,
         data: &mut Data,
         camera: CameraId,
-        backdrop: &Backdrop,
+        backdrop: &mut Backdrop,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         self.check_arguments(data, camera, &backdrop.rgb)?;
@@ -56,33 +61,51 @@ impl Renderer {
         if self.shadows || self.is_transparent() {
             return self.render(data, camera, out);
         }
-        if self.scene.ngeom == 0 {
-            out.copy_from_slice(&backdrop.rgb);
-        } else {
+        if self.have_moved(backdrop) {
+            backdrop.last.resize(out.len(), 0);
             let mut depth = std::mem::take(&mut self.depth);
             depth.resize(backdrop.depth.len(), 0.0);
-            self.draw(out, Some(&mut depth));
-            compose(out, &depth, backdrop);
+            self.draw(&mut backdrop.last, Some(&mut depth));
+            compose(&mut backdrop.last, &backdrop.rgb, &depth, &backdrop.depth);
+            flip_rows(&mut backdrop.last, 3 * self.width);
             self.depth = depth;
         }
-        flip_rows(out, 3 * self.width);
+        out.copy_from_slice(&backdrop.last);
         check_opengl("drawing over a backdrop")
+    }
+
+    /// Whether the scene differs from that of the last picture over `backdrop`, which is taken note of.
+    fn have_moved(&self, backdrop: &mut Backdrop) -> bool {
+        let poses = self.geoms().iter().map(|geom| {
+            let mut pose = [0.0; 12];
+            pose[..3].copy_from_slice(&geom.pos);
+            pose[3..].copy_from_slice(&geom.mat);
+            pose
+        });
+        if !backdrop.last.is_empty() && backdrop.poses.iter().copied().eq(poses.clone()) {
+            return false;
+        }
+        backdrop.poses.clear();
+        backdrop.poses.extend(poses);
+        true
     }
 
     /// Whether a geom of the scene lets others shine through.
     fn is_transparent(&self) -> bool {
+        self.geoms().iter().any(|geom| geom.rgba[3] < 1.0)
+    }
+
+    fn geoms(&self) -> &[raw::mjvGeom] {
         let count = self.scene.ngeom as usize;
         // SAFETY: MuJoCo has filled `ngeom` entries of the array, which only `update_scene` writes to.
-        let geoms = unsafe { std::slice::from_raw_parts(self.scene.geoms, count) };
-        geoms.iter().any(|geom| geom.rgba[3] < 1.0)
+        unsafe { std::slice::from_raw_parts(self.scene.geoms, count) }
     }
 }
 
-/// Keeps of `out` what is nearer than the backdrop, and takes the rest from there.
-fn compose(out: &mut [u8], depth: &[f32], backdrop: &Backdrop) {
-    let distances = depth.iter().zip(&backdrop.depth);
-    let pixels = out.chunks_exact_mut(3).zip(backdrop.rgb.chunks_exact(3));
-    for ((pixel, behind), (near, far)) in pixels.zip(distances) {
+/// Keeps of `rgb` what is nearer than the backdrop, and takes the rest from there.
+fn compose(rgb: &mut [u8], backdrop: &[u8], depth: &[f32], backdrop_depth: &[f32]) {
+    let pixels = rgb.chunks_exact_mut(3).zip(backdrop.chunks_exact(3));
+    for ((pixel, behind), (near, far)) in pixels.zip(depth.iter().zip(backdrop_depth)) {
         if near > far {
             pixel.copy_from_slice(behind);
         }
