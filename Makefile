@@ -15,6 +15,7 @@ test: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
 	cargo test --workspace --locked
 	cargo run --locked --example embed_cluster
+	cargo run --locked --example embed_env
 	cargo run --locked --example continual_stream -- --budget smoke --json
 
 deps:

@@ -1,59 +1,110 @@
-//! Decisions of 10 control steps: the state alone, and with the 48 x 48 x 6 picture; one thread.
+//! Environments of one thread: a decision of 10 control steps, a 64 x 64 picture, a reset, and a vector environment's step of one control
+//! step and one picture. `EMBODIMENT=hand` measures another embodiment than `sawyer`.
 
 use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Dynamics, EnvError, Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings,
+    ACTION_DIM, Backdrop, Batch, Camera, Dynamics, Embodiment, EnvError, Painter, RGB, Scene,
+    TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-fn tables(group: TaskGroup) -> Result<(TableTop, Painter), EnvError> {
-    let settings = VecEnvSettings::default();
-    let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
-    let table = TableTop::new(Arc::clone(&scene), Dynamics::default())?;
-    Ok((table, Painter::new(scene)?))
+/// Pixels along a picture's side.
+const SIZE: usize = 64;
+/// Environments of the vector environment.
+const ENVS: usize = 16;
+
+fn embodiment() -> Result<Embodiment, EnvError> {
+    std::env::var("EMBODIMENT").map_or(Ok(Embodiment::default()), |name| name.parse())
+}
+
+fn camera() -> Camera {
+    Camera {
+        size: SIZE,
+        ..Camera::default()
+    }
 }
 
 /// One decision of the expert; a new episode where one ended.
 fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
-    let action: [f32; ACTION_DIM] = table.expert_action()?;
+    let action = table.expert_action()?;
     if table.step(&action)?.truncated {
         table.reset(D2::Identity, rng)?;
     }
     Ok(())
 }
 
-fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
-    let (mut table, mut painter) = tables(task)?;
+fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
+    let scene = Arc::new(Scene::new(task, embodiment()?, camera())?);
+    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default())?;
+    let mut painter = Painter::new(scene)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let size = table.scene().camera.size;
-    let mut rgb = vec![0; size * size * RGB];
+    let mut group = c.benchmark_group(task.name());
     table.reset(D2::Identity, &mut rng)?;
-    let mut group = c.benchmark_group(format!("sawyer_{task}"));
     group.throughput(Throughput::Elements(
         Dynamics::default().action_repeat as u64,
     ));
-    group.bench_function("decision_state", |b| {
+    group.bench_function("decision", |b| {
         b.iter(|| assert!(decide(&mut table, &mut rng).is_ok()));
     });
     group.throughput(Throughput::Elements(1));
-    group.bench_function("picture_48x48", |b| {
-        b.iter(|| assert!(painter.paint(&mut table, &mut rgb).is_ok()));
-    });
-    assert!(rgb.iter().any(|&value| value != rgb[0]));
     group.bench_function("reset", |b| {
         b.iter(|| assert!(table.reset(D2::FlipX, &mut rng).is_ok()));
+    });
+    let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; SIZE * SIZE * RGB]);
+    group.bench_function("picture", |b| {
+        b.iter(|| assert!(painter.paint(&mut table, &mut rgb).is_ok()));
+    });
+    let whole = rgb.clone();
+    painter.paint_backdrop(&mut table, &mut backdrop)?;
+    group.bench_function("picture_over_backdrop", |b| {
+        b.iter(|| {
+            assert!(
+                painter
+                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .is_ok()
+            )
+        });
+    });
+    assert!(rgb == whole);
+    group.finish();
+    Ok(())
+}
+
+fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
+    let settings = VecEnvSettings {
+        num_envs: ENVS,
+        threads: 1,
+        embodiment: embodiment()?,
+        camera: camera(),
+        dynamics: Dynamics {
+            action_repeat: 1,
+            displacement: 0.01,
+            ..Dynamics::default()
+        },
+        ..VecEnvSettings::default()
+    };
+    let mut env = VecEnv::new(settings, task, &D2::ALL)?;
+    let mut batch = Batch::new(&settings);
+    env.reset(batch.observations())?;
+    let mut group = c.benchmark_group(task.name());
+    group.throughput(Throughput::Elements(ENVS as u64));
+    group.bench_function("vec_env_step", |b| {
+        b.iter(|| {
+            let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step());
+            assert!(failures.is_ok_and(<[_]>::is_empty));
+        });
     });
     group.finish();
     Ok(())
 }
 
 fn environments(c: &mut Criterion) {
-    for group in TaskGroup::ALL {
-        if let Err(error) = measure(c, group) {
+    for task in TaskGroup::ALL {
+        if let Err(error) = one_table(c, task).and_then(|()| vector(c, task)) {
             panic!("{error}");
         }
     }

@@ -126,6 +126,8 @@ pub struct Summary {
     pub decisions_per_second: f64,
     /// Policies created.
     pub policies: usize,
+    /// Failures of single environments while learning, see [`Stream::failures`].
+    pub failures: usize,
     /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`.
     pub assignment_accuracy: f64,
     /// Scores of the four groups after the stream.
@@ -175,6 +177,7 @@ fn run_here(
         seconds,
         decisions_per_second: log.decisions as f64 / seconds,
         policies: covers.policies(),
+        failures: stream.failures(),
         assignment_accuracy: log.accuracy(),
         groups,
     })

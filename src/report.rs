@@ -66,5 +66,29 @@ pub fn summary_table(summary: &Summary) -> String {
         summary.seconds,
         summary.decisions_per_second
     );
+    if summary.failures > 0 {
+        let _ = write!(table, ", {} failures of environments", summary.failures);
+    }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_of_environments_are_mentioned_where_there_were_any() {
+        let mut summary = Summary {
+            decisions: 100,
+            seconds: 2.0,
+            decisions_per_second: 50.0,
+            policies: 1,
+            failures: 0,
+            assignment_accuracy: 1.0,
+            groups: Vec::new(),
+        };
+        assert!(!summary_table(&summary).contains("failures"));
+        summary.failures = 3;
+        assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
+    }
 }

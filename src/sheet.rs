@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
+use envs::{Mark, Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -58,7 +58,11 @@ fn group_pictures(
             table.reset_to(element, placement)?;
             painter.paint(&mut table, &mut rgb)?;
             if let Some(goal) = table.told_goal() {
-                settings.camera.draw_disc(goal, TOLD_GOAL, &mut rgb);
+                let mark = Mark {
+                    color: TOLD_GOAL,
+                    ..settings.camera.mark
+                };
+                settings.camera.draw_mark(&mark, goal, &mut rgb);
             }
             Ok(rgb)
         })

@@ -50,6 +50,7 @@ pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,
     truncated: Vec<bool>,
+    failures: usize,
 }
 
 impl Stream {
@@ -59,8 +60,10 @@ impl Stream {
     /// What the environments say.
     pub fn new(settings: VecEnvSettings, group: TaskGroup) -> Result<Self, EnvError> {
         let size = settings.camera.size;
+        let mut env = VecEnv::new(settings, group, &D2::ALL)?;
+        env.prepare(&TaskGroup::ALL)?;
         Ok(Self {
-            env: VecEnv::new(settings, group, &D2::ALL)?,
+            env,
             spec: EnvSpec {
                 num_envs: settings.num_envs,
                 image: [size, size, envs::IMAGE_CHANNELS],
@@ -68,6 +71,7 @@ impl Stream {
                 action: envs::ACTION_IRREPS.to_vec(),
             },
             truncated: vec![false; settings.num_envs],
+            failures: 0,
         })
     }
 
@@ -77,6 +81,11 @@ impl Stream {
     /// What the environments say.
     pub fn switch_to(&mut self, group: TaskGroup) -> Result<(), EnvError> {
         self.env.set_tasks(group, &D2::ALL)
+    }
+
+    /// Failures of single environments so far. Each cut an episode short, which the learner takes for a time-out.
+    pub fn failures(&self) -> usize {
+        self.failures
     }
 
     /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect episode earns 500.
@@ -93,13 +102,13 @@ impl VectorEnv for Stream {
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), EnvError> {
-        self.env.reset(borrow(out))?;
+        self.failures += self.env.reset(borrow(out))?.len();
         scale(&mut out.vectors);
         Ok(())
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), EnvError> {
-        self.env.step(
+        let failures = self.env.step(
             actions,
             StepMut {
                 observations: borrow(&mut out.observations),
@@ -109,6 +118,7 @@ impl VectorEnv for Stream {
                 truncated: &mut self.truncated,
             },
         )?;
+        self.failures += failures.len();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated

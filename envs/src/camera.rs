@@ -1,6 +1,7 @@
-//! The top-down camera: where it is, how points project, and the disc that marks the gripper.
+//! How a picture is taken: the top-down camera, how points project, the light, and the mark over the gripper.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use crate::EnvError;
 
@@ -9,19 +10,50 @@ const LARGEST: usize = 4096;
 /// Lowest camera (metres); at or below the hand's height a projection would be mirrored.
 const LOWEST: f64 = 0.6;
 
-/// A square pinhole camera straight over the table's centre; image up is +y, image right is +x.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How a picture is taken: the camera, the light and the gripper's mark. Part of what a trained policy depends on, so it serialises.
+///
+/// A square pinhole camera looks straight down on the table's centre; image up is +y, image right is +x. There is no multisampling, and there
+/// are no shadows and no reflections.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Pixels along either side; even, so that flips map pixels to pixels.
     pub size: usize,
     /// Height over the table (metres).
     pub height: f64,
-    /// Half the side of the square seen on the table (metres).
+    /// Half the side of the square seen on the table (metres); with the height it sets the field of view.
     pub half_extent: f64,
-    /// Radius on the table of the disc that marks the gripper (metres); zero draws none.
-    pub disc_radius: f64,
-    /// Colour of that disc, RGB.
-    pub disc_color: [u8; 3],
+    /// Colour of the floor around the table before lighting, RGB in `[0, 1]`.
+    pub background: [f64; 3],
+    /// The light.
+    pub light: Light,
+    /// What marks the gripper.
+    pub mark: Mark,
+}
+
+/// White light that mirrors exactly: it comes from all around, from the camera and from straight above. A surface that faces the camera shows
+/// its colour times the sum of the three.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// From all around, in `[0, 1]`.
+    pub ambient: f64,
+    /// From the camera, in `[0, 1]`.
+    pub camera: f64,
+    /// From straight above, in `[0, 1]`.
+    pub overhead: f64,
+}
+
+/// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies on the table, however high the gripper is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mark {
+    /// Outer radius (metres); zero draws nothing.
+    pub radius: f64,
+    /// Radius of the hole (metres); zero is a filled disc, more a ring.
+    pub hole: f64,
+    /// Colour, RGB.
+    pub color: [u8; 3],
 }
 
 impl Default for Camera {
@@ -30,53 +62,82 @@ impl Default for Camera {
             size: 48,
             height: 1.5,
             half_extent: 0.44,
-            disc_radius: 0.03,
-            disc_color: [0, 0, 255],
+            background: [0.73, 0.74, 0.74],
+            light: Light::default(),
+            mark: Mark::default(),
+        }
+    }
+}
+
+impl Default for Light {
+    fn default() -> Self {
+        Self {
+            ambient: 0.4,
+            camera: 0.4,
+            overhead: 0.3,
+        }
+    }
+}
+
+impl Default for Mark {
+    fn default() -> Self {
+        Self {
+            radius: 0.03,
+            hole: 0.0,
+            color: [0, 0, 255],
         }
     }
 }
 
 impl Camera {
-    /// Refuses sizes that a flip does not map onto themselves and cameras that see nothing.
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
-        let setting = |name, value: String, expected| EnvError::Setting {
-            name,
-            value,
-            expected,
-        };
-        if !(2..=LARGEST).contains(&self.size) || !self.size.is_multiple_of(2) {
-            let expected =
-                "an even number of pixels in 2..=4096, so that the centre lies between pixels";
-            return Err(setting("image size", self.size.to_string(), expected));
+    /// Refuses sizes that a flip does not map onto themselves, cameras that see nothing, and colours out of range.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`].
+    pub fn check(&self) -> Result<(), EnvError> {
+        let even = (2..=LARGEST).contains(&self.size) && self.size.is_multiple_of(2);
+        require(even, "image size", &self.size, SIZE)?;
+        let high = self.height >= LOWEST && self.height.is_finite();
+        require(high, "camera height", &self.height, HEIGHT)?;
+        let wide = self.half_extent > 0.0 && self.half_extent.is_finite();
+        require(wide, "camera half extent", &self.half_extent, LENGTH)?;
+        let Light {
+            ambient,
+            camera,
+            overhead,
+        } = self.light;
+        for (name, value) in [
+            ("ambient light", ambient),
+            ("camera light", camera),
+            ("overhead light", overhead),
+        ] {
+            require((0.0..=1.0).contains(&value), name, &value, SHARE)?;
         }
-        if !(self.height >= LOWEST && self.height.is_finite()) {
-            let expected = "at least 0.6 m, above everything that the hand can reach";
-            return Err(setting("camera height", self.height.to_string(), expected));
+        for value in self.background {
+            require((0.0..=1.0).contains(&value), "background", &value, SHARE)?;
         }
-        if !(self.half_extent > 0.0 && self.half_extent.is_finite()) {
-            let value = self.half_extent.to_string();
-            return Err(setting(
-                "camera half extent",
-                value,
-                "a positive length in metres",
-            ));
-        }
-        if !(self.disc_radius >= 0.0 && self.disc_radius.is_finite()) {
-            let value = self.disc_radius.to_string();
-            return Err(setting(
-                "disc radius",
-                value,
-                "a length in metres, or 0 for no disc",
-            ));
-        }
-        Ok(())
+        self.mark.check()
     }
 
-    /// The camera as an MJCF element.
+    /// The camera, its light and the floor's material as the last part of a scene.
     pub(crate) fn to_mjcf(self, name: &str) -> String {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
-        format!("<camera name=\"{name}\" pos=\"0 0 {height}\" quat=\"1 0 0 0\" fovy=\"{fovy}\"/>")
+        let [r, g, b] = self.background;
+        let Light {
+            ambient,
+            camera,
+            overhead,
+        } = self.light;
+        format!(
+            r#"<asset><material name="floor" rgba="{r} {g} {b} 1"/></asset>
+            <visual><headlight ambient="{ambient} {ambient} {ambient}" diffuse="{camera} {camera} {camera}" specular="0 0 0"/></visual>
+            <worldbody>
+              <light name="overhead" directional="true" castshadow="false" pos="0 0 3" dir="0 0 -1"
+                     diffuse="{overhead} {overhead} {overhead}" specular="0 0 0"/>
+              <camera name="{name}" pos="0 0 {height}" quat="1 0 0 0" fovy="{fovy}"/>
+            </worldbody>"#
+        )
     }
 
     /// Projects a world point (metres) to the image: pixels right of and above the image's centre.
@@ -91,76 +152,79 @@ impl Camera {
         self.size as f64 / (2.0 * self.half_extent)
     }
 
-    /// Draws a disc of this camera's `disc_radius` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
-    pub fn draw_disc(&self, point: DVec3, color: [u8; 3], rgb: &mut [u8]) {
+    /// Draws `mark` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
+    pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
-        let radius = self.disc_radius * self.pixels_per_metre();
+        let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
         let middle = self.size as f64 / 2.0;
-        for (row, line) in rgb.chunks_exact_mut(3 * self.size).enumerate() {
-            let dy = (middle - (row as f64 + 0.5)) - v;
-            for (col, pixel) in line.chunks_exact_mut(3).enumerate() {
-                let dx = ((col as f64 + 0.5) - middle) - u;
-                if dx * dx + dy * dy < radius * radius {
-                    pixel.copy_from_slice(&color);
-                }
+        draw_ring([middle; 2], [u, -v], radii, mark.color, self.size, rgb);
+    }
+}
+
+/// Colours the pixels of `rgb` `[H, width, 3]` whose middles are nearer than `radii[0]` and not nearer than `radii[1]` to the point `offset` (right,
+/// down) from `centre` (column, row); all in pixels. Mirroring the offset mirrors the ring exactly where the centre is the picture's.
+pub(crate) fn draw_ring(
+    centre: [f64; 2],
+    offset: [f64; 2],
+    radii: [f64; 2],
+    color: [u8; 3],
+    width: usize,
+    rgb: &mut [u8],
+) {
+    // pixels outside of these ranges cannot be reached
+    let reach = |axis: usize, count: usize| {
+        let middle = centre[axis] + offset[axis];
+        let [low, high] = [-1.0, 1.0].map(|side| middle + side * (radii[0] + 1.0));
+        let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
+        pixel(low)..pixel(high)
+    };
+    let squares = radii.map(|radius| radius * radius);
+    let columns = reach(0, width);
+    for row in reach(1, rgb.len() / (3 * width)) {
+        let dy = ((row as f64 + 0.5) - centre[1]) - offset[1];
+        for column in columns.clone() {
+            let dx = ((column as f64 + 0.5) - centre[0]) - offset[0];
+            let distance = dx * dx + dy * dy;
+            if distance < squares[0] && distance >= squares[1] {
+                rgb[(row * width + column) * 3..][..3].copy_from_slice(&color);
             }
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use symmetry::D2;
-
-    #[test]
-    fn odd_sizes_and_blind_cameras_are_refused() {
-        let odd = Camera {
-            size: 47,
-            ..Camera::default()
-        };
-        assert!(odd.check().unwrap_err().to_string().contains("47"));
-        let blind = Camera {
-            half_extent: 0.0,
-            ..Camera::default()
-        };
-        assert!(blind.check().is_err());
-        let low = Camera {
-            height: 0.2,
-            ..Camera::default()
-        };
-        assert!(low.check().unwrap_err().to_string().contains("0.2"));
-        let huge = Camera {
-            size: 1 << 40,
-            ..Camera::default()
-        };
-        assert!(huge.check().is_err());
-    }
-
-    #[test]
-    fn the_disc_of_a_mirrored_point_is_the_mirrored_disc() {
-        let camera = Camera::default();
-        let draw = |p: DVec3| {
-            let mut rgb = vec![0; camera.size * camera.size * 3];
-            camera.draw_disc(p, camera.disc_color, &mut rgb);
-            rgb
-        };
-        let point = DVec3::new(0.137, 0.083, 0.2);
-        let picture = draw(point);
-        assert!(picture.contains(&255));
-        for g in D2::ALL {
-            let [x, y] = g.apply_xy([point.x, point.y]);
-            let mirrored = g.transform_image(&picture, camera.size, camera.size, 3);
-            assert_eq!(draw(DVec3::new(x, y, point.z)), mirrored, "{g}");
-        }
-    }
-
-    #[test]
-    fn row_zero_is_far_and_column_zero_is_left() {
-        let camera = Camera::default();
-        let mut rgb = vec![0; camera.size * camera.size * 3];
-        camera.draw_disc(DVec3::new(-0.4, 0.4, 0.0), camera.disc_color, &mut rgb);
-        let first = rgb.iter().position(|&v| v == 255).unwrap() / 3;
-        assert!(first / camera.size < 4 && first % camera.size < 4);
+impl Mark {
+    pub(crate) fn check(&self) -> Result<(), EnvError> {
+        let drawn = self.radius >= 0.0 && self.radius.is_finite();
+        require(drawn, "mark radius", &self.radius, RADIUS)?;
+        let inside = (0.0..=self.radius).contains(&self.hole);
+        require(inside, "mark hole", &self.hole, HOLE)
     }
 }
+
+const SIZE: &str = "an even number of pixels in 2..=4096, so that the centre lies between pixels";
+const HEIGHT: &str = "at least 0.6 m, above everything that the hand can reach";
+const LENGTH: &str = "a positive length in metres";
+const SHARE: &str = "a number in 0..=1";
+const RADIUS: &str = "a length in metres, or 0 for no mark";
+const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
+
+/// Refuses a setting where a condition does not hold.
+pub(crate) fn require(
+    holds: bool,
+    name: &'static str,
+    value: &dyn ToString,
+    expected: &'static str,
+) -> Result<(), EnvError> {
+    if holds {
+        return Ok(());
+    }
+    let value = value.to_string();
+    Err(EnvError::Setting {
+        name,
+        value,
+        expected,
+    })
+}
+
+#[cfg(test)]
+mod tests;

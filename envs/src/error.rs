@@ -85,6 +85,12 @@ pub enum EnvError {
         /// The group.
         group: TaskGroup,
     },
+    /// Simulating one environment panicked.
+    #[error("the environment panicked: {message}")]
+    Panicked {
+        /// What it said.
+        message: String,
+    },
     /// A worker thread ended without an answer.
     #[error("worker thread {worker} of the vector environment panicked: {message}")]
     WorkerLost {

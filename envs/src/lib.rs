@@ -6,57 +6,56 @@
 //! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner uses.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
 //! - [`Painter`]: the picture of a [`TableTop`].
+//! - [`inpainting`]: for an arm that cannot be left out of the picture, a real one.
 //!
 //! ```
-//! use envs::{Camera, Dynamics, Embodiment, Scene, TableTop, TaskGroup};
-//! use rand::SeedableRng;
-//! use std::sync::Arc;
+//! use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
 //! use symmetry::D2;
 //!
-//! # fn main() -> Result<(), envs::EnvError> {
-//! let scene = Scene::new(TaskGroup::DrawerClose, Embodiment::Sawyer, Camera::default())?;
-//! let mut table = TableTop::new(Arc::new(scene), Dynamics::default())?;
-//! let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
-//! table.reset(D2::FlipX, &mut rng)?;
-//! let mut succeeded = false;
-//! loop {
-//!     let action = table.expert_action()?;
-//!     let step = table.step(&action)?;
-//!     succeeded |= step.success;
-//!     if step.truncated {
-//!         break;
+//! fn main() -> Result<(), envs::EnvError> {
+//!     let settings = VecEnvSettings { num_envs: 4, ..VecEnvSettings::default() };
+//!     let mut env = VecEnv::new(settings, TaskGroup::ButtonPress, &D2::ALL)?;
+//!     let mut batch = Batch::new(&settings);
+//!     env.reset(batch.observations())?;
+//!     for _ in 0..50 {
+//!         let actions = [0.5; 4 * ACTION_DIM]; // of your policy, from batch.images and batch.vectors
+//!         env.step(&actions, batch.step())?;
 //!     }
+//!     assert!(batch.truncated.iter().all(|&end| end), "50 decisions are an episode");
+//!     Ok(())
 //! }
-//! assert!(succeeded);
-//! # Ok(())
-//! # }
 //! ```
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod batch;
 mod camera;
 pub mod check;
 mod dynamics;
 mod embodiment;
 mod error;
+pub mod inpainting;
 mod layout;
 mod picture;
 pub mod reward;
 mod scene;
 mod settings;
+mod share;
 mod tabletop;
 mod task;
 pub mod tasks;
 mod vec_env;
 mod worker;
 
-pub use camera::Camera;
+pub use batch::{Batch, ObservationsMut, StepMut};
+pub use camera::{Camera, Light, Mark};
 pub use dynamics::Dynamics;
 pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use layout::Layout;
+pub use mujoco::Backdrop;
 pub use picture::{IMAGE_CHANNELS, Painter, RGB};
 pub use scene::{HAND_START, Scene};
 pub use settings::VecEnvSettings;
@@ -66,4 +65,4 @@ pub use tabletop::{
 pub use task::{
     Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,
 };
-pub use vec_env::{ObservationsMut, StepMut, VecEnv};
+pub use vec_env::{Failure, VecEnv};

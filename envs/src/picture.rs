@@ -1,9 +1,10 @@
 //! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
 
-use mujoco::{RenderOptions, Renderer};
+use mujoco::{Backdrop, RenderOptions, Renderer};
 use std::sync::Arc;
 
 use crate::EnvError;
+use crate::camera::Mark;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
@@ -16,19 +17,49 @@ pub const IMAGE_CHANNELS: usize = 2 * RGB;
 pub struct Painter {
     scene: Arc<Scene>,
     renderer: Renderer,
+    mark: Option<Mark>,
 }
 
+/// Geom group of the arm and the gripper.
+pub(crate) const ARM: usize = 3;
+
 impl Painter {
-    /// A renderer for `scene`.
+    /// A renderer of what a learner sees of `scene`: the table without the arm, and a mark at the gripper.
     ///
     /// # Errors
     /// [`EnvError::Render`] where no off-screen OpenGL can be had.
     pub fn new(scene: Arc<Scene>) -> Result<Self, EnvError> {
+        let mark = Some(scene.camera.mark);
+        Self::showing(scene, false, mark)
+    }
+
+    /// A renderer of what a real camera would see: the arm, and no mark.
+    ///
+    /// # Errors
+    /// As [`Painter::new`].
+    pub fn with_arm(scene: Arc<Scene>) -> Result<Self, EnvError> {
+        Self::showing(scene, true, None)
+    }
+
+    /// A renderer of the table alone: the background that [in-painting](crate::inpainting) starts from.
+    ///
+    /// # Errors
+    /// As [`Painter::new`].
+    pub fn of_table(scene: Arc<Scene>) -> Result<Self, EnvError> {
+        Self::showing(scene, false, None)
+    }
+
+    fn showing(scene: Arc<Scene>, arm: bool, mark: Option<Mark>) -> Result<Self, EnvError> {
         let size = scene.camera.size;
-        // the default draws tables and objects, not the arm (group 3), collision shapes (4) or marks (5)
-        let options = RenderOptions::default();
+        // the default draws tables and objects, not the arm, collision shapes (4) or marks (5)
+        let mut options = RenderOptions::default();
+        options.geom_groups[ARM] = arm;
         let renderer = Renderer::new(Arc::clone(&scene.model), size, size, options)?;
-        Ok(Self { scene, renderer })
+        Ok(Self {
+            scene,
+            renderer,
+            mark,
+        })
     }
 
     /// Paints what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y, column 0 the smallest x.
@@ -37,11 +68,52 @@ impl Painter {
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
-        self.renderer
-            .render(table.data_mut(), self.scene.camera_id, rgb)?;
-        let camera = &self.scene.camera;
-        camera.draw_disc(table.hand(), camera.disc_color, rgb);
+        let camera = self.scene.camera_id;
+        self.renderer.render(table.data_mut(), camera, rgb)?;
+        self.add_mark(table, rgb);
         Ok(())
+    }
+
+    /// Draws what stands still during the episode that `table` has begun, for [`Painter::paint_over`].
+    ///
+    /// # Errors
+    /// As [`Painter::paint`].
+    pub fn paint_backdrop(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &mut Backdrop,
+    ) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        let camera = self.scene.camera_id;
+        let drawn = self
+            .renderer
+            .draw_backdrop(table.data_mut(), camera, backdrop);
+        Ok(drawn?)
+    }
+
+    /// Paints what [`Painter::paint`] does, to the same bits, over the backdrop of the same episode: in about half the time, and in next to none while no
+    /// object moves.
+    ///
+    /// # Errors
+    /// As [`Painter::paint`].
+    pub fn paint_over(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &mut Backdrop,
+        rgb: &mut [u8],
+    ) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        let camera = self.scene.camera_id;
+        self.renderer
+            .render_over(table.data_mut(), camera, backdrop, rgb)?;
+        self.add_mark(table, rgb);
+        Ok(())
+    }
+
+    fn add_mark(&self, table: &TableTop, rgb: &mut [u8]) {
+        if let Some(mark) = &self.mark {
+            self.scene.camera.draw_mark(mark, table.hand(), rgb);
+        }
     }
 }
 

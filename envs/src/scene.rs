@@ -131,10 +131,7 @@ fn compile(
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
         .collect();
-    let main = format!(
-        "<mujoco>{includes}<worldbody>{}</worldbody></mujoco>",
-        camera.to_mjcf("top")
-    );
+    let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name
     parts.push(embodiment.puck());

@@ -97,6 +97,11 @@ impl TableTop {
         &self.scene
     }
 
+    /// The simulation, to be looked at: positions of bodies, contacts, its saved state.
+    pub fn simulation(&self) -> &Data {
+        &self.data
+    }
+
     /// The simulation, for a renderer.
     pub(crate) fn data_mut(&mut self) -> &mut Data {
         &mut self.data
@@ -266,7 +271,7 @@ impl TableTop {
     }
 
     /// Position of the hand (metres, world frame).
-    pub(crate) fn hand(&self) -> DVec3 {
+    pub fn hand(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 

@@ -6,44 +6,39 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::EnvError;
+use crate::batch::{ObservationsMut, StepMut};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
+use crate::share::{Command, Rows};
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
-use crate::worker::{Command, Rows, Worker};
+use crate::worker::Worker;
 
-/// Borrowed buffers for the observations of N environments.
+/// What went wrong in one environment while the others went on.
 #[derive(Debug)]
-pub struct ObservationsMut<'a> {
-    /// `[N, size, size, 6]`: current and first RGB picture of the episode.
-    pub images: &'a mut [u8],
-    /// `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
-    pub vectors: &'a mut [f32],
-}
-
-/// Borrowed buffers for the outcome of one step of N environments.
-#[derive(Debug)]
-pub struct StepMut<'a> {
-    /// What the next action should be chosen from: of the next episode where one ended.
-    pub observations: ObservationsMut<'a>,
-    /// The last observation of an episode; rows are written only where `truncated`.
-    pub final_observations: ObservationsMut<'a>,
-    /// `[N]`, in `[0, 1]`.
-    pub rewards: &'a mut [f32],
-    /// `[N]`: the success condition held during the step.
-    pub success: &'a mut [bool],
-    /// `[N]`: the episode reached its time limit; tasks never end otherwise.
-    pub truncated: &'a mut [bool],
+pub struct Failure {
+    /// Index of the environment.
+    pub env: usize,
+    /// A diverged simulation, a panic.
+    pub error: EnvError,
 }
 
 /// N environments of one task group; where an episode ends, the next begins at once with a variant drawn anew.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
+///
+/// An environment that fails in a step (its simulation diverges, or its code panics) does not stop the others. Its episode reads as one that
+/// ran out of time at the observation before that step: reward 0, `truncated`, that observation as the final one; and its next episode
+/// has begun. A restart that fails leaves the row's observation as it was and is tried again in every step. [`VecEnv::reset`] and
+/// [`VecEnv::step`] return these failures, a failed restart as a second one of its environment.
 pub struct VecEnv {
     settings: VecEnvSettings,
     scenes: BTreeMap<TaskGroup, Arc<Scene>>,
     workers: Vec<Worker>,
     rows: Vec<Rows>,
+    failures: Vec<Failure>,
+    /// Whether episodes run: after a reset, until the tasks change or a call fails.
+    running: bool,
 }
 
 impl VecEnv {
@@ -62,6 +57,8 @@ impl VecEnv {
             scenes: BTreeMap::new(),
             workers: Vec::new(),
             rows: Vec::new(),
+            failures: Vec::new(),
+            running: false,
         };
         // before any thread starts: the first model of a process tunes software rendering (see `mujoco`)
         vec_env.scene(group)?;
@@ -75,10 +72,22 @@ impl VecEnv {
         &self.settings
     }
 
+    /// Makes models and renderers of `groups` and lets their scenes come to rest, so that [`VecEnv::set_tasks`] is cheap from then on.
+    ///
+    /// # Errors
+    /// What MuJoCo or OpenGL says.
+    pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
+        for &group in groups {
+            let scene = self.scene(group)?;
+            self.tell(|| Command::Prepare(Arc::clone(&scene)))?;
+        }
+        Ok(())
+    }
+
     /// Switches every environment to `group`, with variants drawn uniformly from `elements`. Running episodes end:
     /// [`VecEnv::reset`] must come next.
     ///
-    /// A group's model is compiled when it is first named.
+    /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
     ///
     /// # Errors
     /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
@@ -88,11 +97,10 @@ impl VecEnv {
         }
         let layout = self.settings.layout;
         elements.iter().try_for_each(|&g| layout.check(g))?;
+        self.running = false;
+        self.prepare(&[group])?;
         let scene = self.scene(group)?;
-        for worker in &self.workers {
-            worker.send(Command::SetTasks(Arc::clone(&scene), elements.to_vec()));
-        }
-        self.receive()
+        self.tell(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
     /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
@@ -111,32 +119,32 @@ impl VecEnv {
         Ok(scene)
     }
 
-    /// Starts a new episode in every environment.
+    /// Starts a new episode in every environment, and returns those in which that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`] for buffers of another size, or what MuJoCo or OpenGL says.
-    pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<(), EnvError> {
+    /// [`EnvError::Length`] for buffers of another size, or what OpenGL says.
+    pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_observations(&out)?;
-        self.send(Command::Reset);
-        self.receive()?;
+        self.run(Command::Reset)?;
         self.copy_observations(out);
-        Ok(())
+        Ok(&self.failures)
     }
 
-    /// Holds `actions` `[N, 4]` for one decision in every environment.
+    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns those that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`], [`EnvError::NonFiniteAction`], a diverged simulation, or lost rendering.
-    /// After an error of a simulation, [`VecEnv::reset`] starts afresh.
-    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<(), EnvError> {
+    /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`]; where OpenGL is lost, which all
+    /// environments of a thread share, an [`EnvError::InEnv`] that says so.
+    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
-        self.prepare_rows();
+        if !self.running {
+            return Err(EnvError::NotReset);
+        }
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
             let range = worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM;
             rows.actions.copy_from_slice(&actions[range]);
         }
-        self.send(Command::Step);
-        self.receive()?;
+        self.run(Command::Step)?;
         self.copy_finals(out.final_observations);
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let envs = worker.envs.clone();
@@ -145,10 +153,34 @@ impl VecEnv {
             out.truncated[envs].copy_from_slice(&rows.truncated);
         }
         self.copy_observations(out.observations);
+        Ok(&self.failures)
+    }
+
+    /// Lets every worker work on its rows.
+    fn run(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
+        self.prepare_rows();
+        self.running = false;
+        for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
+            worker.send(command(rows));
+        }
+        self.receive()?;
+        self.running = true;
+        self.failures.clear();
+        for rows in &mut self.rows {
+            self.failures.append(&mut rows.failures);
+        }
         Ok(())
     }
 
-    /// Makes one set of rows a worker; after an error some were lost.
+    /// Gives every worker an order that concerns no rows.
+    fn tell(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
+        for worker in &self.workers {
+            worker.send(command());
+        }
+        self.receive()
+    }
+
+    /// Makes one set of rows a worker, at first and after a worker was lost.
     fn prepare_rows(&mut self) {
         if self.rows.len() != self.workers.len() {
             let image = self.settings.image_len();
@@ -157,23 +189,15 @@ impl VecEnv {
         }
     }
 
-    fn send(&mut self, command: fn(Rows) -> Command) {
-        self.prepare_rows();
-        for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
-            worker.send(command(rows));
-        }
-    }
-
     /// Waits for every worker, then reports the first error, so that questions and answers stay paired.
     fn receive(&mut self) -> Result<(), EnvError> {
-        let mut first_error = None;
+        let mut first_error = Ok(());
         for worker in &mut self.workers {
-            match worker.receive() {
-                Ok(rows) => self.rows.extend(rows),
-                Err(error) => first_error = first_error.or(Some(error)),
-            }
+            let reply = worker.receive();
+            self.rows.extend(reply.rows);
+            first_error = first_error.and(reply.result);
         }
-        first_error.map_or(Ok(()), Err)
+        first_error
     }
 
     fn copy_observations(&self, out: ObservationsMut<'_>) {
@@ -243,3 +267,6 @@ fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvE
 fn copy_row<T: Copy>(from: &[T], row: usize, to: &mut [T], to_row: usize, len: usize) {
     to[to_row * len..(to_row + 1) * len].copy_from_slice(&from[row * len..(row + 1) * len]);
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use envs::{Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Backdrop, Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -96,6 +96,37 @@ fn placements_that_are_not_mirrored_exactly_are_few_and_off_by_an_edge() {
     assert!(inexact * 8 < pictures, "{inexact} of {pictures} pictures");
 }
 
+/// Of a whole episode, in which the expert moves the objects.
+#[test]
+fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
+    let size = 64;
+    for group in TaskGroup::ALL {
+        let Studio {
+            mut table,
+            mut painter,
+            ..
+        } = Studio::new(group, size);
+        let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB]);
+        let mut expected = rgb.clone();
+        for element in D2::ALL {
+            let mut rng = ChaCha8Rng::seed_from_u64(2);
+            table.reset(element, &mut rng).unwrap();
+            painter.paint_backdrop(&mut table, &mut backdrop).unwrap();
+            loop {
+                painter.paint(&mut table, &mut expected).unwrap();
+                painter
+                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .unwrap();
+                assert!(rgb == expected, "{group} {element}");
+                let action = table.expert_action().unwrap();
+                if table.step(&action).unwrap().truncated {
+                    break;
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn every_variant_with_objects_looks_different() {
     // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper over the centre.
@@ -137,7 +168,10 @@ fn a_point_projects_to_its_pixel() {
     // the puck's centre, dark on the table, against the camera's own projection
     let camera = Camera {
         size: 96,
-        disc_radius: 0.0,
+        mark: envs::Mark {
+            radius: 0.0,
+            ..envs::Mark::default()
+        },
         ..Camera::default()
     };
     let scene = Arc::new(Scene::new(TaskGroup::ButtonPress, Embodiment::Sawyer, camera).unwrap());

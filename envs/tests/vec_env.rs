@@ -2,61 +2,17 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::sync::Arc;
+
 use envs::{
-    ACTION_DIM, Camera, Dynamics, EnvError, ObservationsMut, StepMut, TaskGroup, VECTOR_DIM,
-    VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Dynamics, EnvError, ObservationsMut, Painter, RGB, Scene, TableTop,
+    TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 const N: usize = 3;
-
-struct Buffers {
-    images: Vec<u8>,
-    vectors: Vec<f32>,
-    final_images: Vec<u8>,
-    final_vectors: Vec<f32>,
-    rewards: Vec<f32>,
-    success: Vec<bool>,
-    truncated: Vec<bool>,
-}
-
-impl Buffers {
-    fn new(settings: &VecEnvSettings) -> Self {
-        let (n, image) = (settings.num_envs, settings.image_len());
-        Self {
-            images: vec![0; n * image],
-            vectors: vec![0.0; n * VECTOR_DIM],
-            final_images: vec![0; n * image],
-            final_vectors: vec![0.0; n * VECTOR_DIM],
-            rewards: vec![0.0; n],
-            success: vec![false; n],
-            truncated: vec![false; n],
-        }
-    }
-
-    fn observations(&mut self) -> ObservationsMut<'_> {
-        ObservationsMut {
-            images: &mut self.images,
-            vectors: &mut self.vectors,
-        }
-    }
-
-    fn step(&mut self) -> StepMut<'_> {
-        StepMut {
-            observations: ObservationsMut {
-                images: &mut self.images,
-                vectors: &mut self.vectors,
-            },
-            final_observations: ObservationsMut {
-                images: &mut self.final_images,
-                vectors: &mut self.final_vectors,
-            },
-            rewards: &mut self.rewards,
-            success: &mut self.success,
-            truncated: &mut self.truncated,
-        }
-    }
-}
 
 fn settings(threads: usize) -> VecEnvSettings {
     VecEnvSettings {
@@ -85,7 +41,7 @@ fn action(step: usize) -> Vec<f32> {
 fn trace(threads: usize) -> Vec<u32> {
     let settings = settings(threads);
     let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     let mut trace = Vec::new();
     for group in [
         TaskGroup::DrawerClose,
@@ -120,7 +76,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     let start = buffers.vectors.clone();
     for step in 1..=settings.dynamics.decisions() {
@@ -156,6 +112,88 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     );
 }
 
+/// One environment driven by hand: the slow twin of a row.
+struct Twin {
+    table: TableTop,
+    painter: Painter,
+    rng: ChaCha8Rng,
+    first: Vec<u8>,
+}
+
+impl Twin {
+    fn new(settings: &VecEnvSettings, group: TaskGroup, env: usize) -> Self {
+        let scene = Scene::new(group, settings.embodiment, settings.camera).unwrap();
+        let scene = Arc::new(scene);
+        let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
+        rng.set_stream(env as u64);
+        Self {
+            table: TableTop::new(Arc::clone(&scene), settings.dynamics).unwrap(),
+            painter: Painter::new(scene).unwrap(),
+            rng,
+            first: vec![0; settings.camera.size * settings.camera.size * RGB],
+        }
+    }
+
+    fn begin(&mut self) -> (Vec<u8>, Vec<f32>) {
+        let element = D2::ALL[self.rng.random_range(0..4)];
+        self.table.reset(element, &mut self.rng).unwrap();
+        self.painter
+            .paint(&mut self.table, &mut self.first)
+            .unwrap();
+        self.observe()
+    }
+
+    fn observe(&mut self) -> (Vec<u8>, Vec<f32>) {
+        let mut now = self.first.clone();
+        self.painter.paint(&mut self.table, &mut now).unwrap();
+        let pixels = now.chunks(RGB).zip(self.first.chunks(RGB));
+        let image = pixels.flat_map(|(now, first)| [now, first].concat());
+        (image.collect(), self.table.observe().unwrap().to_vec())
+    }
+}
+
+/// Row `env` of observations.
+fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
+    let image = observations.images.len() / N;
+    (
+        observations.images[env * image..][..image].to_vec(),
+        observations.vectors[env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
+    )
+}
+
+#[test]
+fn every_row_is_what_one_environment_driven_by_hand_shows() {
+    let (settings, group) = (settings(2), TaskGroup::ButtonPress);
+    let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
+    let mut buffers = Batch::new(&settings);
+    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
+    env.reset(buffers.observations()).unwrap();
+    for (env, twin) in twins.iter_mut().enumerate() {
+        assert_eq!(row(&buffers.observations(), env), twin.begin());
+    }
+    for step in 0..14 {
+        let actions = action(step);
+        env.step(&actions, buffers.step()).unwrap();
+        for (env, twin) in twins.iter_mut().enumerate() {
+            let action = actions[env * ACTION_DIM..][..ACTION_DIM]
+                .try_into()
+                .unwrap();
+            let expected = twin.table.step(action).unwrap();
+            assert_eq!(buffers.rewards[env], expected.reward as f32);
+            assert_eq!(buffers.success[env], expected.success);
+            assert_eq!(buffers.truncated[env], expected.truncated);
+            let mut observation = twin.observe();
+            if expected.truncated {
+                let last = buffers.step().final_observations;
+                assert_eq!(row(&last, env), observation, "environment {env}");
+                observation = twin.begin();
+            }
+            let now = row(&buffers.observations(), env);
+            assert_eq!(now, observation, "environment {env} after step {step}");
+        }
+    }
+}
+
 #[test]
 fn variants_are_drawn_from_the_elements_given() {
     let settings = VecEnvSettings {
@@ -163,9 +201,9 @@ fn variants_are_drawn_from_the_elements_given() {
         ..settings(2)
     };
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &[D2::FlipX]).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
-    let goals = |buffers: &Buffers| -> Vec<(bool, bool)> {
+    let goals = |buffers: &Batch| -> Vec<(bool, bool)> {
         let rows = buffers.vectors.chunks_exact(VECTOR_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
@@ -184,12 +222,10 @@ fn variants_are_drawn_from_the_elements_given() {
 fn bad_input_is_refused_and_changes_nothing() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     let early = env.step(&action(0), buffers.step()).unwrap_err();
     assert!(
-        early
-            .to_string()
-            .contains("environment 0: no episode is running"),
+        early.to_string().contains("no episode is running"),
         "{early}"
     );
     env.reset(buffers.observations()).unwrap();
@@ -210,7 +246,7 @@ fn bad_input_is_refused_and_changes_nothing() {
     assert!(none.to_string().contains("no variants of goal-reach"));
     env.step(&action(0), buffers.step()).unwrap();
     let mut fresh = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut expected = Buffers::new(&settings);
+    let mut expected = Batch::new(&settings);
     fresh.reset(expected.observations()).unwrap();
     fresh.step(&action(0), expected.step()).unwrap();
     assert_eq!(buffers.vectors, expected.vectors);
@@ -221,7 +257,7 @@ fn bad_input_is_refused_and_changes_nothing() {
 fn a_switch_ends_running_episodes() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &[D2::Identity]).unwrap();
-    let mut buffers = Buffers::new(&settings);
+    let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
@@ -234,6 +270,26 @@ fn a_switch_ends_running_episodes() {
     );
     env.reset(buffers.observations()).unwrap();
     env.step(&action(0), buffers.step()).unwrap();
+}
+
+#[test]
+fn preparing_groups_changes_nothing_that_is_seen() {
+    let settings = settings(2);
+    let mut plain = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut prepared = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut buffers = [Batch::new(&settings), Batch::new(&settings)];
+    let [a, b] = &mut buffers;
+    for group in [TaskGroup::GoalReach, TaskGroup::PlateSlide] {
+        plain.set_tasks(group, &D2::ALL).unwrap();
+        prepared.set_tasks(group, &D2::ALL).unwrap();
+        plain.reset(a.observations()).unwrap();
+        prepared.reset(b.observations()).unwrap();
+        plain.step(&action(0), a.step()).unwrap();
+        // in the middle of episodes
+        prepared.prepare(&TaskGroup::ALL).unwrap();
+        prepared.step(&action(0), b.step()).unwrap();
+        assert_eq!((&a.images, &a.vectors), (&b.images, &b.vectors), "{group}");
+    }
 }
 
 #[test]

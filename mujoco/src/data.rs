@@ -198,6 +198,13 @@ impl Data {
         self.row(self.get().geom_xpos, self.model.ngeom(), geom.index())
     }
 
+    /// The x, y and z axis of a geom's frame, unit vectors in the world (derived).
+    pub fn geom_axes(&self, geom: GeomId) -> [[f64; 3]; 3] {
+        let m: [f64; 9] = self.row(self.get().geom_xmat, self.model.ngeom(), geom.index());
+        // MuJoCo's matrices are row-major
+        [0, 1, 2].map(|axis| [m[axis], m[3 + axis], m[6 + axis]])
+    }
+
     /// Position of a site in the world, in metres (derived).
     pub fn site_position(&self, site: SiteId) -> [f64; 3] {
         self.row(

@@ -231,16 +231,20 @@ pub enum RenderError {
         /// Geoms that fit.
         limit: usize,
     },
-    /// OpenGL reported an error.
-    #[error("OpenGL error {code:#06x} while {during}")]
+    /// OpenGL reported an error, for instance that it lost the context (0x0507) or has no memory left (0x0505).
+    #[error(
+        "OpenGL error {code:#06x} while {during}; pictures cannot be trusted: make a new renderer"
+    )]
     OpenGl {
         /// Code of `glGetError`.
         code: u32,
         /// What was being done.
         during: &'static str,
     },
-    /// The context could not be made current on this thread.
-    #[error("the {backend} context cannot be made current: {reason}")]
+    /// The context could not be made current on this thread: it is lost.
+    #[error(
+        "the {backend} context is lost, it cannot be made current: {reason}; make a new renderer"
+    )]
     Current {
         /// The renderer's backend.
         backend: Backend,

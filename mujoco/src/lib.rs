@@ -50,6 +50,7 @@ pub mod ids;
 mod init;
 mod model;
 mod renderer;
+mod shape;
 mod state;
 mod vfs;
 
@@ -58,7 +59,8 @@ pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::Backend;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
 pub use model::Model;
-pub use renderer::{RenderOptions, Renderer};
+pub use renderer::{Backdrop, RenderOptions, Renderer};
+pub use shape::Shape;
 pub use state::State;
 
 #[cfg(doctest)]

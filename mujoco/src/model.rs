@@ -12,6 +12,7 @@ use crate::ids::{
 };
 use crate::init;
 use crate::raw;
+use crate::shape::Shape;
 use crate::vfs::{Vfs, file_name};
 
 /// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
@@ -228,6 +229,31 @@ impl Model {
     /// Body that a geom is fixed to.
     pub fn geom_body(&self, geom: GeomId) -> BodyId {
         Id::new(self.array(self.get().geom_bodyid, self.get().ngeom)[geom.index()] as usize)
+    }
+
+    /// Every geom, in the model's order.
+    pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
+        (0..self.ngeom()).map(Id::new)
+    }
+
+    /// Shape of a geom; its axis, where it has one, is the z axis of its frame. None for planes, meshes and other shapes
+    /// that three figures do not describe.
+    pub fn geom_shape(&self, geom: GeomId) -> Option<Shape> {
+        let [x, y, z] = self.geom_size(geom);
+        let kind = self.array(self.get().geom_type, self.get().ngeom)[geom.index()];
+        match kind.cast_unsigned() {
+            raw::mjGEOM_SPHERE => Some(Shape::Sphere { radius: x }),
+            raw::mjGEOM_CAPSULE => Some(Shape::Capsule {
+                radius: x,
+                half_length: y,
+            }),
+            raw::mjGEOM_CYLINDER => Some(Shape::Cylinder {
+                radius: x,
+                half_length: y,
+            }),
+            raw::mjGEOM_BOX => Some(Shape::Box { half: [x, y, z] }),
+            _ => None,
+        }
     }
 
     /// Group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides groups.

@@ -1,6 +1,5 @@
 //! Off-screen drawing: `mjvScene` and `mjrContext`, on an OpenGL context of its own.
 
-use std::mem::MaybeUninit;
 use std::sync::Arc;
 
 use crate::data::Data;
@@ -9,6 +8,13 @@ use crate::gl::{Backend, GlContext};
 use crate::ids::CameraId;
 use crate::model::Model;
 use crate::raw;
+
+mod backdrop;
+mod setup;
+
+pub use backdrop::Backdrop;
+
+use setup::{fixed_camera, make_drawing, make_scene, visible};
 
 /// Largest side of an image, in pixels.
 const MAX_SIDE: usize = 4096;
@@ -56,6 +62,9 @@ pub struct Renderer {
     options: Box<raw::mjvOption>,
     scene: Box<raw::mjvScene>,
     drawing: Box<raw::mjrContext>,
+    shadows: bool,
+    /// Of the geoms drawn over a backdrop, bottom row first.
+    depth: Vec<f32>,
     // last, so that it outlives what `drop` frees in it
     gl: GlContext,
 }
@@ -100,7 +109,7 @@ impl Renderer {
         let (gl, backend) = GlContext::new(backends)?;
         let drawing = make_drawing(&model, width, height, &options);
         let scene = make_scene(&model, &options);
-        let options = visible(&options);
+        let (shadows, options) = (options.shadows, visible(&options));
         let renderer = Self {
             model,
             width,
@@ -109,6 +118,8 @@ impl Renderer {
             options,
             scene,
             drawing,
+            shadows,
+            depth: Vec::new(),
             gl,
         };
         check_opengl("making the context")?;
@@ -149,15 +160,19 @@ impl Renderer {
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         self.check_arguments(data, camera, out)?;
+        self.make_current()?;
+        self.update_scene(data, camera, raw::mjCAT_ALL)?;
+        self.draw(out, None);
+        flip_rows(out, 3 * self.width);
+        check_opengl("drawing")
+    }
+
+    fn make_current(&self) -> Result<(), RenderError> {
         let current = self.gl.make_current();
         current.map_err(|reason| RenderError::Current {
             backend: self.backend,
             reason,
-        })?;
-        self.update_scene(data, camera)?;
-        self.draw(out);
-        flip_rows(out, 3 * self.width);
-        check_opengl("drawing")
+        })
     }
 
     fn check_arguments(
@@ -185,7 +200,13 @@ impl Renderer {
         Ok(())
     }
 
-    fn update_scene(&mut self, data: &mut Data, camera: CameraId) -> Result<(), RenderError> {
+    /// Takes into the scene the geoms of some categories, moving or not.
+    fn update_scene(
+        &mut self,
+        data: &mut Data,
+        camera: CameraId,
+        categories: raw::mjtCatBit,
+    ) -> Result<(), RenderError> {
         let mut view = fixed_camera(camera);
         // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
         unsafe {
@@ -195,7 +216,7 @@ impl Renderer {
                 &raw const *self.options,
                 std::ptr::null(),
                 &raw mut view,
-                raw::mjCAT_ALL.cast_signed(),
+                categories.cast_signed(),
                 &raw mut *self.scene,
             );
         }
@@ -208,7 +229,8 @@ impl Renderer {
         }
     }
 
-    fn draw(&mut self, out: &mut [u8]) {
+    /// Draws the scene and reads it back, bottom row first.
+    fn draw(&mut self, out: &mut [u8], depth: Option<&mut [f32]>) {
         let (width, height) = (self.width as i32, self.height as i32);
         let viewport = raw::mjrRect {
             left: 0,
@@ -216,16 +238,12 @@ impl Renderer {
             width,
             height,
         };
-        // SAFETY: the context that `drawing` was made in is current; `out` holds exactly the
-        // viewport's pixels (checked by `render`); NULL asks for no depth.
+        let depth = depth.map_or(std::ptr::null_mut(), <[f32]>::as_mut_ptr);
+        // SAFETY: the context that `drawing` was made in is current; `out` and `depth` hold exactly
+        // the viewport's pixels (checked by the callers); NULL asks for no depth.
         unsafe {
             raw::mjr_render(viewport, &raw mut *self.scene, &raw const *self.drawing);
-            raw::mjr_readPixels(
-                out.as_mut_ptr(),
-                std::ptr::null_mut(),
-                viewport,
-                &raw const *self.drawing,
-            );
+            raw::mjr_readPixels(out.as_mut_ptr(), depth, viewport, &raw const *self.drawing);
         }
     }
 }
@@ -241,86 +259,6 @@ impl Drop for Renderer {
             raw::mjv_freeScene(&raw mut *self.scene);
         }
     }
-}
-
-/// Makes MuJoCo's drawing context, with an off-screen buffer of the size asked for.
-fn make_drawing(
-    model: &Model,
-    width: usize,
-    height: usize,
-    options: &RenderOptions,
-) -> Box<raw::mjrContext> {
-    // buffer sizes are read from the model, which is shared: alter a shallow copy
-    let mut copy = *model.get();
-    copy.vis.global.offwidth = width as i32;
-    copy.vis.global.offheight = height as i32;
-    copy.vis.quality.offsamples = 0;
-    if !options.shadows {
-        copy.vis.quality.shadowsize = 0;
-    }
-    let mut drawing = Box::new(MaybeUninit::uninit());
-    // SAFETY: `mjr_defaultContext` fills the struct in; the copy's pointers are the model's, alive
-    // and only read; an OpenGL context with the features MuJoCo needs is current.
-    unsafe {
-        raw::mjr_defaultContext(drawing.as_mut_ptr());
-        raw::mjr_makeContext(
-            &raw const copy,
-            drawing.as_mut_ptr(),
-            raw::mjFONTSCALE_100.cast_signed(),
-        );
-        raw::mjr_setBuffer(raw::mjFB_OFFSCREEN.cast_signed(), drawing.as_mut_ptr());
-        drawing.assume_init()
-    }
-}
-
-fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
-    let sizes = model.get();
-    // one per geom and site, and one per piece of tendon
-    let max_geoms = sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1;
-    let mut scene = Box::new(MaybeUninit::uninit());
-    // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
-    let mut scene: Box<raw::mjvScene> = unsafe {
-        raw::mjv_defaultScene(scene.as_mut_ptr());
-        raw::mjv_makeScene(model.as_ptr(), scene.as_mut_ptr(), max_geoms);
-        scene.assume_init()
-    };
-    scene.flags.fill(0);
-    scene.flags[raw::mjRND_CULL_FACE as usize] = 1;
-    scene.flags[raw::mjRND_SHADOW as usize] = options.shadows.into();
-    scene
-}
-
-fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
-    let mut visible = Box::new(MaybeUninit::uninit());
-    // SAFETY: `mjv_defaultOption` fills the struct in.
-    let mut visible: Box<raw::mjvOption> = unsafe {
-        raw::mjv_defaultOption(visible.as_mut_ptr());
-        visible.assume_init()
-    };
-    visible.geomgroup = options.geom_groups.map(u8::from);
-    visible.sitegroup = options.site_groups.map(u8::from);
-    visible.flags.fill(0);
-    for flag in [
-        raw::mjVIS_TEXTURE,
-        raw::mjVIS_TENDON,
-        raw::mjVIS_STATIC,
-        raw::mjVIS_SKIN,
-    ] {
-        visible.flags[flag as usize] = 1;
-    }
-    visible
-}
-
-fn fixed_camera(camera: CameraId) -> raw::mjvCamera {
-    let mut view = MaybeUninit::uninit();
-    // SAFETY: `mjv_defaultCamera` fills the struct in.
-    let mut view = unsafe {
-        raw::mjv_defaultCamera(view.as_mut_ptr());
-        view.assume_init()
-    };
-    view.type_ = raw::mjCAMERA_FIXED.cast_signed();
-    view.fixedcamid = camera.index() as i32;
-    view
 }
 
 fn check_opengl(during: &'static str) -> Result<(), RenderError> {
@@ -346,6 +284,34 @@ fn flip_rows(image: &mut [u8], row: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use khronos_egl as egl;
+
+    fn renderer() -> (Data, Renderer) {
+        let xml = r#"<mujoco><worldbody><camera name="top" pos="0 0 2"/></worldbody></mujoco>"#;
+        let model = Arc::new(Model::from_xml(xml).unwrap());
+        let backends = [Backend::EglSurfaceless];
+        let options = RenderOptions::default();
+        let renderer = Renderer::with_backends(Arc::clone(&model), 8, 8, options, &backends);
+        (Data::new(model), renderer.unwrap())
+    }
+
+    #[test]
+    fn a_lost_context_is_an_error_of_its_renderer_alone() {
+        let (mut data, mut lost) = renderer();
+        // SAFETY: EGL is loaded already; loading it again runs nothing.
+        let egl = unsafe { egl::DynamicInstance::<egl::EGL1_5>::load_required() }.unwrap();
+        let (display, context) = (egl.get_current_display(), egl.get_current_context());
+        let (mut other_data, mut other) = renderer();
+        egl.destroy_context(display.unwrap(), context.unwrap())
+            .unwrap();
+        let camera = data.model().camera("top").unwrap();
+        let mut image = vec![0; lost.image_len()];
+        let error = lost.render(&mut data, camera, &mut image).unwrap_err();
+        assert!(matches!(error, RenderError::Current { .. }), "{error:?}");
+        let text = error.to_string();
+        assert!(text.contains("lost") && text.contains("make a new renderer"));
+        other.render(&mut other_data, camera, &mut image).unwrap();
+    }
 
     #[test]
     fn rows_are_reversed_and_pixels_kept() {

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
-use mujoco::{Model, ModelError};
+use mujoco::{Data, Model, ModelError, Shape};
 
 const ARM: &str = r#"<mujoco>
   <option timestep="0.0025"/>
@@ -156,4 +156,49 @@ fn models_load_on_several_threads_at_once() {
             });
         }
     });
+}
+
+#[test]
+fn geoms_have_shapes_and_axes() {
+    let model = Model::from_xml(
+        r#"<mujoco><worldbody>
+             <geom type="plane" size="1 1 1"/>
+             <geom type="sphere" size=".1"/>
+             <geom type="capsule" size=".1 .2" euler="0 90 0"/>
+             <geom type="cylinder" size=".1 .3"/>
+             <geom type="box" size=".1 .2 .3"/>
+             <geom type="ellipsoid" size=".1 .2 .3"/>
+           </worldbody></mujoco>"#,
+    )
+    .unwrap();
+    let (radius, half) = (0.1, [0.1, 0.2, 0.3]);
+    let shapes: Vec<_> = model.geoms().map(|geom| model.geom_shape(geom)).collect();
+    let expected = [
+        None,
+        Some(Shape::Sphere { radius }),
+        Some(Shape::Capsule {
+            radius,
+            half_length: 0.2,
+        }),
+        Some(Shape::Cylinder {
+            radius,
+            half_length: 0.3,
+        }),
+        Some(Shape::Box { half }),
+        None,
+    ];
+    assert_eq!(shapes, expected);
+
+    let capsule = model.geoms().nth(2).unwrap();
+    let mut data = Data::new(model.into());
+    data.forward().unwrap();
+    let [x, y, z] = data.geom_axes(capsule);
+    for (axis, expected) in [
+        (x, [0.0, 0.0, -1.0]),
+        (y, [0.0, 1.0, 0.0]),
+        (z, [1.0, 0.0, 0.0]),
+    ] {
+        let off = axis.iter().zip(expected).map(|(a, b)| (a - b).abs());
+        assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {expected:?}");
+    }
 }

@@ -7,7 +7,7 @@ mod support;
 use std::sync::Arc;
 use std::thread;
 
-use mujoco::{Backend, Data, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{Backdrop, Backend, Data, Model, RenderError, RenderOptions, Renderer};
 
 const SURFACELESS: [Backend; 1] = [Backend::EglSurfaceless];
 
@@ -129,6 +129,99 @@ fn shadows_are_off_unless_asked_for() {
         draw(&mut data, &mut renderer)
     };
     assert_ne!(image_with(true), image_with(false));
+}
+
+/// A slanted edge, lit evenly: multisampling would mix the two colours along it.
+#[test]
+fn edges_are_not_smoothed() {
+    let xml = r#"<mujoco><visual><quality offsamples="4"/><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+      <worldbody>
+        <camera name="top" pos="0 0 2"/>
+        <geom type="box" size=".5 .3 .1" euler="0 0 25" rgba="1 1 1 1"/>
+      </worldbody></mujoco>"#;
+    let (mut data, mut renderer) = ready(xml, RenderOptions::default());
+    let mut levels = draw(&mut data, &mut renderer);
+    levels.sort_unstable();
+    levels.dedup();
+    assert_eq!(levels, [0, 255]);
+}
+
+/// A mirror under a red ball that the camera sees beside the ball, or would.
+#[test]
+fn mirrors_do_not_reflect() {
+    let image = |reflectance| {
+        let xml = format!(
+            r#"<mujoco>
+                 <asset><material name="mirror" reflectance="{reflectance}" rgba=".5 .5 .5 1"/></asset>
+                 <worldbody>
+                   <camera name="top" pos="0 -1 1" euler="45 0 0"/>
+                   <geom type="plane" size="3 3 .1" material="mirror"/>
+                   <geom type="sphere" size=".2" pos="0 .5 .8" rgba="1 0 0 1"/>
+                 </worldbody></mujoco>"#
+        );
+        let (mut data, mut renderer) = ready(&xml, RenderOptions::default());
+        draw(&mut data, &mut renderer)
+    };
+    assert_eq!(image(0.9), image(0.0));
+}
+
+/// A ball on a spring over a table and under a bridge, which hides it now and then.
+fn bridge(ball: &str) -> String {
+    format!(
+        r#"<mujoco><visual><quality shadowsize="256"/></visual><worldbody>
+             <camera name="top" pos="0 0 2"/>
+             <light directional="true" pos="-2 0 3" dir="1 0 -1"/>
+             <geom type="box" size="5 5 .1"/>
+             <geom type="box" size=".1 .5 .02" pos="0 0 .8" rgba="0 0 1 1"/>
+             <body pos="-.3 0 .4"><joint type="slide" axis="1 0 0" stiffness="20"/><geom size=".2" rgba="{ball}"/></body>
+           </worldbody></mujoco>"#
+    )
+}
+
+#[test]
+fn pictures_over_a_backdrop_are_the_whole_pictures() {
+    let shadows = RenderOptions {
+        shadows: true,
+        ..RenderOptions::default()
+    };
+    let cases = [
+        ("1 0 0 1", RenderOptions::default()),
+        ("1 0 0 .5", RenderOptions::default()),
+        ("1 0 0 1", shadows),
+    ];
+    for (ball, options) in cases {
+        let (mut data, mut renderer) = ready(&bridge(ball), options);
+        let camera = data.model().camera("top").unwrap();
+        let mut backdrop = Backdrop::default();
+        renderer
+            .draw_backdrop(&mut data, camera, &mut backdrop)
+            .unwrap();
+        let still = draw(&mut data, &mut renderer);
+        data.qpos_mut()[0] = -0.5;
+        let mut moved = false;
+        for _ in 0..60 {
+            data.step(5).unwrap();
+            data.forward().unwrap();
+            let mut over = vec![9; renderer.image_len()];
+            renderer
+                .render_over(&mut data, camera, &mut backdrop, &mut over)
+                .unwrap();
+            let whole = draw(&mut data, &mut renderer);
+            assert_eq!(over, whole, "ball {ball}");
+            moved |= whole != still;
+        }
+        assert!(moved, "the ball does not show");
+    }
+}
+
+#[test]
+fn a_backdrop_that_was_not_drawn_is_refused() {
+    let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
+    let camera = data.model().camera("top").unwrap();
+    let mut out = vec![0; renderer.image_len()];
+    let refused = renderer.render_over(&mut data, camera, &mut Backdrop::default(), &mut out);
+    let (expected, got) = (192, 0);
+    assert_eq!(refused, Err(RenderError::Buffer { expected, got }));
 }
 
 #[test]

@@ -95,7 +95,7 @@ impl Context for EglContext {
         let current =
             self.egl
                 .make_current(self.display, self.surface, self.surface, Some(self.context));
-        current.map_err(|error| format!("the context cannot be made current: {error}"))
+        current.map_err(|error| error.to_string())
     }
 
     fn publish(&self) -> Result<(), String> {

@@ -1,0 +1,186 @@
+//! Environments that fail, and the others.
+
+use super::*;
+use crate::{Batch, Camera, Dynamics, TableTop};
+
+const N: usize = 3;
+/// The environment that is made to fail.
+const VICTIM: usize = 1;
+/// Decisions in an episode, and the one in which the victim fails, counted from 0.
+const DECISIONS: usize = 4;
+const FATAL: usize = 2;
+
+/// What a caller sees of one step, row by row.
+#[derive(Clone, Debug, PartialEq)]
+struct Seen {
+    observation: (Vec<u8>, Vec<f32>),
+    last: Option<(Vec<u8>, Vec<f32>)>,
+    reward: f32,
+}
+
+struct Rig {
+    env: VecEnv,
+    batch: Batch,
+}
+
+impl Rig {
+    fn new(threads: usize) -> Self {
+        let settings = VecEnvSettings {
+            num_envs: N,
+            threads,
+            camera: Camera {
+                size: 16,
+                ..Camera::default()
+            },
+            dynamics: Dynamics {
+                horizon: 10 * DECISIONS,
+                ..Dynamics::default()
+            },
+            ..VecEnvSettings::default()
+        };
+        Self {
+            env: VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap(),
+            batch: Batch::new(&settings),
+        }
+    }
+
+    fn reset(&mut self) -> Vec<String> {
+        texts(self.env.reset(self.batch.observations()).unwrap())
+    }
+
+    /// Row `env` of an observation.
+    fn row(observation: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
+        let image = observation.images.len() / N;
+        (
+            observation.images[env * image..][..image].to_vec(),
+            observation.vectors[env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
+        )
+    }
+
+    fn observation(&mut self, env: usize) -> (Vec<u8>, Vec<f32>) {
+        Self::row(&self.batch.observations(), env)
+    }
+
+    /// One step of the same action everywhere, and the failures in it.
+    fn step(&mut self) -> (Vec<Seen>, Vec<String>) {
+        self.try_step().unwrap()
+    }
+
+    fn try_step(&mut self) -> Result<(Vec<Seen>, Vec<String>), EnvError> {
+        let actions = [0.5; N * ACTION_DIM];
+        let failures = texts(self.env.step(&actions, self.batch.step())?);
+        let out = self.batch.step();
+        let seen = |env| Seen {
+            observation: Self::row(&out.observations, env),
+            last: out.truncated[env].then(|| Self::row(&out.final_observations, env)),
+            reward: out.rewards[env],
+        };
+        Ok(((0..N).map(seen).collect(), failures))
+    }
+
+    /// Has `deed` done to the victim at its next decision.
+    fn sabotage(&mut self, deed: fn(&mut TableTop)) {
+        let owner = |worker: &&mut Worker| worker.envs.contains(&VICTIM);
+        let worker = self.env.workers.iter_mut().find(owner).unwrap();
+        worker.send(Command::Sabotage(VICTIM - worker.envs.start, deed));
+        worker.receive().result.unwrap();
+    }
+}
+
+fn texts(failures: &[Failure]) -> Vec<String> {
+    let text = |failure: &Failure| format!("{}: {}", failure.env, failure.error);
+    failures.iter().map(text).collect()
+}
+
+/// Lets the victim fail in its third decision and compares everything with a run in which it does not.
+fn check_failure(threads: usize, deed: fn(&mut TableTop), says: &str) {
+    let (mut sane, mut hurt) = (Rig::new(threads), Rig::new(threads));
+    assert!(sane.reset().is_empty() && hurt.reset().is_empty());
+    for decision in 0..2 * DECISIONS {
+        if decision == FATAL {
+            hurt.sabotage(deed);
+        }
+        let before = hurt.observation(VICTIM);
+        let ((expected, _), (seen, failures)) = (sane.step(), hurt.step());
+        for env in (0..N).filter(|&env| env != VICTIM) {
+            assert_eq!(seen[env], expected[env], "{env} in decision {decision}");
+        }
+        let victim = &seen[VICTIM];
+        if decision == FATAL {
+            let [failure] = &failures[..] else {
+                panic!("{failures:?}")
+            };
+            assert!(failure.starts_with(&format!("{VICTIM}: ")), "{failure}");
+            assert!(failure.contains(says), "{failure}");
+            assert_eq!(victim.last.as_ref(), Some(&before));
+            assert_eq!(victim.reward, 0.0);
+            let image = victim.observation.0.chunks_exact(6);
+            assert!(image.into_iter().all(|pixel| pixel[..3] == pixel[3..]));
+        } else {
+            assert!(failures.is_empty(), "{failures:?}");
+            // its second episode began when the first failed
+            let ends = decision == FATAL + DECISIONS;
+            assert_eq!(victim.last.is_some(), ends, "decision {decision}");
+            assert_eq!(decision < FATAL, *victim == expected[VICTIM]);
+        }
+    }
+}
+
+#[test]
+fn a_diverged_simulation_is_a_failure_of_its_environment_alone() {
+    for threads in [1, 2] {
+        let deed = |table: &mut TableTop| table.data_mut().qpos_mut()[0] = f64::NAN;
+        check_failure(threads, deed, "diverged");
+    }
+}
+
+#[test]
+fn a_panic_is_a_failure_of_its_environment_alone() {
+    for threads in [1, 2] {
+        check_failure(
+            threads,
+            |_| panic!("a deliberate panic"),
+            "a deliberate panic",
+        );
+    }
+}
+
+/// With the data of another model there is no going on; the row stays as it was and says so in every step.
+#[test]
+fn an_environment_that_cannot_restart_fails_in_every_step() {
+    let mut rig = Rig::new(2);
+    rig.reset();
+    rig.sabotage(|table| {
+        let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
+        *table.data_mut() = mujoco::Data::new(Arc::new(other));
+    });
+    let before = rig.observation(VICTIM);
+    for says in ["panicked", "no episode is running"] {
+        let (seen, failures) = rig.step();
+        assert_eq!(failures.len(), 2, "{failures:?}");
+        assert!(failures[0].contains(says), "{failures:?}");
+        assert!(failures[1].contains("elements, expected"), "{failures:?}");
+        assert_eq!(seen[VICTIM].observation, before);
+        assert_eq!(seen[VICTIM].last.as_ref(), Some(&before));
+    }
+    assert_eq!(rig.reset().len(), 1);
+}
+
+/// All environments of a thread are drawn by one renderer: without it there is nothing to go on with.
+#[test]
+fn lost_rendering_is_an_error_of_the_call() {
+    let mut rig = Rig::new(2);
+    rig.reset();
+    rig.sabotage(|table| {
+        // the same simulation, but of a model that the renderer does not know
+        let camera = table.scene().camera;
+        let again = Scene::new(table.scene().group, Default::default(), camera).unwrap();
+        *table.data_mut() = mujoco::Data::new(again.model);
+    });
+    let lost = rig.try_step().unwrap_err().to_string();
+    assert!(
+        lost.starts_with("environment 1: the data belongs to another model"),
+        "{lost}"
+    );
+    assert!(matches!(rig.try_step(), Err(EnvError::NotReset)));
+}

@@ -1,0 +1,57 @@
+//! Steps allocate nothing in the steady state, on any thread; not even where episodes end.
+//!
+//! The only test of its binary, since the allocator counts for the whole process. It counts Rust's allocations; what MuJoCo and
+//! OpenGL do is theirs.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use std::alloc::System;
+use std::hint::black_box;
+
+use envs::{ACTION_DIM, Batch, Dynamics, TaskGroup, VecEnv, VecEnvSettings};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+use symmetry::D2;
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
+
+const N: usize = 3;
+/// Allocations that three threads and their four channels may make once.
+const ONCE: usize = 8;
+
+/// Allocations of `run`.
+fn allocations(run: impl FnOnce()) -> usize {
+    let region = Region::new(ALLOCATOR);
+    run();
+    region.change().allocations + region.change().reallocations
+}
+
+#[test]
+fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
+    let settings = VecEnvSettings {
+        num_envs: N,
+        threads: 2,
+        dynamics: Dynamics {
+            horizon: 30,
+            ..Dynamics::default()
+        },
+        ..VecEnvSettings::default()
+    };
+    let mut env = VecEnv::new(settings, TaskGroup::PlateSlide, &D2::ALL).unwrap();
+    let mut batch = Batch::new(&settings);
+    env.reset(batch.observations()).unwrap();
+    let mut ends = 0;
+    let mut steps = |n| {
+        for _ in 0..n {
+            env.step(&[0.3; N * ACTION_DIM], batch.step()).unwrap();
+            ends += usize::from(batch.truncated[0]);
+        }
+    };
+    steps(4);
+    let allocated = allocations(|| steps(200));
+    // a thread allocates when it waits in a channel for the first time, which may come late; far from once a step
+    assert!(allocated <= ONCE, "{allocated} allocations");
+    assert_eq!(ends, 68);
+    let counted = allocations(|| (0..200).for_each(|_| drop(black_box(vec![0; 3]))));
+    assert!(counted >= 200);
+}

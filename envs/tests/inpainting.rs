@@ -1,0 +1,198 @@
+//! In-painting on the simulation, where its exact limit is at hand: the scene drawn without the arm.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use std::sync::Arc;
+
+use envs::inpainting::{Correction, Inpainter, Inpainting, Limb, Skeleton, View};
+use envs::{Camera, Dynamics, Embodiment, Light, Painter, RGB, Scene, TableTop, TaskGroup};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+const SIZE: usize = 64;
+
+/// Pixels of an episode.
+#[derive(Debug, Default)]
+struct Tally {
+    pixels: usize,
+    /// Pixels in which the arm shows, and those of them that the mask leaves uncovered.
+    arm: usize,
+    uncovered: usize,
+    /// Pixels that differ from the same pipeline on pictures drawn without the arm.
+    from_composed: usize,
+    /// Pixels that differ from the picture drawn without the arm, which sees what moves under it.
+    from_live: usize,
+}
+
+struct Studio {
+    table: TableTop,
+    raw: Painter,
+    alone: Painter,
+    shortcut: Painter,
+    skeleton: Skeleton,
+    /// Factor of the limbs' radii.
+    thickness: f64,
+}
+
+impl Studio {
+    fn new(group: TaskGroup) -> Self {
+        Self::lit(group, Light::default())
+    }
+
+    fn lit(group: TaskGroup, light: Light) -> Self {
+        let camera = Camera {
+            size: SIZE,
+            light,
+            ..Camera::default()
+        };
+        let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
+        Self {
+            table: TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap(),
+            raw: Painter::with_arm(Arc::clone(&scene)).unwrap(),
+            alone: Painter::of_table(Arc::clone(&scene)).unwrap(),
+            shortcut: Painter::new(Arc::clone(&scene)).unwrap(),
+            skeleton: Skeleton::new(&scene),
+            thickness: 1.0,
+        }
+    }
+
+    fn paint(painter: &mut Painter, table: &mut TableTop) -> Vec<u8> {
+        let mut rgb = vec![0; SIZE * SIZE * RGB];
+        painter.paint(table, &mut rgb).unwrap();
+        rgb
+    }
+
+    fn inpainter(&mut self, correction: Correction) -> Inpainter {
+        let camera = self.table.scene().camera;
+        let limbs = self.skeleton.limbs().iter().map(|limb| Limb {
+            radius: self.thickness * limb.radius,
+            ..*limb
+        });
+        let settings = Inpainting {
+            view: View::from(&camera),
+            limbs: limbs.collect(),
+            correction,
+            mark: camera.mark,
+            mark_depth: camera.height,
+        };
+        Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()
+    }
+
+    /// Lets the expert act for an episode of the variant and compares every frame with the arm-free one.
+    fn episode(&mut self, element: D2, correction: Correction) -> Tally {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        self.table.reset(element, &mut rng).unwrap();
+        let (mut full, mut composed) = (self.inpainter(correction), self.inpainter(correction));
+        let (mut tally, mut truncated) = (Tally::default(), false);
+        while !truncated {
+            let raw = Self::paint(&mut self.raw, &mut self.table);
+            let alone = Self::paint(&mut self.alone, &mut self.table);
+            let painted = self.inpaint(&mut full, &raw);
+            tally.pixels += SIZE * SIZE;
+            tally.arm += differing(&raw, &alone).count();
+            let shown = differing(&raw, &alone);
+            tally.uncovered += shown.filter(|&i| !full.mask()[i]).count();
+            let without_arm = self.inpaint(&mut composed, &alone);
+            tally.from_composed += differing(&painted, &without_arm).count();
+            let live = Self::paint(&mut self.shortcut, &mut self.table);
+            tally.from_live += differing(&painted, &live).count();
+            let action = self.table.expert_action().unwrap();
+            truncated = self.table.step(&action).unwrap().truncated;
+        }
+        tally
+    }
+
+    fn inpaint(&self, inpainter: &mut Inpainter, rgb: &[u8]) -> Vec<u8> {
+        let mut out = vec![0; rgb.len()];
+        let (joints, hand) = (self.skeleton.joints(&self.table), self.table.hand());
+        inpainter.inpaint(rgb, &joints, hand, &mut out).unwrap();
+        out
+    }
+}
+
+/// Indices of the pixels in which two pictures differ.
+fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
+    let pixels = a.chunks_exact(RGB).zip(b.chunks_exact(RGB)).enumerate();
+    pixels.filter(|(_, (a, b))| a != b).map(|(index, _)| index)
+}
+
+/// The arm-free shortcut is the limit of in-painting: the same pixels, but for single ones at the arm's edge. What moves under the arm is
+/// seen late by any in-painting; the arm-free picture sees it at once.
+#[test]
+fn painting_the_arm_out_equals_not_drawing_it() {
+    for group in TaskGroup::ALL {
+        let mut studio = Studio::new(group);
+        for element in D2::ALL {
+            let tally = studio.episode(element, Correction::MeanAndDeviation);
+            let share = |count: usize| count as f64 / tally.pixels as f64;
+            assert!(share(tally.arm) > 0.04, "{group} {element}: {tally:?}");
+            assert!(tally.uncovered < 5, "{group} {element}: {tally:?}");
+            assert!(
+                share(tally.from_composed) < 1e-4,
+                "{group} {element}: {tally:?}"
+            );
+            let late = if group == TaskGroup::GoalReach {
+                0.0
+            } else {
+                0.02
+            };
+            assert!(
+                share(tally.from_live) <= late,
+                "{group} {element}: {tally:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_mask_that_is_too_thin_is_noticed() {
+    let mut studio = Studio::new(TaskGroup::GoalReach);
+    studio.thickness = 0.7;
+    let tally = studio.episode(D2::Identity, Correction::MeanAndDeviation);
+    assert!(tally.uncovered > 1000, "{tally:?}");
+    assert!(tally.from_composed * 200 > tally.pixels, "{tally:?}");
+}
+
+/// Mean difference (levels) of pictures taken under dim light, and painted with a background taken under full light, from the arm-free picture under
+/// full light, mark included.
+fn deviation_under_dim_light(correction: Correction) -> f64 {
+    let light = Light {
+        ambient: 0.3,
+        camera: 0.25,
+        overhead: 0.2,
+    };
+    let group = TaskGroup::PlateSlide;
+    let (mut full, mut dim) = (Studio::new(group), Studio::lit(group, light));
+    for studio in [&mut full, &mut dim] {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        studio.table.reset(D2::HalfTurn, &mut rng).unwrap();
+    }
+    let mut inpainter = full.inpainter(correction);
+    let (mut sum, mut count) = (0.0, 0.0);
+    for _ in 0..10 {
+        let raw = Studio::paint(&mut dim.raw, &mut dim.table);
+        let painted = dim.inpaint(&mut inpainter, &raw);
+        let expected = Studio::paint(&mut full.shortcut, &mut full.table);
+        let differences = painted.iter().zip(&expected).map(|(a, b)| a.abs_diff(*b));
+        sum += differences.map(f64::from).sum::<f64>();
+        count += raw.len() as f64;
+        let action = full.table.expert_action().unwrap();
+        full.table.step(&action).unwrap();
+        dim.table.step(&action).unwrap();
+    }
+    sum / count
+}
+
+#[test]
+fn other_light_is_corrected() {
+    let none = deviation_under_dim_light(Correction::None);
+    for correction in [Correction::MeanAndDeviation, Correction::GreyWorld] {
+        let corrected = deviation_under_dim_light(correction);
+        println!("{correction:?}: {none} -> {corrected}");
+        assert!(
+            corrected < none / 10.0,
+            "{correction:?}: {none} -> {corrected}"
+        );
+    }
+}

@@ -1,0 +1,88 @@
+//! MuJoCo's drawing structs, filled in.
+
+use std::mem::MaybeUninit;
+
+use super::RenderOptions;
+use crate::ids::CameraId;
+use crate::model::Model;
+use crate::raw;
+
+/// Makes MuJoCo's drawing context, with an off-screen buffer of the size asked for.
+pub(super) fn make_drawing(
+    model: &Model,
+    width: usize,
+    height: usize,
+    options: &RenderOptions,
+) -> Box<raw::mjrContext> {
+    // buffer sizes are read from the model, which is shared: alter a shallow copy
+    let mut copy = *model.get();
+    copy.vis.global.offwidth = width as i32;
+    copy.vis.global.offheight = height as i32;
+    copy.vis.quality.offsamples = 0;
+    if !options.shadows {
+        copy.vis.quality.shadowsize = 0;
+    }
+    let mut drawing = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjr_defaultContext` fills the struct in; the copy's pointers are the model's, alive
+    // and only read; an OpenGL context with the features MuJoCo needs is current.
+    unsafe {
+        raw::mjr_defaultContext(drawing.as_mut_ptr());
+        raw::mjr_makeContext(
+            &raw const copy,
+            drawing.as_mut_ptr(),
+            raw::mjFONTSCALE_100.cast_signed(),
+        );
+        raw::mjr_setBuffer(raw::mjFB_OFFSCREEN.cast_signed(), drawing.as_mut_ptr());
+        drawing.assume_init()
+    }
+}
+
+pub(super) fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
+    let sizes = model.get();
+    // one per geom and site, and one per piece of tendon
+    let max_geoms = sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1;
+    let mut scene = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
+    let mut scene: Box<raw::mjvScene> = unsafe {
+        raw::mjv_defaultScene(scene.as_mut_ptr());
+        raw::mjv_makeScene(model.as_ptr(), scene.as_mut_ptr(), max_geoms);
+        scene.assume_init()
+    };
+    scene.flags.fill(0);
+    scene.flags[raw::mjRND_CULL_FACE as usize] = 1;
+    scene.flags[raw::mjRND_SHADOW as usize] = options.shadows.into();
+    scene
+}
+
+pub(super) fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
+    let mut visible = Box::new(MaybeUninit::uninit());
+    // SAFETY: `mjv_defaultOption` fills the struct in.
+    let mut visible: Box<raw::mjvOption> = unsafe {
+        raw::mjv_defaultOption(visible.as_mut_ptr());
+        visible.assume_init()
+    };
+    visible.geomgroup = options.geom_groups.map(u8::from);
+    visible.sitegroup = options.site_groups.map(u8::from);
+    visible.flags.fill(0);
+    for flag in [
+        raw::mjVIS_TEXTURE,
+        raw::mjVIS_TENDON,
+        raw::mjVIS_STATIC,
+        raw::mjVIS_SKIN,
+    ] {
+        visible.flags[flag as usize] = 1;
+    }
+    visible
+}
+
+pub(super) fn fixed_camera(camera: CameraId) -> raw::mjvCamera {
+    let mut view = MaybeUninit::uninit();
+    // SAFETY: `mjv_defaultCamera` fills the struct in.
+    let mut view = unsafe {
+        raw::mjv_defaultCamera(view.as_mut_ptr());
+        view.assume_init()
+    };
+    view.type_ = raw::mjCAMERA_FIXED.cast_signed();
+    view.fixedcamid = camera.index() as i32;
+    view
+}
