@@ -3,12 +3,13 @@
 use crate::conv_forward::transform;
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch, bands, zeros};
+use crate::lines::Lines;
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
 use crate::tiles::{input, weights};
 use crate::{R2Conv, Scalar};
 
 /// Rows that are gathered at a time.
-const ROWS: usize = 24;
+pub(crate) const ROWS: usize = 24;
 /// Rows of a tile of the input gradient.
 const TILE: usize = 6;
 
@@ -27,13 +28,13 @@ pub struct Backward<'a, T> {
 }
 
 /// The buffers of a pass, in blocks.
-struct Buffers<'a, T> {
+pub(crate) struct Buffers<'a, T> {
     /// Transposed weights.
     w: &'a [Block<T>],
-    dw: &'a mut [Block<T>],
+    pub dw: &'a mut [Block<T>],
     dbias: &'a mut [Block<T>],
     /// The output gradient of some rows, `[block][row]`.
-    dy: &'a mut [Block<T>],
+    pub dy: &'a mut [Block<T>],
     /// One row of it.
     pixel: &'a mut [Block<T>],
     /// One orbit of the folded patches of some rows, `[block][row]`.
@@ -47,13 +48,20 @@ impl<T: Scalar> Backward<'_, T> {
         let images = if staged { 0 } else { 2 * conv.group(samples) };
         let per_row = 4 * patches.blocks() + weights.width();
         let rest = 3 * weights.packed() + 2 * weights.width() + ROWS * per_row;
-        Scratch::<T>::len(rest) + images * patches.staged()
+        let of_lines = |lines: &Lines| lines.staged() + lines.columns() * weights.width() * LANES;
+        let line = patches.lines().map_or(0, of_lines);
+        Scratch::<T>::len(rest) + images * patches.staged() + line
     }
 }
 
 impl<T: Scalar> Kernel<T> for Backward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
+        if let (Some(lines), Maps::Channels(x), None) =
+            (self.conv.patches().lines(), self.x, &self.dx)
+        {
+            return self.run_lines(lanes, lines, x);
+        }
         match self.conv.weights().order() {
             1 => self.run_groups::<L, 1>(lanes),
             2 => self.run_groups::<L, 2>(lanes),
@@ -80,18 +88,10 @@ impl<T: Scalar> Backward<'_, T> {
             }
             Maps::Staged(..) => Default::default(),
         };
-        let out = conv.shape_out();
-        // the gradient of an image is collected from all of its lines
-        let band = match self.dx {
-            None => patches.band(out.height, together),
-            Some(_) => out.height,
-        };
-        for (first, top) in bands(self.samples, together, out.height, band) {
+        for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let lines = top..out.height.min(top + band);
-            let rows = images * lines.len() * out.width;
-            let skipped = patches.skipped(top);
-            let staged = self.x.stage(lanes, patches, (first, images), lines, own);
+            let rows = images * loader.pixels;
+            let staged = self.x.stage(lanes, patches, (first, images), own);
             let mut gradient = match &mut self.dx {
                 None => None,
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
@@ -100,16 +100,17 @@ impl<T: Scalar> Backward<'_, T> {
             if let Some(gradient) = gradient.as_deref_mut() {
                 gradient.fill(T::ZERO);
             }
-            let mut cursor = Cursor::new(loader.pixels, top * out.width);
+            let mut cursor = Cursor::new(loader.pixels);
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
                 for (r, window) in windows[..count].iter_mut().enumerate() {
-                    *window = cursor.at(patches.windows(), patches.staged()) - skipped;
+                    *window = cursor.at(patches.windows(), patches.staged());
                     let place = (first + cursor.image, cursor.pixel);
                     loader.run(place, r, count, &mut buffers);
                     cursor.advance();
                 }
+                loader.bias(count, &mut buffers);
                 for orbit in 0..patches.orbits() {
                     let rows = Rows {
                         conv,
@@ -131,7 +132,10 @@ impl<T: Scalar> Backward<'_, T> {
     }
 
     #[inline(always)]
-    fn buffers<'b, const G: usize>(&self, scratch: &mut Scratch<'b, T>) -> Buffers<'b, T> {
+    pub(crate) fn buffers<'b, const G: usize>(
+        &self,
+        scratch: &mut Scratch<'b, T>,
+    ) -> Buffers<'b, T> {
         let (patches, layout) = (self.conv.patches(), self.conv.weights());
         let width = layout.width();
         let w = scratch.take(layout.packed());
@@ -152,7 +156,7 @@ impl<T: Scalar> Backward<'_, T> {
 }
 
 /// Adds the gradients of the weights and of the bias to those of the parameters.
-fn add_gradients<T: Scalar, const G: usize>(
+pub(crate) fn add_gradients<T: Scalar, const G: usize>(
     conv: &R2Conv,
     buffers: &Buffers<T>,
     dparams: &mut [T],
@@ -165,7 +169,7 @@ fn add_gradients<T: Scalar, const G: usize>(
 }
 
 /// Brings the output gradient into panels.
-struct Loader<'a, T, L, const G: usize> {
+pub(crate) struct Loader<'a, T, L, const G: usize> {
     lanes: L,
     dy: Maps<'a, T>,
     masks: Option<&'a [T]>,
@@ -177,7 +181,7 @@ struct Loader<'a, T, L, const G: usize> {
 }
 
 impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
-    fn new(lanes: L, conv: &R2Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
+    pub fn new(lanes: L, conv: &R2Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
         let shape = conv.shape_out();
         Loader {
             lanes,
@@ -191,14 +195,18 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
         }
     }
 
-    /// Loads one pixel into row `r` of the panel of `rows` rows, back through the ReLU if there is one, and
-    /// adds it to the gradient of the bias.
+    /// Loads one pixel into row `r` of the panel of `rows` rows, back through the ReLU if there is one.
     #[inline(always)]
-    fn run(&self, (image, pixel): (usize, usize), r: usize, rows: usize, buffers: &mut Buffers<T>) {
+    pub fn run(
+        &self,
+        (image, pixel): (usize, usize),
+        r: usize,
+        rows: usize,
+        buffers: &mut Buffers<T>,
+    ) {
         let Buffers {
             dy: panel,
             pixel: channels,
-            dbias,
             ..
         } = buffers;
         let (from, scale) = match self.dy {
@@ -227,8 +235,19 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
                 Some(masks) => gate::<T, L, 1>(self.lanes, v, masks[c], scale),
             };
             self.lanes.store(&mut panel[c * rows + r], v);
-            let sum = self.lanes.add(self.lanes.load(&dbias[c]), v);
-            self.lanes.store(&mut dbias[c], sum);
+        }
+    }
+
+    /// Adds a panel of `rows` rows to the gradient of the bias.
+    #[inline(always)]
+    pub fn bias(&self, rows: usize, buffers: &mut Buffers<T>) {
+        let panels = buffers.dy.chunks_exact(rows);
+        for (sum, panel) in buffers.dbias.iter_mut().zip(panels) {
+            let mut v = self.lanes.load(sum);
+            for row in panel {
+                v = self.lanes.add(v, self.lanes.load(row));
+            }
+            self.lanes.store(sum, v);
         }
     }
 }

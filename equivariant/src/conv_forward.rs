@@ -2,7 +2,8 @@
 
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
-use crate::maps::{Cursor, Maps, MapsMut, Scratch, bands, zeros};
+use crate::lines::Lines;
+use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
 use crate::tiles::{ROWS, forward};
 use crate::{R2Conv, Scalar};
 
@@ -24,14 +25,18 @@ impl<T: Scalar> Forward<'_, T> {
         let (patches, weights) = (conv.patches(), conv.weights());
         let images = if staged { 0 } else { conv.group(samples) };
         let per_row = patches.folded() + weights.width();
-        let rest = weights.packed() + weights.width() + ROWS * per_row;
-        Scratch::<T>::len(rest) + images * patches.staged()
+        let rest = weights.packed() + 2 * weights.width() + ROWS * per_row;
+        let line = patches.lines().map_or(0, Lines::staged);
+        Scratch::<T>::len(rest) + images * patches.staged() + line
     }
 }
 
 impl<T: Scalar> Kernel<T> for Forward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
+        if let (Some(lines), Maps::Channels(x)) = (self.conv.patches().lines(), self.x) {
+            return self.run_lines(lanes, lines, x);
+        }
         match self.conv.weights().order() {
             1 => self.run_groups::<L, 1>(lanes),
             2 => self.run_groups::<L, 2>(lanes),
@@ -47,12 +52,9 @@ impl<T: Scalar> Forward<'_, T> {
         let mut scratch = Scratch::new(self.scratch);
         let w = scratch.take(weights.packed());
         weights.pack(self.params, w);
-        let bias = scratch.zeros(weights.width());
         let biases = &self.params[conv.blocks().bias()];
-        for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
-            group[0] = b;
-        }
-        let mut finish = Finish::<T, L, G>::new(lanes, conv, bias, self.masks, self.y);
+        let mut finish =
+            Finish::<T, L, G>::new(lanes, conv, biases, &mut scratch, self.masks, self.y);
         let panel = scratch.take(ROWS * patches.folded());
         let sums = scratch.take(ROWS * weights.width());
         let together = match self.x {
@@ -63,22 +65,18 @@ impl<T: Scalar> Forward<'_, T> {
             Maps::Channels(_) => zeros(scratch.take_flat(patches.staged() * together)),
             Maps::Staged(..) => Default::default(),
         };
-        let out = conv.shape_out();
-        let band = patches.band(out.height, together);
-        for (first, top) in bands(self.samples, together, out.height, band) {
+        for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let lines = top..out.height.min(top + band);
-            let rows = images * lines.len() * out.width;
-            let skipped = patches.skipped(top);
-            let staged = self.x.stage(lanes, patches, (first, images), lines, own);
-            let mut cursor = Cursor::new(finish.pixels, top * out.width);
+            let rows = images * finish.pixels;
+            let staged = self.x.stage(lanes, patches, (first, images), own);
+            let mut cursor = Cursor::new(finish.pixels);
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
                 let mut places = [(0, 0); ROWS];
                 for r in 0..ROWS {
                     // an incomplete block ends with copies of its last row
-                    windows[r] = cursor.at(patches.windows(), patches.staged()) - skipped;
+                    windows[r] = cursor.at(patches.windows(), patches.staged());
                     places[r] = (first + cursor.image, cursor.pixel);
                     if r + 1 < count {
                         cursor.advance();
@@ -91,10 +89,7 @@ impl<T: Scalar> Forward<'_, T> {
                     patches.gather(lanes, orbit, staged, &windows, panel);
                 }
                 forward::<T, L, G>(lanes, panel.as_chunks().0, w, sums, count);
-                for (sums, &place) in sums
-                    .chunks_exact_mut(finish.width.max(1))
-                    .zip(&places[..count])
-                {
+                for (sums, &place) in sums.chunks_exact(finish.width.max(1)).zip(&places[..count]) {
                     finish.run(sums, place);
                 }
             }
@@ -103,7 +98,7 @@ impl<T: Scalar> Forward<'_, T> {
 }
 
 /// What happens to the sums of an output pixel.
-struct Finish<'a, T, L, const G: usize> {
+pub(crate) struct Finish<'a, T, L, const G: usize> {
     lanes: L,
     width: usize,
     join: Join,
@@ -111,28 +106,37 @@ struct Finish<'a, T, L, const G: usize> {
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
+    /// Room for a pixel.
+    own: &'a mut [Block<T>],
     masks: Option<&'a mut [T]>,
     y: MapsMut<'a, T>,
 }
 
 impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
     #[inline(always)]
-    fn new(
+    pub fn new(
         lanes: L,
         conv: &R2Conv,
-        bias: &'a [Block<T>],
+        biases: &[T],
+        scratch: &mut Scratch<'a, T>,
         masks: Option<&'a mut [T]>,
         y: MapsMut<'a, T>,
     ) -> Self {
         let shape = conv.shape_out();
+        let width = conv.weights().width();
+        let bias = scratch.zeros(width);
+        for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
+            group[0] = b;
+        }
         Finish {
             lanes,
-            width: conv.weights().width(),
+            width,
             join: Join::new(shape.fields),
             pixels: shape.pixels(),
             channels: shape.fields.dim(),
             regular: shape.fields.regular_fields().is_some(),
             bias,
+            own: scratch.take(width),
             masks,
             y,
         }
@@ -140,31 +144,29 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
 
     /// Adds the bias, rectifies if there are masks, and writes the pixel of the image.
     #[inline(always)]
-    fn run(&mut self, sums: &mut [Block<T>], (image, pixel): (usize, usize)) {
-        let scale = match &self.y {
-            MapsMut::Channels(_) => 1.0,
-            MapsMut::Staged(patches, _) => patches.scale(),
+    pub fn run(&mut self, sums: &[Block<T>], (image, pixel): (usize, usize)) {
+        let (to, scale) = match &mut self.y {
+            MapsMut::Channels(_) => (&mut *self.own, 1.0),
+            MapsMut::Staged(patches, y) => {
+                let at = image * patches.staged() + patches.pixels()[pixel];
+                let y = y[at..][..self.width * LANES].as_chunks_mut().0;
+                (y, patches.scale())
+            }
         };
         let first = (image * self.pixels + pixel) * self.width;
         let masks = self.masks.as_deref_mut();
         let masks = masks.map(|masks| &mut masks[first..][..self.width]);
         match masks {
             Some(masks) if self.regular => {
-                rectify::<T, L, G>(self.lanes, sums, self.bias, masks, scale)
+                rectify::<T, L, G>(self.lanes, sums, self.bias, masks, scale, to)
             }
-            Some(masks) => rectify::<T, L, 1>(self.lanes, sums, self.bias, masks, scale),
-            None => add_bias(self.lanes, sums, self.bias, scale),
+            Some(masks) => rectify::<T, L, 1>(self.lanes, sums, self.bias, masks, scale, to),
+            None => add_bias(self.lanes, sums, self.bias, scale, to),
         }
-        match &mut self.y {
-            MapsMut::Channels(y) => {
-                let y = &mut y[(image * self.pixels + pixel) * self.channels..][..self.channels];
-                self.join
-                    .undo::<T, G>(T::from_f64(1.0), sums.as_flattened(), y);
-            }
-            MapsMut::Staged(patches, y) => {
-                let at = image * patches.staged() + patches.pixels()[pixel];
-                y[at..][..self.width * LANES].copy_from_slice(sums.as_flattened());
-            }
+        if let MapsMut::Channels(y) = &mut self.y {
+            let y = &mut y[(image * self.pixels + pixel) * self.channels..][..self.channels];
+            self.join
+                .undo::<T, G>(T::from_f64(1.0), self.own.as_flattened(), y);
         }
     }
 }
@@ -172,14 +174,15 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
 #[inline(always)]
 fn add_bias<T: Scalar, L: Lanes<T>>(
     lanes: L,
-    sums: &mut [Block<T>],
+    sums: &[Block<T>],
     bias: &[Block<T>],
     scale: f64,
+    to: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale));
-    for (sum, bias) in sums.iter_mut().zip(bias) {
+    for ((sum, bias), to) in sums.iter().zip(bias).zip(to) {
         let v = lanes.add(lanes.load(sum), lanes.load(bias));
-        lanes.store(sum, lanes.mul(v, scale));
+        lanes.store(to, lanes.mul(v, scale));
     }
 }
 
@@ -187,17 +190,18 @@ fn add_bias<T: Scalar, L: Lanes<T>>(
 #[inline(always)]
 fn rectify<T: Scalar, L: Lanes<T>, const G: usize>(
     lanes: L,
-    sums: &mut [Block<T>],
+    sums: &[Block<T>],
     bias: &[Block<T>],
     masks: &mut [T],
     scale: f64,
+    to: &mut [Block<T>],
 ) {
     let scale = lanes.splat(T::from_f64(scale / G as f64));
-    for ((sum, bias), mask) in sums.iter_mut().zip(bias).zip(masks) {
+    for (((sum, bias), mask), to) in sums.iter().zip(bias).zip(masks).zip(to) {
         let v = lanes.add(lanes.load(sum), lanes.load(bias));
         let (v, bits) = lanes.rectify(transform::<T, L, G>(lanes, v));
         *mask = T::from_f64(f64::from(bits));
-        lanes.store(sum, lanes.mul(transform::<T, L, G>(lanes, v), scale));
+        lanes.store(to, lanes.mul(transform::<T, L, G>(lanes, v), scale));
     }
 }
 

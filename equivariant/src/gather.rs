@@ -49,9 +49,6 @@ impl Patches {
             (taps[i], parities[i]) = (orbit.taps[i] / LANES, orbit.parities[i]);
         }
         for c in 0..self.blocks() {
-            let mut parts = panel[c * rows..].chunks_mut(self.blocks() * rows);
-            let folds: [&mut [Block<T>]; N] =
-                std::array::from_fn(|_| &mut parts.next().unwrap_or_default()[..rows]);
             for (row, window) in windows.iter().enumerate() {
                 let at = window / LANES + c;
                 let mut values = [scale; N];
@@ -66,7 +63,7 @@ impl Patches {
                     // four folds have the four parities, and a constant is one instruction
                     let parity = if N == 4 { i } else { parities[i] };
                     let fold = swap(lanes, values[i], parity);
-                    lanes.store(&mut folds[i][row], fold);
+                    lanes.store(&mut panel[(i * self.blocks() + c) * rows + row], fold);
                 }
             }
         }
@@ -149,7 +146,7 @@ impl Patches {
 }
 
 #[inline(always)]
-fn narrow<T: Scalar>(block: &Block<f64>) -> Block<T> {
+pub(crate) fn narrow<T: Scalar>(block: &Block<f64>) -> Block<T> {
     let mut narrow = [T::ZERO; LANES];
     for (to, &from) in narrow.iter_mut().zip(block) {
         *to = T::from_f64(from);

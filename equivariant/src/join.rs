@@ -27,7 +27,7 @@ impl Join {
     }
 
     /// Writes the channels of a pixel, scaled, into the groups; lanes without a channel stay as they are.
-    #[inline(always)]
+    #[inline(never)]
     pub fn run<T: Scalar, const G: usize>(&self, scale: T, channels: &[T], groups: &mut [T]) {
         let groups = groups.as_chunks_mut::<G>().0;
         match self.regular {
@@ -45,7 +45,7 @@ impl Join {
     }
 
     /// Writes the lanes of the groups, scaled, into the channels of a pixel.
-    #[inline(always)]
+    #[inline(never)]
     pub fn undo<T: Scalar, const G: usize>(&self, scale: T, groups: &[T], channels: &mut [T]) {
         let groups = groups.as_chunks::<G>().0;
         match self.regular {

@@ -22,6 +22,8 @@ pub(crate) trait Lanes<T>: Copy {
     fn splat(self, value: T) -> Self::V;
     /// Group `i` of the block, repeated in all groups.
     fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
+    /// A group of four, repeated.
+    fn quad(self, group: &[T; 4]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
@@ -85,6 +87,11 @@ impl<T: Scalar> Lanes<T> for Portable {
     }
 
     #[inline(always)]
+    fn quad(self, group: &[T; 4]) -> Block<T> {
+        std::array::from_fn(|lane| group[lane % 4])
+    }
+
+    #[inline(always)]
     fn add(self, a: Block<T>, b: Block<T>) -> Block<T> {
         std::array::from_fn(|lane| a[lane] + b[lane])
     }
@@ -132,7 +139,7 @@ impl<T: Scalar> Lanes<T> for Portable {
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use std::arch::x86_64::{__m128, __m256, __m512};
+    use std::arch::x86_64::{__m256, __m512};
 
     use pulp::x86::{V3, V4};
     use pulp::{NullaryFnOnce, cast};
@@ -196,11 +203,13 @@ mod x86 {
                     let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
                     cast(self.avx512f._mm512_set1_pd(pair))
                 }
-                _ => {
-                    let quad: __m128 = cast(block.as_chunks::<4>().0[i]);
-                    self.avx512f._mm512_broadcast_f32x4(quad)
-                }
+                _ => self.quad(&block.as_chunks().0[i]),
             }
+        }
+
+        #[inline(always)]
+        fn quad(self, group: &[f32; 4]) -> __m512 {
+            self.avx512f._mm512_broadcast_f32x4(cast(*group))
         }
 
         #[inline(always)]
@@ -277,17 +286,19 @@ mod x86 {
 
         #[inline(always)]
         fn group<const G: usize>(self, block: &Block<f32>, i: usize) -> Self::V {
-            [match G {
-                1 => self.avx._mm256_set1_ps(block[i]),
+            match G {
+                1 => [self.avx._mm256_set1_ps(block[i]); 2],
                 2 => {
                     let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
-                    cast(self.avx._mm256_set1_pd(pair))
+                    [cast(self.avx._mm256_set1_pd(pair)); 2]
                 }
-                _ => {
-                    let quad: __m128 = cast(block.as_chunks::<4>().0[i]);
-                    self.avx._mm256_broadcast_ps(&quad)
-                }
-            }; 2]
+                _ => self.quad(&block.as_chunks().0[i]),
+            }
+        }
+
+        #[inline(always)]
+        fn quad(self, group: &[f32; 4]) -> Self::V {
+            [self.avx._mm256_broadcast_ps(&cast(*group)); 2]
         }
 
         #[inline(always)]

@@ -43,6 +43,7 @@ mod concat;
 mod conv;
 mod conv_backward;
 mod conv_forward;
+mod conv_lines;
 mod conv_weights;
 mod dense;
 mod error;

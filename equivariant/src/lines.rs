@@ -31,8 +31,33 @@ impl Lines {
     }
 
     /// Lines of one line of windows.
-    fn each(&self) -> usize {
+    pub fn each(&self) -> usize {
         self.kernel.size.div_ceil(2)
+    }
+
+    /// Side of the kernel in pixels.
+    pub fn size(&self) -> usize {
+        self.kernel.size
+    }
+
+    /// What a window sees of its lines: taps and channels.
+    pub fn columns(&self) -> usize {
+        self.each() * self.size() * self.image.fields.dim()
+    }
+
+    /// The length of the lines of one line of windows, in whole blocks.
+    pub fn staged(&self) -> usize {
+        (self.shift() + self.offset(self.each())).next_multiple_of(LANES)
+    }
+
+    /// Where a line starts, seen from the first.
+    pub fn offset(&self, i: usize) -> usize {
+        i * self.len
+    }
+
+    /// Lines of output pixels.
+    pub fn out_height(&self) -> usize {
+        self.out_height
     }
 
     pub fn count(&self) -> usize {
@@ -41,7 +66,7 @@ impl Lines {
 
     /// Where the lines of one line of windows start, but for the shift.
     pub fn first(&self, oy: usize) -> usize {
-        oy * self.each() * self.len
+        self.offset(oy * self.each())
     }
 
     fn row_len(&self) -> usize {
@@ -57,7 +82,7 @@ impl Lines {
     /// Where the part of a line that is not padding starts.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.image.fields.dim();
-        self.shift() + self.first(oy) + i * self.len + padding
+        self.shift() + self.first(oy) + self.offset(i) + padding
     }
 
     /// What brings the first pixel to a cache line: a store that straddles two of them takes twice the time.

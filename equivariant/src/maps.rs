@@ -1,7 +1,5 @@
 //! The feature maps that passes read and write, and their scratch.
 
-use std::ops::Range;
-
 use crate::Scalar;
 use crate::lanes::{Block, LANES, Lanes};
 use crate::patches::Patches;
@@ -22,14 +20,13 @@ pub(crate) enum MapsMut<'a, T> {
 }
 
 impl<T: Scalar> Maps<'_, T> {
-    /// What a band of lines of output sees of some of the images, staged; `own` has room for them in case they are not.
+    /// Some of the images, staged; `own` has room for them in case they are not.
     #[inline(always)]
     pub fn stage<'b, L: Lanes<T>>(
         &'b self,
         lanes: L,
         patches: &Patches,
         (first, images): (usize, usize),
-        band: Range<usize>,
         own: &'b mut [T],
     ) -> &'b [T] {
         let staged = patches.staged();
@@ -38,26 +35,13 @@ impl<T: Scalar> Maps<'_, T> {
                 let len = patches.image().len();
                 for i in 0..images {
                     let x = &x[(first + i) * len..][..len];
-                    patches.stage(lanes, x, band.clone(), &mut own[i * staged..][..staged]);
+                    patches.stage(lanes, x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
             Maps::Staged(_, x) => &x[first * staged..][..images * staged],
         }
     }
-}
-
-/// The first image and the first line of output of everything that is staged together.
-pub(crate) fn bands(
-    samples: usize,
-    together: usize,
-    height: usize,
-    band: usize,
-) -> impl Iterator<Item = (usize, usize)> {
-    let lines = move || (0..height).step_by(band.max(1));
-    (0..samples)
-        .step_by(together)
-        .flat_map(move |first| lines().map(move |top| (first, top)))
 }
 
 /// Counts the pixels of images.
@@ -68,10 +52,10 @@ pub(crate) struct Cursor {
 }
 
 impl Cursor {
-    pub fn new(pixels: usize, pixel: usize) -> Cursor {
+    pub fn new(pixels: usize) -> Cursor {
         Cursor {
             image: 0,
-            pixel,
+            pixel: 0,
             pixels,
         }
     }

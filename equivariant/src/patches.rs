@@ -39,9 +39,6 @@ pub(crate) struct Patches {
     folded: usize,
 }
 
-/// Lines of output that are staged together if they are folded.
-const BAND: usize = 3;
-
 /// The taps {g t}, folded together.
 #[derive(Clone, Debug)]
 pub(crate) struct Orbit {
@@ -235,31 +232,16 @@ impl Patches {
         staged[end..].fill(T::ZERO);
     }
 
-    /// How many of the lines of output to stage at a time: folded lines are many, and a few stay in the first-level
-    /// cache.
-    pub fn band(&self, out_height: usize, images: usize) -> usize {
-        match self.lines {
-            Some(_) if images == 1 => BAND.min(out_height),
-            _ => out_height,
-        }
+    /// The folded lines of trivial channels of D2.
+    pub fn lines(&self) -> Option<&Lines> {
+        self.lines.as_ref()
     }
 
-    /// The windows of lines of output from `top` on start this much earlier if only those are staged.
-    pub fn skipped(&self, top: usize) -> usize {
-        self.lines.as_ref().map_or(0, |lines| lines.first(top))
-    }
-
-    /// Stages what a band of lines of output sees of one image; padding and lanes without a channel must be zero and stay so.
+    /// Stages one image; padding and lanes without a channel must be zero and stay so.
     #[inline(always)]
-    pub fn stage<T: Scalar, L: Lanes<T>>(
-        &self,
-        lanes: L,
-        image: &[T],
-        band: Range<usize>,
-        staged: &mut [T],
-    ) {
+    pub fn stage<T: Scalar, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
         if let Some(lines) = &self.lines {
-            return lines.fold(lanes, image, band, staged);
+            return lines.fold(lanes, image, 0..lines.out_height(), staged);
         }
         match self.image.fields.group().order() {
             1 => self.stage_groups::<T, 1>(image, staged),

@@ -18,7 +18,10 @@ pub(crate) const ROWS: usize = 12;
 
 /// Loads in a plain loop: a closure would not be compiled for the instruction set.
 #[inline(always)]
-fn load_all<T: Scalar, L: Lanes<T>, const N: usize>(lanes: L, blocks: &[Block<T>; N]) -> [L::V; N] {
+pub(crate) fn load_all<T: Scalar, L: Lanes<T>, const N: usize>(
+    lanes: L,
+    blocks: &[Block<T>; N],
+) -> [L::V; N] {
     let mut values = [lanes.splat(T::ZERO); N];
     for (value, block) in values.iter_mut().zip(blocks) {
         *value = lanes.load(block);

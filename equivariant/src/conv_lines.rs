@@ -1,0 +1,340 @@
+//! Convolutions of trivial channels under D2: first layers, whose images are large and whose channels are few.
+//!
+//! They read lines that are folded along y (see [`Lines`]) where they lie, without panels of patches. Columns t and
+//! k - 1 - t of a window share their weights up to the signs of the lanes. So one sum goes over the columns of each half, a and b,
+//! and a + b and a - b are the two parities along x. A mirrored image swaps a and b: the symmetry stays exact.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "loops over constants that index several arrays of registers"
+)]
+
+use symmetry::D2;
+
+use crate::Scalar;
+use crate::conv_backward::{Backward, Loader, ROWS, add_gradients};
+use crate::conv_forward::{Finish, Forward};
+use crate::gather::narrow;
+use crate::join::head;
+use crate::lanes::{Block, LANES, Lanes};
+use crate::lines::Lines;
+use crate::maps::{Scratch, zeros};
+use crate::patches::{Orbit, Patches};
+use crate::tiles::load_all;
+
+/// Lanes of a group.
+const G: usize = 4;
+/// Output pixels of a tile of a forward pass.
+const TILE: usize = 4;
+
+impl<T: Scalar> Forward<'_, T> {
+    /// The pass, from lines that are folded one line of output at a time.
+    #[inline(always)]
+    pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &Lines, x: &[T]) {
+        let (conv, patches, weights) = (self.conv, self.conv.patches(), self.conv.weights());
+        let mut scratch = Scratch::new(self.scratch);
+        let w = scratch.take(weights.packed());
+        weights.pack(self.params, w);
+        scale(lanes, patches, w);
+        let biases = &self.params[conv.blocks().bias()];
+        let mut finish =
+            Finish::<T, L, G>::new(lanes, conv, biases, &mut scratch, self.masks, self.y);
+        let sums = scratch.take(TILE * weights.width());
+        let own = zeros(scratch.take_flat(lines.staged()));
+        let line = Line::new(lanes, patches, weights.width());
+        let out = conv.shape_out();
+        for (image, oy) in pixels(self.samples, out.height) {
+            let x = &x[image * patches.image().len()..][..patches.image().len()];
+            lines.fold(lanes, x, oy..oy + 1, own);
+            for first in (0..out.width).step_by(TILE) {
+                let rows = first..out.width.min(first + TILE);
+                line.forward(&own[line.start(lines, first)..], w, sums, rows.len());
+                let sums = sums.chunks_exact(weights.width().max(1));
+                for (ox, sums) in rows.zip(sums) {
+                    finish.run(sums, (image, oy * out.width + ox));
+                }
+            }
+        }
+    }
+}
+
+impl<T: Scalar> Backward<'_, T> {
+    /// The gradients of the parameters, from lines that are folded one line of output at a time.
+    #[inline(always)]
+    pub(crate) fn run_lines<L: Lanes<T>>(mut self, lanes: L, lines: &Lines, x: &[T]) {
+        let (conv, patches) = (self.conv, self.conv.patches());
+        let mut scratch = Scratch::new(std::mem::take(&mut self.scratch));
+        let mut buffers = self.buffers::<G>(&mut scratch);
+        let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
+        let width = conv.weights().width();
+        let columns = scratch.zeros(lines.columns() * width);
+        let own = zeros(scratch.take_flat(lines.staged()));
+        let line = Line::new(lanes, patches, width);
+        let out = conv.shape_out();
+        for (image, oy) in pixels(self.samples, out.height) {
+            let x = &x[image * patches.image().len()..][..patches.image().len()];
+            lines.fold(lanes, x, oy..oy + 1, own);
+            for first in (0..out.width).step_by(ROWS) {
+                let rows = first..out.width.min(first + ROWS);
+                let count = rows.len();
+                for (r, ox) in rows.enumerate() {
+                    loader.run((image, oy * out.width + ox), r, count, &mut buffers);
+                }
+                loader.bias(count, &mut buffers);
+                let dy = &buffers.dy[..count * width];
+                line.weights(lines, &own[line.start(lines, first)..], dy, columns);
+            }
+        }
+        line.fold(lines, columns, buffers.dw);
+        add_gradients::<T, G>(conv, &buffers, self.dparams);
+    }
+}
+
+/// The first and second indices of everything that is done in turn.
+fn pixels(samples: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..samples).flat_map(move |image| (0..height).map(move |oy| (image, oy)))
+}
+
+/// Brings the coefficients of the folds to the weights.
+#[inline(always)]
+fn scale<T: Scalar, L: Lanes<T>>(lanes: L, patches: &Patches, w: &mut [Block<T>]) {
+    let per_group = w.len() / (patches.folded() * LANES / G).max(1);
+    for orbit in &patches.orbits {
+        let groups = orbit.first * LANES / G..(orbit.first + patches.blocks()) * LANES / G;
+        let c = lanes.load(&narrow(&orbit.coefficients[0]));
+        for w in &mut w[groups.start * per_group..groups.end * per_group] {
+            lanes.store(w, lanes.mul(lanes.load(w), c));
+        }
+    }
+}
+
+/// The products of a line of output.
+#[derive(Clone, Copy)]
+struct Line<'a, T: Scalar, L: Lanes<T>> {
+    lanes: L,
+    patches: &'a Patches,
+    channels: usize,
+    /// Blocks of an output pixel.
+    width: usize,
+    /// From the window of an output pixel to the next.
+    step: usize,
+    /// The signs of the lanes under a flip of x.
+    signs: L::V,
+}
+
+impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
+    #[inline(always)]
+    fn new(lanes: L, patches: &'a Patches, width: usize) -> Self {
+        let fields = patches.image().fields;
+        let irreps = fields.group().irreps();
+        let mut signs = [T::ZERO; LANES];
+        for (lane, sign) in signs.iter_mut().enumerate() {
+            *sign = T::from_f64(irreps[lane % irreps.len()].sign(D2::FlipX).into());
+        }
+        Line {
+            lanes,
+            patches,
+            channels: fields.dim(),
+            width,
+            step: patches.kernel().stride * fields.dim() * G,
+            signs: lanes.load(&signs),
+        }
+    }
+
+    /// Where the window of an output pixel starts.
+    fn start(&self, lines: &Lines, ox: usize) -> usize {
+        lines.shift() + ox * self.step
+    }
+
+    /// The sums `[pixel][block]` of the first `rows` of TILE pixels.
+    #[inline(always)]
+    fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
+        let mut first = 0;
+        while first < self.width {
+            let wide = L::REGISTERS >= 32;
+            first += match (rows, self.width - first) {
+                (TILE, 2..) if wide => self.tile::<TILE, 2>(x, w, first, 0, sums),
+                (TILE, _) if wide => self.tile::<TILE, 1>(x, w, first, 0, sums),
+                _ => {
+                    for row in 0..rows {
+                        self.tile::<1, 1>(x, w, first, row, sums);
+                    }
+                    1
+                }
+            };
+        }
+    }
+
+    /// The sums of R pixels and V blocks.
+    #[inline(always)]
+    fn tile<const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        let lanes = self.lanes;
+        let mut a = [[lanes.splat(T::ZERO); V]; R];
+        let mut b = a;
+        for orbit in &self.patches.orbits {
+            let w = &w[orbit.first * (LANES / G) * self.width..][..self.channels * self.width];
+            let left = self.columns::<R>(x, row, orbit.taps[0]);
+            match orbit.taps.get(1) {
+                Some(&tap) => {
+                    let right = self.columns::<R>(x, row, tap);
+                    for c in 0..self.channels {
+                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        for r in 0..R {
+                            let (left, right) = (lanes.quad(&left[r][c]), lanes.quad(&right[r][c]));
+                            for v in 0..V {
+                                a[r][v] = lanes.mul_add(left, w[v], a[r][v]);
+                                b[r][v] = lanes.mul_add(right, w[v], b[r][v]);
+                            }
+                        }
+                    }
+                }
+                None => {
+                    for c in 0..self.channels {
+                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        for r in 0..R {
+                            let middle = lanes.quad(&left[r][c]);
+                            for v in 0..V {
+                                a[r][v] = lanes.mul_add(middle, w[v], a[r][v]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        for r in 0..R {
+            for v in 0..V {
+                let sum = lanes.mul_add(b[r][v], self.signs, a[r][v]);
+                lanes.store(&mut sums[(row + r) * self.width + first + v], sum);
+            }
+        }
+        V
+    }
+
+    /// The channels that R neighbouring windows see through a tap.
+    #[inline(always)]
+    fn columns<'x, const R: usize>(&self, x: &'x [T], row: usize, tap: usize) -> [&'x [[T; G]]; R] {
+        let mut columns: [&[[T; G]]; R] = [&[]; R];
+        for (r, column) in columns.iter_mut().enumerate() {
+            let at = (row + r) * self.step + tap;
+            *column = &x[at..].as_chunks().0[..self.channels];
+        }
+        columns
+    }
+
+    /// Adds x^T dy of neighbouring pixels, for every column of the lines by itself: dy `[block][pixel]`, dw `[column][block]`.
+    #[inline(always)]
+    fn weights(&self, lines: &Lines, x: &[T], dy: &[Block<T>], dw: &mut [Block<T>]) {
+        let wide = L::REGISTERS >= 32;
+        let columns = lines.columns() / lines.each();
+        for i in 0..lines.each() {
+            let x = &x[lines.offset(i)..];
+            let dw = &mut dw[i * columns * self.width..][..columns * self.width];
+            let mut first = 0;
+            while first < self.width {
+                let tile = Columns {
+                    line: self,
+                    x,
+                    dy,
+                    first,
+                };
+                first += match self.width - first {
+                    2.. if wide => {
+                        tile.all::<6, 2>(columns, dw);
+                        2
+                    }
+                    _ if wide => {
+                        tile.all::<12, 1>(columns, dw);
+                        1
+                    }
+                    _ => {
+                        tile.all::<4, 1>(columns, dw);
+                        1
+                    }
+                };
+            }
+        }
+    }
+
+    /// Adds up what both halves of the windows say of the weights they share.
+    #[inline(always)]
+    fn fold(&self, lines: &Lines, columns: &[Block<T>], dw: &mut [Block<T>]) {
+        let lanes = self.lanes;
+        let len = self.channels * self.width;
+        for orbit in &self.patches.orbits {
+            let dw = &mut dw[orbit.first * (LANES / G) * self.width..][..len];
+            for (x, coefficients) in halves(lines, orbit).zip(&orbit.coefficients) {
+                let c = lanes.load(&narrow(coefficients));
+                for (d, part) in dw.iter_mut().zip(&columns[x * len..][..len]) {
+                    lanes.store(d, lanes.mul_add(lanes.load(part), c, lanes.load(d)));
+                }
+            }
+        }
+    }
+}
+
+/// The columns of the lines that an orbit meets.
+fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
+    let [y, x] = orbit.start;
+    let k = lines.size();
+    [y * k + x, y * k + k - 1 - x]
+        .into_iter()
+        .take(orbit.taps.len())
+}
+
+/// The operands of the weight gradient of a line.
+struct Columns<'a, T: Scalar, L: Lanes<T>> {
+    line: &'a Line<'a, T, L>,
+    x: &'a [T],
+    dy: &'a [Block<T>],
+    /// The first block of dy.
+    first: usize,
+}
+
+impl<T: Scalar, L: Lanes<T>> Columns<'_, T, L> {
+    /// V blocks of all columns, K of them at a time.
+    #[inline(always)]
+    fn all<const K: usize, const V: usize>(&self, columns: usize, dw: &mut [Block<T>]) {
+        let whole = columns / K * K;
+        for column in (0..whole).step_by(K) {
+            self.sum::<K, V>(column, dw);
+        }
+        for column in whole..columns {
+            self.sum::<1, V>(column, dw);
+        }
+    }
+
+    #[inline(always)]
+    fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
+        let Line {
+            lanes, width, step, ..
+        } = *self.line;
+        let rows = self.dy.len() / width;
+        let mut dy = [&self.dy[..rows]; V];
+        for v in 0..V {
+            dy[v] = &self.dy[(self.first + v) * rows..][..rows];
+        }
+        let mut sums = [[lanes.splat(T::ZERO); V]; K];
+        for r in 0..rows {
+            let x: &[[T; G]; K] = head(self.x[r * step + column * G..].as_chunks().0);
+            for v in 0..V {
+                let d = lanes.load(&dy[v][r]);
+                for k in 0..K {
+                    sums[k][v] = lanes.mul_add(lanes.quad(&x[k]), d, sums[k][v]);
+                }
+            }
+        }
+        for k in 0..K {
+            for v in 0..V {
+                let dw = &mut dw[(column + k) * width + self.first + v];
+                lanes.store(dw, lanes.add(lanes.load(dw), sums[k][v]));
+            }
+        }
+    }
+}
