@@ -43,7 +43,7 @@ impl<T: Scalar> Forward<'_, T> {
         let own = zeros(scratch.take_flat(lines.staged()));
         let line = Line::new(lanes, patches, weights.width());
         let out = conv.shape_out();
-        for (image, oy) in pixels(self.samples, out.height) {
+        for (image, oy) in lines_of(self.samples, out.height) {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..out.width).step_by(TILE) {
@@ -71,7 +71,7 @@ impl<T: Scalar> Backward<'_, T> {
         let own = zeros(scratch.take_flat(lines.staged()));
         let line = Line::new(lanes, patches, width);
         let out = conv.shape_out();
-        for (image, oy) in pixels(self.samples, out.height) {
+        for (image, oy) in lines_of(self.samples, out.height) {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..out.width).step_by(ROWS) {
@@ -90,8 +90,8 @@ impl<T: Scalar> Backward<'_, T> {
     }
 }
 
-/// The first and second indices of everything that is done in turn.
-fn pixels(samples: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+/// Every line of output of every image.
+fn lines_of(samples: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..samples).flat_map(move |image| (0..height).map(move |oy| (image, oy)))
 }
 

@@ -27,6 +27,8 @@ impl Join {
     }
 
     /// Writes the channels of a pixel, scaled, into the groups; lanes without a channel stay as they are.
+    ///
+    /// Never inlined: a kernel would test at every pixel whether the slices overlap, even where it joins nothing.
     #[inline(never)]
     pub fn run<T: Scalar, const G: usize>(&self, scale: T, channels: &[T], groups: &mut [T]) {
         let groups = groups.as_chunks_mut::<G>().0;
@@ -44,7 +46,7 @@ impl Join {
         }
     }
 
-    /// Writes the lanes of the groups, scaled, into the channels of a pixel.
+    /// Writes the lanes of the groups, scaled, into the channels of a pixel; never inlined for the same reason.
     #[inline(never)]
     pub fn undo<T: Scalar, const G: usize>(&self, scale: T, groups: &[T], channels: &mut [T]) {
         let groups = groups.as_chunks::<G>().0;

@@ -44,14 +44,27 @@ pub(crate) trait Kernel<T> {
     fn run<L: Lanes<T>>(self, lanes: L);
 }
 
-/// Runs a kernel in single precision on the widest instruction set there is.
-pub(crate) fn run_f32(kernel: impl Kernel<f32>) {
+/// What a kernel can run on, from narrow to wide.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub(crate) enum InstructionSet {
+    #[cfg_attr(not(test), expect(dead_code, reason = "only tests choose"))]
+    Portable,
+    Avx2,
+    Avx512,
+}
+
+/// Runs a kernel in single precision on the widest instruction set that the processor has, up to `widest`.
+pub(crate) fn run_f32(kernel: impl Kernel<f32>, widest: InstructionSet) {
     #[cfg(target_arch = "x86_64")]
     {
-        if let Some(simd) = pulp::x86::V4::try_new() {
+        if widest >= InstructionSet::Avx512
+            && let Some(simd) = pulp::x86::V4::try_new()
+        {
             return simd.vectorize(x86::OnV4 { simd, kernel });
         }
-        if let Some(simd) = pulp::x86::V3::try_new() {
+        if widest >= InstructionSet::Avx2
+            && let Some(simd) = pulp::x86::V3::try_new()
+        {
             return simd.vectorize(x86::OnV3 { simd, kernel });
         }
     }

@@ -51,6 +51,8 @@ mod gather;
 mod group_mean;
 mod hadamard;
 mod init;
+#[cfg(test)]
+mod instruction_sets;
 mod interchange;
 mod join;
 mod kernel;

@@ -6,7 +6,7 @@ use faer::traits::RealField;
 
 use crate::conv_backward::Backward;
 use crate::conv_forward::Forward;
-use crate::lanes::{Kernel, Portable, run_f32};
+use crate::lanes::{InstructionSet, Kernel, Portable, run_f32};
 
 /// `f32` for training and `f64` for gradient checks.
 pub trait Scalar:
@@ -49,11 +49,11 @@ impl Scalar for f32 {
     }
 
     fn forward(pass: Forward<f32>) {
-        run_f32(pass);
+        run_f32(pass, InstructionSet::Avx512);
     }
 
     fn backward(pass: Backward<f32>) {
-        run_f32(pass);
+        run_f32(pass, InstructionSet::Avx512);
     }
 }
 
