@@ -333,11 +333,9 @@ impl Rows<'_> {
         gradient: &mut [T],
     ) {
         let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
+        let windows = &self.windows[row..];
         let patches = self.conv.patches();
-        for (folds, window) in folds.into_iter().zip(&self.windows[row..]) {
-            let at = window + c * LANES;
-            patches.scatter::<T, L, N>(lanes, self.orbit, folds, gradient, at);
-        }
+        patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, c);
     }
 
     #[inline(always)]
