@@ -1,6 +1,7 @@
 //! The backward pass of a convolution.
 
 use crate::conv_forward::transform;
+use crate::conv_lines::LINE;
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
 use crate::lines::Lines;
@@ -9,7 +10,7 @@ use crate::tiles::{input, weights};
 use crate::{R2Conv, Scalar};
 
 /// Rows that are gathered at a time.
-pub(crate) const ROWS: usize = 24;
+const ROWS: usize = 24;
 /// Rows of a tile of the input gradient.
 const TILE: usize = 6;
 
@@ -46,8 +47,8 @@ impl<T: Scalar> Backward<'_, T> {
     pub fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
         let (patches, weights) = (conv.patches(), conv.weights());
         let images = if staged { 0 } else { 2 * conv.group(samples) };
-        let per_row = 4 * patches.blocks() + weights.width();
-        let rest = 3 * weights.packed() + 2 * weights.width() + ROWS * per_row;
+        let panels = 4 * ROWS * patches.blocks() + LINE.max(ROWS) * weights.width();
+        let rest = 3 * weights.packed() + 2 * weights.width() + panels;
         let of_lines = |lines: &Lines| lines.staged() + lines.columns() * weights.width() * LANES;
         let line = patches.lines().map_or(0, of_lines);
         Scratch::<T>::len(rest) + images * patches.staged() + line
@@ -75,7 +76,7 @@ impl<T: Scalar> Backward<'_, T> {
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, self.conv.patches());
         let mut scratch = Scratch::new(std::mem::take(&mut self.scratch));
-        let mut buffers = self.buffers::<G>(&mut scratch);
+        let mut buffers = self.buffers::<G>(&mut scratch, ROWS);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let together = match self.x {
             Maps::Channels(_) => conv.group(self.samples),
@@ -135,6 +136,7 @@ impl<T: Scalar> Backward<'_, T> {
     pub(crate) fn buffers<'b, const G: usize>(
         &self,
         scratch: &mut Scratch<'b, T>,
+        rows: usize,
     ) -> Buffers<'b, T> {
         let (patches, layout) = (self.conv.patches(), self.conv.weights());
         let width = layout.width();
@@ -149,7 +151,7 @@ impl<T: Scalar> Backward<'_, T> {
             dw: scratch.zeros(layout.packed()),
             dbias: scratch.zeros(width),
             pixel: scratch.zeros(width),
-            dy: scratch.take(ROWS * width),
+            dy: scratch.take(rows * width),
             panel: scratch.take(ROWS * 4 * patches.blocks()),
         }
     }
@@ -333,11 +335,9 @@ impl Rows<'_> {
         gradient: &mut [T],
     ) {
         let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
+        let windows = &self.windows[row..];
         let patches = self.conv.patches();
-        for (folds, window) in folds.into_iter().zip(&self.windows[row..]) {
-            let at = window + c * LANES;
-            patches.scatter::<T, L, N>(lanes, self.orbit, folds, gradient, at);
-        }
+        patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, c);
     }
 
     #[inline(always)]

@@ -12,7 +12,7 @@
 use symmetry::D2;
 
 use crate::Scalar;
-use crate::conv_backward::{Backward, Loader, ROWS, add_gradients};
+use crate::conv_backward::{Backward, Loader, add_gradients};
 use crate::conv_forward::{Finish, Forward};
 use crate::gather::narrow;
 use crate::join::head;
@@ -24,6 +24,8 @@ use crate::tiles::load_all;
 
 /// Lanes of a group.
 const G: usize = 4;
+/// Output pixels of a line that a backward pass handles at a time.
+pub(crate) const LINE: usize = 64;
 /// Output pixels of a tile of a forward pass.
 const TILE: usize = 4;
 
@@ -64,7 +66,7 @@ impl<T: Scalar> Backward<'_, T> {
     pub(crate) fn run_lines<L: Lanes<T>>(mut self, lanes: L, lines: &Lines, x: &[T]) {
         let (conv, patches) = (self.conv, self.conv.patches());
         let mut scratch = Scratch::new(std::mem::take(&mut self.scratch));
-        let mut buffers = self.buffers::<G>(&mut scratch);
+        let mut buffers = self.buffers::<G>(&mut scratch, LINE);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let width = conv.weights().width();
         let columns = scratch.zeros(lines.columns() * width);
@@ -74,8 +76,8 @@ impl<T: Scalar> Backward<'_, T> {
         for (image, oy) in lines_of(self.samples, out.height) {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
-            for first in (0..out.width).step_by(ROWS) {
-                let rows = first..out.width.min(first + ROWS);
+            for first in (0..out.width).step_by(LINE) {
+                let rows = first..out.width.min(first + LINE);
                 let count = rows.len();
                 for (r, ox) in rows.enumerate() {
                     loader.run((image, oy * out.width + ox), r, count, &mut buffers);

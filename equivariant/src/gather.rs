@@ -42,18 +42,24 @@ impl Patches {
         panel: &mut [Block<T>],
     ) {
         let rows = windows.len();
-        let staged = staged.as_chunks().0;
+        let staged: &[Block<T>] = staged.as_chunks().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
-        let (mut taps, mut parities) = ([0; N], [0; N]);
-        for i in 0..N {
-            (taps[i], parities[i]) = (orbit.taps[i] / LANES, orbit.parities[i]);
-        }
+        let (taps, parities) = orbit.constants::<N>();
         for c in 0..self.blocks() {
+            // slices of equal lengths need one bounds check for all of them
+            let len = staged.len() - taps[N - 1] - c;
+            let mut seen = [staged; N];
+            let mut folds: [&mut [Block<T>]; N] = std::array::from_fn(|_| Default::default());
+            let mut parts = panel.chunks_exact_mut(self.blocks() * rows);
+            for i in 0..N {
+                seen[i] = &staged[taps[i] + c..][..len];
+                folds[i] = &mut parts.next().unwrap_or_default()[c * rows..][..rows];
+            }
             for (row, window) in windows.iter().enumerate() {
-                let at = window / LANES + c;
+                let at = window / LANES;
                 let mut values = [scale; N];
                 for i in 0..N {
-                    values[i] = lanes.load(&staged[at + taps[i]]);
+                    values[i] = lanes.load(&seen[i][at]);
                     if N < 4 {
                         values[i] = lanes.mul(values[i], scale);
                     }
@@ -63,7 +69,7 @@ impl Patches {
                     // four folds have the four parities, and a constant is one instruction
                     let parity = if N == 4 { i } else { parities[i] };
                     let fold = swap(lanes, values[i], parity);
-                    lanes.store(&mut panel[(i * self.blocks() + c) * rows + row], fold);
+                    lanes.store(&mut folds[i][row], fold);
                 }
             }
         }
@@ -99,30 +105,36 @@ impl Patches {
         }
     }
 
-    /// The transpose of [`gather`](Patches::gather) for one row and block: adds the folds to the staged image.
+    /// The transpose of [`gather`](Patches::gather) for a block of the windows that start at `windows`: adds the folds to
+    /// the staged image.
     #[inline(always)]
-    pub fn scatter<T: Scalar, L: Lanes<T>, const N: usize>(
+    pub fn scatter<T: Scalar, L: Lanes<T>, const R: usize, const N: usize>(
         &self,
         lanes: L,
         orbit: usize,
-        mut folds: [L::V; N],
+        folds: [[L::V; N]; R],
         staged: &mut [T],
-        at: usize,
+        windows: &[usize],
+        c: usize,
     ) {
         let orbit = &self.orbits[orbit];
+        let staged: &mut [Block<T>] = staged.as_chunks_mut().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
-        for i in 0..N {
-            let parity = if N == 4 { i } else { orbit.parities[i] };
-            folds[i] = swap(lanes, folds[i], parity);
-            if N < 4 {
-                folds[i] = lanes.mul(folds[i], scale);
+        let (taps, parities) = orbit.constants::<N>();
+        for (mut folds, window) in folds.into_iter().zip(windows) {
+            for i in 0..N {
+                let parity = if N == 4 { i } else { parities[i] };
+                folds[i] = swap(lanes, folds[i], parity);
+                if N < 4 {
+                    folds[i] = lanes.mul(folds[i], scale);
+                }
             }
-        }
-        let values = butterfly(lanes, folds);
-        for i in 0..N {
-            let block = head_mut(&mut staged[at + orbit.taps[i]..]);
-            let sum = lanes.add(lanes.load(block), values[i]);
-            lanes.store(block, sum);
+            let values = butterfly(lanes, folds);
+            let window = &mut staged[window / LANES + c..][..=taps[N - 1]];
+            for i in 0..N {
+                let block = &mut window[taps[i]];
+                lanes.store(block, lanes.add(lanes.load(block), values[i]));
+            }
         }
     }
 
@@ -142,6 +154,18 @@ impl Patches {
             let sum = lanes.mul_add(fold, c, lanes.load(block));
             lanes.store(block, sum);
         }
+    }
+}
+
+impl Orbit {
+    /// Where the taps lie in a window, in blocks and in rising order, and the parities of the folds.
+    #[inline(always)]
+    fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
+        let (mut taps, mut parities) = ([0; N], [0; N]);
+        for i in 0..N {
+            (taps[i], parities[i]) = (self.taps[i] / LANES, self.parities[i]);
+        }
+        (taps, parities)
     }
 }
 
