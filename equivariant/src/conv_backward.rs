@@ -257,7 +257,7 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
 /// Lets through what the ReLU let through, in the basis that the group permutes.
 #[inline(always)]
 fn gate<T: Scalar, L: Lanes<T>, const G: usize>(lanes: L, v: L::V, mask: T, scale: f64) -> L::V {
-    let bits = mask.to_f64() as u16;
+    let bits = mask.to_mask();
     let v = lanes.keep(transform::<T, L, G>(lanes, v), bits);
     let scale = lanes.splat(T::from_f64(scale / G as f64));
     lanes.mul(transform::<T, L, G>(lanes, v), scale)

@@ -200,7 +200,7 @@ fn rectify<T: Scalar, L: Lanes<T>, const G: usize>(
     for (((sum, bias), mask), to) in sums.iter().zip(bias).zip(masks).zip(to) {
         let v = lanes.add(lanes.load(sum), lanes.load(bias));
         let (v, bits) = lanes.rectify(transform::<T, L, G>(lanes, v));
-        *mask = T::from_f64(f64::from(bits));
+        *mask = T::from_mask(bits);
         lanes.store(to, lanes.mul(transform::<T, L, G>(lanes, v), scale));
     }
 }

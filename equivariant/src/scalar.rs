@@ -24,6 +24,14 @@ pub trait Scalar:
     /// e to the power of the value.
     fn exp(self) -> Self;
 
+    /// A number that keeps these bits, not their value.
+    #[doc(hidden)]
+    fn from_mask(bits: u16) -> Self;
+
+    /// The bits that it keeps.
+    #[doc(hidden)]
+    fn to_mask(self) -> u16;
+
     /// Runs a forward pass; not generic, so that it is compiled once and with this crate's settings.
     #[doc(hidden)]
     fn forward(pass: Forward<Self>);
@@ -48,6 +56,16 @@ impl Scalar for f32 {
         f32::exp(self)
     }
 
+    #[inline(always)]
+    fn from_mask(bits: u16) -> f32 {
+        f32::from_bits(bits.into())
+    }
+
+    #[inline(always)]
+    fn to_mask(self) -> u16 {
+        self.to_bits() as u16
+    }
+
     fn forward(pass: Forward<f32>) {
         run_f32(pass, InstructionSet::Avx512);
     }
@@ -70,6 +88,16 @@ impl Scalar for f64 {
 
     fn exp(self) -> f64 {
         f64::exp(self)
+    }
+
+    #[inline(always)]
+    fn from_mask(bits: u16) -> f64 {
+        f64::from_bits(bits.into())
+    }
+
+    #[inline(always)]
+    fn to_mask(self) -> u16 {
+        self.to_bits() as u16
     }
 
     fn forward(pass: Forward<f64>) {
