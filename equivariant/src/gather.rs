@@ -1,10 +1,5 @@
 //! The fold of patches: the gather of a convolution, and its transpose.
 
-#![expect(
-    clippy::needless_range_loop,
-    reason = "loops over constants that index several arrays of registers"
-)]
-
 use crate::Scalar;
 use crate::join::{head, head_mut};
 use crate::lanes::{Block, LANES, Lanes};
