@@ -1,9 +1,12 @@
 //! How actions become motion and how long an episode lasts.
 
+use serde::{Deserialize, Serialize};
+
 use crate::EnvError;
 
 /// How actions become motion and how long an episode lasts.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Dynamics {
     /// Control steps that one action is held for.
     pub action_repeat: usize,

@@ -1,6 +1,7 @@
 //! What carries the gripper: its part of the scene and the posture that it settles from.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use crate::EnvError;
 
@@ -27,7 +28,8 @@ const SAWYER_POSTURE: [(&str, f64); 7] = [
 ];
 
 /// What carries the gripper.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Embodiment {
     /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open loop.
     #[default]

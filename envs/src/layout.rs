@@ -1,6 +1,7 @@
 //! Two layouts of the same tasks: the symmetric one to learn on, and Meta-World's own figures to compare with.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
 use crate::embodiment::{Embodiment, Mjcf};
@@ -48,7 +49,10 @@ pub(crate) struct Settling {
 }
 
 /// Whose figures a scene follows. In both the world's origin is the centre of the table; Meta-World's own is 0.6 m nearer to the robot.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
+)]
+#[serde(rename_all = "lowercase")]
 pub enum Layout {
     /// Centred, settled, off-centre placements: four variants in four quadrants.
     #[default]

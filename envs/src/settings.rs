@@ -1,5 +1,7 @@
 //! Settings of a vector environment.
 
+use serde::{Deserialize, Serialize};
+
 use crate::EnvError;
 use crate::camera::Camera;
 use crate::dynamics::Dynamics;
@@ -8,7 +10,8 @@ use crate::layout::Layout;
 use crate::picture::IMAGE_CHANNELS;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct VecEnvSettings {
     /// Number of environments, N.
     pub num_envs: usize,

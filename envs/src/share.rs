@@ -26,6 +26,8 @@ pub(crate) enum Command {
     Prepare(Arc<Scene>),
     /// Simulate this scene, which is prepared, from the next reset on, with variants drawn from these elements.
     SetTasks(Arc<Scene>, Vec<D2>),
+    /// Draw what follows from the streams of this seed.
+    Reseed(u64),
     /// Start an episode everywhere.
     Reset(Rows),
     /// Hold these actions for one decision.
@@ -105,17 +107,13 @@ pub(crate) struct Share {
 impl Share {
     pub(crate) fn new(envs: Range<usize>, settings: VecEnvSettings) -> Self {
         let pixels = settings.camera.size * settings.camera.size * RGB;
-        let slots = envs.map(|index| {
-            let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
-            rng.set_stream(index as u64);
-            Slot {
-                index,
-                rng,
-                first: vec![0; pixels],
-                backdrop: Backdrop::default(),
-                #[cfg(test)]
-                sabotage: None,
-            }
+        let slots = envs.map(|index| Slot {
+            index,
+            rng: slot_rng(settings.seed, index),
+            first: vec![0; pixels],
+            backdrop: Backdrop::default(),
+            #[cfg(test)]
+            sabotage: None,
         });
         Self {
             settings,
@@ -131,6 +129,12 @@ impl Share {
         let (rows, result) = match command {
             Command::Prepare(scene) => (None, self.prepare(scene)),
             Command::SetTasks(scene, elements) => (None, self.set_tasks(&scene, elements)),
+            Command::Reseed(seed) => {
+                for slot in &mut self.slots {
+                    slot.rng = slot_rng(seed, slot.index);
+                }
+                (None, Ok(()))
+            }
             Command::Reset(mut rows) => {
                 let result = self.reset(&mut rows);
                 (Some(rows), result)
@@ -253,6 +257,13 @@ impl Share {
         chunk(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
         Ok(())
     }
+}
+
+/// Every environment draws from a stream of its own.
+fn slot_rng(seed: u64, index: usize) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(index as u64);
+    rng
 }
 
 fn painter_of<'a>(

@@ -2,13 +2,15 @@
 
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
 use crate::EnvError;
 use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
 
 /// A group of tasks that are one another's images under [`D2`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum TaskGroup {
     /// Move the fingertips to a goal that is told, not seen.
     GoalReach,

@@ -103,6 +103,16 @@ impl VecEnv {
         self.tell(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
+    /// Draws variants and placements from the streams of `seed` from now on, as if made with it: episodes that begin with the next
+    /// [`VecEnv::reset`] depend on it and on nothing before.
+    ///
+    /// # Errors
+    /// [`EnvError::WorkerLost`].
+    pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+        self.settings.seed = seed;
+        self.tell(|| Command::Reseed(seed))
+    }
+
     /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
     fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
         if let Some(scene) = self.scenes.get(&group) {

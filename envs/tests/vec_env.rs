@@ -195,6 +195,40 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
 }
 
 #[test]
+fn a_seed_given_later_is_as_good_as_one_given_at_first() {
+    let first = |env: &mut VecEnv, buffers: &mut Batch| {
+        env.reset(buffers.observations()).unwrap();
+        (buffers.images.clone(), buffers.vectors.clone())
+    };
+    let settings = settings(2);
+    let mut buffers = Batch::new(&settings);
+    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let fresh = first(&mut env, &mut buffers);
+    let second = first(&mut env, &mut buffers);
+    env.reseed(settings.seed + 1).unwrap();
+    let other = first(&mut env, &mut buffers);
+    env.reseed(settings.seed).unwrap();
+    assert_eq!(first(&mut env, &mut buffers), fresh);
+    assert!(fresh != second && fresh != other);
+}
+
+#[test]
+fn settings_travel_as_json_and_unknown_ones_are_refused() {
+    let text = serde_json::to_string(&settings(2)).unwrap();
+    assert!(
+        text.contains(r#""layout":"symmetric","embodiment":"sawyer""#),
+        "{text}"
+    );
+    assert_eq!(
+        serde_json::from_str::<VecEnvSettings>(&text).unwrap(),
+        settings(2)
+    );
+    let wrong = text.replace("num_envs", "number_of_envs");
+    let message = serde_json::from_str::<VecEnvSettings>(&wrong).unwrap_err();
+    assert!(message.to_string().contains("number_of_envs"), "{message}");
+}
+
+#[test]
 fn variants_are_drawn_from_the_elements_given() {
     let settings = VecEnvSettings {
         num_envs: 12,
