@@ -1,11 +1,14 @@
 //! Settings of the assigner.
 
+use serde::{Deserialize, Serialize};
+
 use crate::ClusterError;
 use crate::check::at_least;
 use crate::permutation::TestSize;
 
 /// How the assigner decides whether a rollout belongs to a policy's group.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Rule {
     /// The paper's rule: `W1(O, B_j) <= threshold`, nearest policy first. Depends on the scale of
     /// the features.
@@ -33,7 +36,8 @@ impl Default for Rule {
 ///
 /// The first look at a rollout accepts or doubts a group, the second one accepts or refuses it.
 /// Where the values come from is told in the crate's README.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Calibrated {
     /// Level of the first look, in `(0, 1)`: share of rollouts of a known group that ask for a
     /// second rollout. Compared with the exact p-value.
@@ -73,7 +77,10 @@ impl Default for Calibrated {
 }
 
 /// Settings of the [`Assigner`](crate::Assigner).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct AssignerSettings {
     /// The rule that accepts or refuses a group.
     pub rule: Rule,
@@ -158,4 +165,50 @@ fn within(
         value,
         expected,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_file() {
+        let rules = [
+            Rule::PAPER,
+            Rule::default(),
+            Rule::Calibrated(Calibrated {
+                level: 3e-5,
+                rollout_episodes: 31,
+                ..Calibrated::default()
+            }),
+        ];
+        for rule in rules {
+            let settings = AssignerSettings { rule };
+            let text = serde_json::to_string(&settings).unwrap();
+            assert_eq!(
+                serde_json::from_str::<AssignerSettings>(&text).unwrap(),
+                settings
+            );
+        }
+    }
+
+    #[test]
+    fn a_file_may_leave_out_what_is_default_and_may_not_invent() {
+        let read = |text| serde_json::from_str::<AssignerSettings>(text);
+        assert_eq!(read("{}").unwrap(), AssignerSettings::default());
+        let doubtful = read(r#"{"rule": {"calibrated": {"doubt": 0.5}}}"#).unwrap();
+        let expected = Calibrated {
+            doubt: 0.5,
+            ..Calibrated::default()
+        };
+        assert_eq!(doubtful.rule, Rule::Calibrated(expected));
+        for wrong in [
+            r#"{"rules": {}}"#,
+            r#"{"rule": {"calibrated": {"dout": 0.5}}}"#,
+            r#"{"rule": {"fixed": {"threshold": 1.0, "limit": 2.0}}}"#,
+        ] {
+            let message = read(wrong).unwrap_err().to_string();
+            assert!(message.contains("unknown"), "{message}");
+        }
+    }
 }

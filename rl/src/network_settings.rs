@@ -1,9 +1,14 @@
 //! Settings of the actor-critic network.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::RlError;
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x 48 pixels.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct NetworkSettings {
     /// Regular fields after each 4 x 4 convolution of stride 2, each at least 1; every convolution halves the image.
     pub conv_fields: Vec<usize>,
@@ -135,5 +140,20 @@ mod tests {
         ] {
             assert!(matches!(wrong.check(), Err(RlError::Setting { .. })));
         }
+    }
+
+    #[test]
+    fn settings_survive_a_file() {
+        let settings = NetworkSettings {
+            log_std: -0.3,
+            ..NetworkSettings::default()
+        };
+        let text = serde_json::to_string(&settings).unwrap();
+        assert_eq!(
+            serde_json::from_str::<NetworkSettings>(&text).unwrap(),
+            settings
+        );
+        let unknown = serde_json::from_str::<NetworkSettings>(r#"{"tops": 3}"#).unwrap_err();
+        assert!(unknown.to_string().contains("unknown field `tops`"));
     }
 }

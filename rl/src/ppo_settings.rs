@@ -1,10 +1,15 @@
 //! Settings of proximal policy optimisation.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::RlError;
 use crate::network_settings::require;
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
-#[derive(Clone, Debug, PartialEq)]
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct PpoSettings {
     /// Discount of the next decision's value, in [0, 1].
     pub gamma: f32,
@@ -145,6 +150,25 @@ mod tests {
             ..PpoSettings::measured()
         };
         assert_eq!(papers, PpoSettings::paper());
+    }
+
+    #[test]
+    fn settings_survive_a_file() {
+        for settings in [PpoSettings::paper(), PpoSettings::measured()] {
+            let text = serde_json::to_string(&settings).unwrap();
+            assert_eq!(
+                serde_json::from_str::<PpoSettings>(&text).unwrap(),
+                settings
+            );
+        }
+        let partial: PpoSettings = serde_json::from_str(r#"{"clip": 0.1}"#).unwrap();
+        let expected = PpoSettings {
+            clip: 0.1,
+            ..PpoSettings::default()
+        };
+        assert_eq!(partial, expected);
+        let unknown = serde_json::from_str::<PpoSettings>(r#"{"clipp": 0.1}"#).unwrap_err();
+        assert!(unknown.to_string().contains("unknown field `clipp`"));
     }
 
     #[test]

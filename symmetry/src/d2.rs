@@ -3,19 +3,25 @@
 use std::fmt;
 use std::ops::Mul;
 
+use serde::{Deserialize, Serialize};
+
 /// An element of D2, the symmetry group of a rectangle centred on the origin.
 ///
 /// Two bits: bit 0 flips x, bit 1 flips y. The product is the xor of the bits, so the group is
-/// commutative and every element is its own inverse.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+/// commutative and every element is its own inverse. Files hold the name that [`Display`](fmt::Display) prints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum D2 {
     /// Leaves everything in place.
+    #[serde(rename = "identity")]
     Identity,
     /// Maps (x, y) to (-x, y).
+    #[serde(rename = "flip x")]
     FlipX,
     /// Maps (x, y) to (x, -y).
+    #[serde(rename = "flip y")]
     FlipY,
     /// Maps (x, y) to (-x, -y).
+    #[serde(rename = "half turn")]
     HalfTurn,
 }
 
@@ -150,6 +156,16 @@ mod tests {
             assert_eq!(g * g.inverse(), D2::Identity);
             assert_eq!(D2::from_bits(g.bits()), g);
         }
+    }
+
+    #[test]
+    fn files_hold_the_printed_names() {
+        for g in D2::ALL {
+            let text = serde_json::to_string(&g).unwrap();
+            assert_eq!(text, format!("\"{g}\""));
+            assert_eq!(serde_json::from_str::<D2>(&text).unwrap(), g);
+        }
+        assert!(serde_json::from_str::<D2>("\"flip z\"").is_err());
     }
 
     #[test]

@@ -4,14 +4,16 @@ use std::error::Error;
 use std::fmt;
 use std::str::FromStr;
 
+use serde::{Deserialize, Serialize};
+
 use crate::{D2, FieldType, Irrep};
 
 /// A subgroup of D2; each is a power of Z2.
 ///
 /// Restricted to a subgroup, different irreps of D2 can have the same signs. Of those that do, the
 /// first in [`Irrep::ALL`] stands for all: C2, for example, has the irreps 1 and x, and y is
-/// x there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+/// x there. Files hold the name that [`Display`](fmt::Display) prints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Group {
     /// The identity alone: layers are ordinary ones.
     C1,
@@ -207,7 +209,11 @@ mod tests {
     fn names_survive_a_round_trip() {
         for group in Group::ALL {
             assert_eq!(group.to_string().parse(), Ok(group));
+            let text = serde_json::to_string(&group).unwrap();
+            assert_eq!(text, format!("\"{group}\""));
+            assert_eq!(serde_json::from_str::<Group>(&text).unwrap(), group);
         }
+        assert!(serde_json::from_str::<Group>("\"D4\"").is_err());
         let message = "D4".parse::<Group>().unwrap_err().to_string();
         assert!(message.contains("got the group `D4`"), "{message}");
     }
