@@ -6,10 +6,9 @@ use std::io::{IsTerminal, stderr};
 use std::process::ExitCode;
 
 use clap::Parser;
-use covers::cli::StreamOptions;
-use covers::experiment::run;
+use covers::cli::{StreamOptions, run_name};
 use covers::report::{rollout_line, summary_table};
-use covers::{CoversError, Progress, RunFolder};
+use covers::{CoversError, Run, RunFolder};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 fn main() -> ExitCode {
@@ -24,18 +23,21 @@ fn main() -> ExitCode {
 }
 
 fn learn(options: &StreamOptions) -> Result<(), CoversError> {
-    let experiment = options.experiment();
+    let experiment = options.changes.apply(options.budget.experiment());
     experiment.check()?;
-    let folder = RunFolder::create(&options.runs, &options.run_name())?;
-    let bar = progress_bar(experiment.total_rollouts());
-    let summary = run(&experiment, &folder, &mut |progress: &Progress| {
-        bar.suspend(|| println!("{}", rollout_line(progress)));
+    let name = run_name(options.budget.name(), &experiment);
+    let folder = RunFolder::create(&options.output.runs, &name)?;
+    let bar = progress_bar(experiment.schedule.total_rollouts());
+    let mut run = Run::start(experiment, folder)?;
+    while let Some(progress) = run.advance()? {
+        bar.suspend(|| println!("{}", rollout_line(&progress)));
         bar.inc(1);
-    })?;
+    }
     bar.finish_and_clear();
+    let summary = run.summary()?;
     println!("\n{}", summary_table(&summary));
-    println!("metrics and pictures: {}", folder.path().display());
-    if options.json {
+    println!("files: {}", run.folder().path().display());
+    if options.output.json {
         println!("{}", serde_json::json!(summary));
     }
     Ok(())

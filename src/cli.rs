@@ -2,38 +2,83 @@
 
 use std::path::PathBuf;
 
-use clap::{Parser, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use envs::Embodiment;
 
-use crate::experiment::Experiment;
+use crate::{CoversError, Experiment};
 
-/// How long a run may take.
+/// A run as it comes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Budget {
+pub enum Preset {
     /// Seconds; shows that every part works.
     Smoke,
     /// Minutes; learns the two easy groups and tells all four apart.
     Short,
-    /// About twenty minutes; every group three times.
-    Full,
+    /// About a quarter of an hour; every group three times.
+    #[value(alias = "full")]
+    Covers,
+    /// As `covers`, but only one variant of each group is learnt; the others appear in evaluations.
+    ZeroShot,
 }
 
-/// Learns from a stream of table-top tasks that nobody labels.
-#[derive(Clone, Debug, Parser)]
-#[command(version)]
-pub struct StreamOptions {
-    /// How long the run may take.
-    #[arg(long, value_enum, default_value = "short")]
-    pub budget: Budget,
+impl Preset {
+    /// The run.
+    pub fn experiment(self) -> Experiment {
+        match self {
+            Self::Smoke => Experiment::smoke(),
+            Self::Short => Experiment::short(),
+            Self::Covers => Experiment::full(),
+            Self::ZeroShot => Experiment::zero_shot(),
+        }
+    }
+
+    /// The name as options spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Smoke => "smoke",
+            Self::Short => "short",
+            Self::Covers => "covers",
+            Self::ZeroShot => "zero-shot",
+        }
+    }
+}
+
+/// What may differ from a preset.
+#[derive(Clone, Debug, Args)]
+pub struct Changes {
     /// Seed of everything random; equal seeds give equal metrics.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
+    #[arg(long)]
+    pub seed: Option<u64>,
     /// Worker threads (default: one a processor); results do not depend on them.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// What carries the gripper: `sawyer` or `hand`.
-    #[arg(long, default_value = "sawyer")]
-    pub embodiment: Embodiment,
+    /// What carries the gripper: `sawyer` (the presets') or `hand`.
+    #[arg(long)]
+    pub embodiment: Option<Embodiment>,
+}
+
+impl Changes {
+    /// The experiment with these changes.
+    pub fn apply(&self, mut experiment: Experiment) -> Experiment {
+        if let Some(seed) = self.seed {
+            experiment = experiment.with_seed(seed);
+        }
+        if let Some(embodiment) = self.embodiment {
+            experiment = experiment.with_embodiment(embodiment);
+        }
+        experiment.with_threads(threads(self.threads))
+    }
+}
+
+/// The number asked for, or one a processor.
+pub(crate) fn threads(asked: Option<u16>) -> usize {
+    let available = || std::thread::available_parallelism().map_or(1, usize::from);
+    asked.map_or_else(available, usize::from)
+}
+
+/// Where results go.
+#[derive(Clone, Debug, Args)]
+pub struct Output {
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
@@ -42,28 +87,61 @@ pub struct StreamOptions {
     pub runs: PathBuf,
 }
 
-impl StreamOptions {
+/// Learns from a stream of table-top tasks that nobody labels.
+#[derive(Clone, Debug, Parser)]
+#[command(version)]
+pub struct StreamOptions {
+    /// How long the run may take.
+    #[arg(long, value_enum, default_value = "short")]
+    pub budget: Preset,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub changes: Changes,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub output: Output,
+}
+
+/// A stream to learn from.
+#[derive(Clone, Debug, Args)]
+pub struct TrainOptions {
+    /// A run as it comes.
+    #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]
+    pub preset: Preset,
+    /// Settings of your own instead: a JSON file like the `experiment.json` of a run's folder.
+    #[arg(long)]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub changes: Changes,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub output: Output,
+}
+
+impl TrainOptions {
     /// The run that these options ask for.
-    pub fn experiment(&self) -> Experiment {
-        let experiment = match self.budget {
-            Budget::Smoke => Experiment::smoke(),
-            Budget::Short => Experiment::short(),
-            Budget::Full => Experiment::full(),
+    ///
+    /// # Errors
+    /// A file of settings that cannot be read.
+    pub fn experiment(&self) -> Result<Experiment, CoversError> {
+        let experiment = match &self.config {
+            Some(path) => Experiment::read(path)?,
+            None => self.preset.experiment(),
         };
-        let available = || std::thread::available_parallelism().map_or(1, usize::from);
-        experiment
-            .with_seed(self.seed)
-            .with_threads(self.threads.map_or_else(available, usize::from))
-            .with_embodiment(self.embodiment)
+        Ok(self.changes.apply(experiment))
     }
 
     /// The name of the run's folder.
-    pub fn run_name(&self) -> String {
-        let budget = match self.budget {
-            Budget::Smoke => "smoke",
-            Budget::Short => "short",
-            Budget::Full => "full",
-        };
-        format!("{budget}-seed{}", self.seed)
+    pub fn run_name(&self, experiment: &Experiment) -> String {
+        let stem = self.config.as_deref().and_then(|path| path.file_stem());
+        let stem = stem.map(|stem| stem.to_string_lossy().into_owned());
+        let stem = stem.unwrap_or_else(|| self.preset.name().to_owned());
+        run_name(&stem, experiment)
     }
+}
+
+/// The name of a run's folder: what it is, and its seed.
+pub fn run_name(stem: &str, experiment: &Experiment) -> String {
+    format!("{stem}-seed{}", experiment.covers.seed)
 }

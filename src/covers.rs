@@ -3,6 +3,8 @@
 //! Liu, Xu, Huang, Zhang, Liu, Oguchi, Zhao, "Continual Vision-based Reinforcement Learning with Group Symmetries",
 //! CoRL 2023. Where the paper leaves a gap, the setting that closes it says so.
 
+use std::time::Instant;
+
 use cluster::{
     Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir, Rule,
 };
@@ -12,12 +14,17 @@ use rl::{
     ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState,
     RolloutStats, UpdateStats, VectorEnv, collect,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::CoversError;
 use crate::first_frames::{FirstFrames, embed, first_frames};
 
+mod checkpoint;
+pub use checkpoint::Extent;
+
 /// Settings of [`Covers`].
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct CoversSettings {
     /// Sizes of each policy's network.
     pub network: NetworkSettings,
@@ -58,6 +65,7 @@ struct Member {
 }
 
 /// Random generators of the learner; each purpose has its own stream, so that none shifts another.
+#[derive(Clone, Serialize, Deserialize)]
 struct Streams {
     actions: ChaCha8Rng,
     updates: ChaCha8Rng,
@@ -106,6 +114,19 @@ pub struct Report {
     pub rollout: RolloutStats,
     /// The update.
     pub update: UpdateStats,
+    /// Where the time went.
+    pub seconds: Seconds,
+}
+
+/// Wall-clock seconds of the parts of Algorithm 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seconds {
+    /// Rollouts: the environments and the policy's decisions.
+    pub collection: f64,
+    /// Features, distances and permutations.
+    pub assignment: f64,
+    /// The policy update.
+    pub update: f64,
 }
 
 /// The learner: a growing collection of equivariant policies. It has no place for a task label.
@@ -117,6 +138,7 @@ pub struct Covers {
     current: usize,
     rollout: RolloutBuffer,
     streams: Streams,
+    seconds: Seconds,
 }
 
 impl Covers {
@@ -133,6 +155,7 @@ impl Covers {
             current: 0,
             rollout: RolloutBuffer::new(spec, steps)?,
             streams: Streams::new(settings.seed),
+            seconds: Seconds::default(),
             settings,
         };
         covers.open_policy()?;
@@ -144,6 +167,7 @@ impl Covers {
     /// # Errors
     /// What the environment, the policy or the assigner says.
     pub fn learn<E: VectorEnv>(&mut self, env: &mut E) -> Result<Report, CoversError> {
+        self.seconds = Seconds::default();
         let collector = self.current;
         let mut stats = self.roll_out(env)?;
         let mut decisions = stats.decisions;
@@ -164,11 +188,7 @@ impl Covers {
             stats = self.roll_out(env)?;
             decisions += stats.decisions;
         }
-        let member = &mut self.members[self.current];
-        let update =
-            member
-                .ppo
-                .update(&mut member.policy, &self.rollout, &mut self.streams.updates)?;
+        let update = self.update()?;
         Ok(Report {
             policy: self.current,
             created,
@@ -177,15 +197,28 @@ impl Covers {
             decisions,
             rollout: stats,
             update,
+            seconds: self.seconds,
         })
     }
 
     /// Collects `N_s` decisions with the current policy.
     fn roll_out<E: VectorEnv>(&mut self, env: &mut E) -> Result<RolloutStats, CoversError> {
+        let clock = Instant::now();
         let mut state = RolloutState::reset(env)?;
         let policy = &mut self.members[self.current].policy;
         let (buffer, rng) = (&mut self.rollout, &mut self.streams.actions);
-        Ok(collect(env, policy, buffer, &mut state, rng)?)
+        let stats = collect(env, policy, buffer, &mut state, rng)?;
+        self.seconds.collection += clock.elapsed().as_secs_f64();
+        Ok(stats)
+    }
+
+    /// Improves the current policy by the rollout.
+    fn update(&mut self) -> Result<UpdateStats, CoversError> {
+        let clock = Instant::now();
+        let Member { policy, ppo, .. } = &mut self.members[self.current];
+        let stats = ppo.update(policy, &self.rollout, &mut self.streams.updates)?;
+        self.seconds.update += clock.elapsed().as_secs_f64();
+        Ok(stats)
     }
 
     /// The first frames of the rollout's episodes.
@@ -209,8 +242,11 @@ impl Covers {
     }
 
     fn assign(&mut self, frames: &[FirstFrames], look: Look) -> Result<Assignment, CoversError> {
+        let clock = Instant::now();
         let rng = &mut self.streams.assignment;
-        assign(&self.assigner, &mut self.members, frames, look, rng)
+        let assignment = assign(&self.assigner, &mut self.members, frames, look, rng)?;
+        self.seconds.assignment += clock.elapsed().as_secs_f64();
+        Ok(assignment)
     }
 
     /// Makes the assigned policy current and gives it the frames; returns whether it was created for them.

@@ -46,6 +46,14 @@ pub enum CoversError {
         /// The reason.
         source: rayon::ThreadPoolBuildError,
     },
+    /// A file that is missing, damaged or of another kind.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// A file of the run folder.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -57,6 +65,17 @@ pub enum CoversError {
 }
 
 impl CoversError {
+    /// Wraps what went wrong with reading `path`.
+    pub(crate) fn read(
+        path: &std::path::Path,
+        source: impl std::error::Error + Send + Sync + 'static,
+    ) -> Self {
+        Self::Read {
+            path: path.to_owned(),
+            source: Box::new(source),
+        }
+    }
+
     /// Wraps what went wrong with writing `path`.
     pub(crate) fn write(
         path: &std::path::Path,

@@ -1,18 +1,26 @@
-//! Evaluation: the policy that the learner itself recognises, acting by its mean.
+//! Evaluation: every variant of every group, with the policy that the learner itself recognises, acting by its mean.
 
-use envs::TaskGroup;
+use envs::{EnvError, TaskGroup, TaskVariant, VecEnvSettings};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, VectorEnv};
 use serde::Serialize;
+use symmetry::D2;
 
+use crate::schedule::Schedule;
 use crate::stream::Stream;
 use crate::{Covers, CoversError};
 
-/// Results of one group.
+/// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Score {
-    /// The group's name.
-    pub group: String,
-    /// Index of the policy that the learner chose for it.
+    /// The variant's group.
+    pub group: TaskGroup,
+    /// The variant's element of the group of symmetries.
+    pub element: D2,
+    /// Whether the learner met the variant while it learnt.
+    pub seen: bool,
+    /// Index of the policy that the learner chose.
     pub policy: usize,
     /// Episodes evaluated.
     pub episodes: usize,
@@ -24,34 +32,164 @@ pub struct Score {
     pub reward: f64,
 }
 
-/// Runs `rounds` episodes in each of the stream's environments on `group`, with one policy, which the learner
-/// chooses beforehand from the first frames of other episodes; nobody tells it the group.
-///
-/// # Errors
-/// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner say.
-pub fn evaluate(
-    covers: &mut Covers,
-    stream: &mut Stream,
-    group: TaskGroup,
-    rounds: usize,
-    rng: &mut ChaCha8Rng,
-) -> Result<Score, CoversError> {
-    if rounds == 0 {
-        return Err(CoversError::Setting {
-            name: "rounds",
-            value: "0".to_owned(),
-            expected: "at least 1",
-        });
+/// Means over variants of one group.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GroupScore {
+    /// The group.
+    pub group: TaskGroup,
+    /// The policy that the learner chose, one entry for each policy chosen in any variant, in order.
+    pub policies: Vec<usize>,
+    /// Episodes evaluated.
+    pub episodes: usize,
+    /// As in [`Score`], over all episodes.
+    pub success: f64,
+    /// As in [`Score`], over all episodes.
+    pub success_at_end: f64,
+    /// As in [`Score`], over all episodes.
+    pub reward: f64,
+}
+
+/// Environments of their own for evaluations: looking changes nothing of what is learnt. Every evaluation shows the same
+/// episodes, so that two of them compare policies and not placements.
+pub struct Evaluator {
+    stream: Stream,
+    seed: u64,
+}
+
+impl Evaluator {
+    /// Environments like the learner's, whose episodes depend on `seed`.
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn new(settings: VecEnvSettings, seed: u64) -> Result<Self, EnvError> {
+        Ok(Self {
+            stream: Stream::new(settings, TaskGroup::ALL[0])?,
+            seed,
+        })
     }
-    stream.switch_to(group)?;
-    let policy = covers.recognise(stream, rng)?;
-    let stats = covers.perform(policy, stream, rounds)?;
-    Ok(Score {
-        group: group.to_string(),
-        policy,
-        episodes: stats.episodes.len(),
-        success: stats.success_rate().unwrap_or(0.0),
-        success_at_end: stats.success_at_end_rate().unwrap_or(0.0),
-        reward: stats.mean_return().unwrap_or(0.0) * stream.reward_scale(),
-    })
+
+    /// What the environments show and take.
+    pub fn spec(&self) -> &EnvSpec {
+        self.stream.spec()
+    }
+
+    /// Scores all variants of the groups of `schedule`, with `rounds` episodes in each environment.
+    ///
+    /// # Errors
+    /// As [`Evaluator::variant`].
+    pub fn all(
+        &mut self,
+        covers: &mut Covers,
+        schedule: &Schedule,
+        rounds: usize,
+    ) -> Result<Vec<Score>, CoversError> {
+        let groups = schedule.groups.iter().map(|plan| plan.group);
+        let variants =
+            groups.flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
+        variants
+            .map(|variant| {
+                let score = self.variant(covers, variant, rounds)?;
+                Ok(Score {
+                    seen: schedule.shows(variant.group, variant.element),
+                    ..score
+                })
+            })
+            .collect()
+    }
+
+    /// Scores one variant. The learner chooses a policy from the first frames of the very episodes that are then
+    /// played; nobody tells it the group.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner say.
+    pub fn variant(
+        &mut self,
+        covers: &mut Covers,
+        variant: TaskVariant,
+        rounds: usize,
+    ) -> Result<Score, CoversError> {
+        if rounds == 0 {
+            return Err(CoversError::Setting {
+                name: "rounds",
+                value: "0".to_owned(),
+                expected: "at least 1",
+            });
+        }
+        let stream = &mut self.stream;
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        stream.switch_to(variant.group, &[variant.element])?;
+        stream.reseed(self.seed)?;
+        let policy = covers.recognise(stream, &mut rng)?;
+        stream.reseed(self.seed)?;
+        let stats = covers.perform(policy, stream, rounds)?;
+        Ok(Score {
+            group: variant.group,
+            element: variant.element,
+            seen: true,
+            policy,
+            episodes: stats.episodes.len(),
+            success: stats.success_rate().unwrap_or(0.0),
+            success_at_end: stats.success_at_end_rate().unwrap_or(0.0),
+            reward: stats.mean_return().unwrap_or(0.0) * stream.reward_scale(),
+        })
+    }
+}
+
+/// Means over the variants of each group, in the order in which the groups appear.
+pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
+    let mut groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).collect();
+    groups.dedup();
+    let of = |group| scores.iter().filter(move |score| score.group == group);
+    let summarise = |group| {
+        let episodes: usize = of(group).map(|score| score.episodes).sum();
+        let mean = |figure: fn(&Score) -> f64| {
+            let sum: f64 = of(group).map(|s| figure(s) * s.episodes as f64).sum();
+            sum / episodes.max(1) as f64
+        };
+        let mut policies: Vec<usize> = of(group).map(|score| score.policy).collect();
+        policies.sort_unstable();
+        policies.dedup();
+        GroupScore {
+            group,
+            policies,
+            episodes,
+            success: mean(|score| score.success),
+            success_at_end: mean(|score| score.success_at_end),
+            reward: mean(|score| score.reward),
+        }
+    };
+    groups.into_iter().map(summarise).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(group: TaskGroup, policy: usize, episodes: usize, success: f64) -> Score {
+        Score {
+            group,
+            element: D2::Identity,
+            seen: true,
+            policy,
+            episodes,
+            success,
+            success_at_end: 0.0,
+            reward: 100.0 * success,
+        }
+    }
+
+    #[test]
+    fn a_group_is_the_mean_of_its_episodes() {
+        use TaskGroup::{DrawerClose, GoalReach};
+        let groups = by_group(&[
+            score(GoalReach, 2, 30, 1.0),
+            score(GoalReach, 0, 10, 0.5),
+            score(GoalReach, 2, 0, 0.0),
+            score(DrawerClose, 1, 20, 0.25),
+        ]);
+        assert_eq!(groups.len(), 2);
+        assert_eq!(groups[0].policies, [0, 2]);
+        assert_eq!((groups[0].episodes, groups[0].success), (40, 0.875));
+        assert_eq!((groups[1].policies[0], groups[1].reward), (1, 25.0));
+    }
 }

@@ -11,6 +11,26 @@ pub(crate) struct FirstFrames {
     observations: Observations,
 }
 
+impl FirstFrames {
+    /// The first `count` observations of an episode.
+    pub(crate) fn new(count: usize, observations: Observations) -> Self {
+        Self {
+            count,
+            observations,
+        }
+    }
+
+    /// The number of observations.
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The observations.
+    pub(crate) fn observations(&self) -> &Observations {
+        &self.observations
+    }
+}
+
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
 pub(crate) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
     let (envs, steps) = (rollout.spec().num_envs, rollout.steps());

@@ -6,7 +6,7 @@
 //!
 //! - [`Covers`]: the learner, Algorithm 1 of the paper. It learns from anything that implements [`rl::VectorEnv`].
 //! - [`Stream`]: the four task groups of the paper on MuJoCo as such an environment.
-//! - [`experiment::run`]: a whole run with its files, as `examples/continual_stream.rs` shows.
+//! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop anywhere and go on later.
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
@@ -14,19 +14,27 @@ struct Readme;
 
 pub mod check;
 pub mod cli;
+pub mod commands;
 mod covers;
 mod error;
 pub mod evaluation;
-pub mod experiment;
+mod experiment;
 mod first_frames;
+mod ledger;
+mod logs;
 mod progress;
 pub mod report;
+mod run;
 mod run_folder;
+pub mod schedule;
 pub mod sheet;
 mod stream;
 
-pub use covers::{Covers, CoversSettings, Report};
+pub use covers::{Covers, CoversSettings, Extent, Report, Seconds};
 pub use error::CoversError;
+pub use experiment::{EvaluationPlan, Experiment};
+pub use ledger::Ledger;
 pub use progress::Progress;
+pub use run::{Run, Summary};
 pub use run_folder::RunFolder;
-pub use stream::{Stream, Visit, schedule};
+pub use stream::Stream;

@@ -3,6 +3,7 @@
 use envs::TaskGroup;
 
 use crate::Report;
+use crate::evaluation::Score;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees it.
 #[derive(Clone, Debug)]
@@ -19,4 +20,10 @@ pub struct Progress {
     pub success: Option<f64>,
     /// What the learner did.
     pub report: Report,
+    /// Wall-clock seconds of all that the learner did, and those in which the environments worked (physics and pictures).
+    pub seconds: f64,
+    /// See `seconds`.
+    pub environment_seconds: f64,
+    /// Scores of all variants, where an evaluation was due after this rollout.
+    pub scores: Vec<Score>,
 }

@@ -1,18 +1,18 @@
-//! The folder of one run: metrics as CSV, pictures as PNG. Files hold no clock time, so equal runs give equal bytes.
+//! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as safetensors.
 
 use std::fs::{File, create_dir, create_dir_all};
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use cluster::{Evidence, PermutationTest};
-use serde::Serialize;
-
 use crate::CoversError;
-use crate::evaluation::Score;
-use crate::progress::Progress;
+use crate::experiment::Experiment;
+use crate::logs::{Logs, Marks};
 use crate::sheet::Picture;
 
-/// A folder that this run alone writes to.
+/// The file of a run's settings.
+const EXPERIMENT: &str = "experiment.json";
+
+/// A folder that one run alone writes to.
 #[derive(Clone, Debug)]
 pub struct RunFolder {
     path: PathBuf,
@@ -46,22 +46,52 @@ impl RunFolder {
         &self.path
     }
 
-    /// Opens `metrics.csv`, one row a rollout.
-    pub(crate) fn metrics(&self) -> Result<Metrics, CoversError> {
-        let path = self.path.join("metrics.csv");
-        let writer = csv::Writer::from_path(&path).map_err(|e| CoversError::write(&path, e))?;
-        Ok(Metrics { path, writer })
+    /// Creates exactly this folder, which must not exist.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn create_exactly(path: &Path) -> Result<Self, CoversError> {
+        create_dir(path).map_err(|error| CoversError::write(path, error))?;
+        Ok(Self::open(path))
     }
 
-    /// Writes `evaluation.csv`, one row a group.
-    pub(crate) fn write_scores(&self, scores: &[Score]) -> Result<(), CoversError> {
-        let path = self.path.join("evaluation.csv");
-        let failed = |error| CoversError::write(&path, error);
-        let mut writer = csv::Writer::from_path(&path).map_err(failed)?;
-        for score in scores {
-            writer.serialize(score).map_err(failed)?;
+    /// Names a folder that an earlier run wrote.
+    pub fn open(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
         }
-        writer.flush().map_err(|e| CoversError::write(&path, e))
+    }
+
+    /// The file of the learner as it last was, see [`crate::Covers::load`].
+    pub fn checkpoint(&self) -> PathBuf {
+        self.path.join("checkpoint.safetensors")
+    }
+
+    /// Reads the run's settings.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`].
+    pub fn experiment(&self) -> Result<Experiment, CoversError> {
+        Experiment::read(&self.path.join(EXPERIMENT))
+    }
+
+    /// Writes the run's settings.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), CoversError> {
+        let path = self.path.join(EXPERIMENT);
+        let text = serde_json::to_string_pretty(experiment);
+        let text = text.map_err(|error| CoversError::write(&path, error))? + "\n";
+        std::fs::write(&path, text).map_err(|error| CoversError::write(&path, error))
+    }
+
+    pub(crate) fn logs(&self) -> Result<Logs, CoversError> {
+        Logs::create(&self.path)
+    }
+
+    pub(crate) fn reopen_logs(&self, marks: Marks) -> Result<Logs, CoversError> {
+        Logs::reopen(&self.path, marks)
     }
 
     /// Writes a picture.
@@ -81,94 +111,4 @@ fn encode_png(path: &Path, picture: &Picture) -> Result<(), png::EncodingError> 
     writer.write_image_data(&picture.rgb)?;
     writer.finish()?;
     Ok(file.flush()?)
-}
-
-/// The open `metrics.csv`; every row reaches the disk before the next rollout.
-pub(crate) struct Metrics {
-    path: PathBuf,
-    writer: csv::Writer<File>,
-}
-
-#[derive(Serialize)]
-struct Row<'a> {
-    rollout: usize,
-    decisions: usize,
-    group: &'a str,
-    policy: usize,
-    created: bool,
-    /// Rollouts that the assignment looked at: 2 where the first left it undecided.
-    looks: u8,
-    /// W1 to each policy that existed before, and what the permutation test made of it; joined by semicolons.
-    distances: String,
-    null_means: String,
-    null_maxima: String,
-    scores: String,
-    p_values: String,
-    tail_p_values: String,
-    reward: Option<f64>,
-    success: Option<f64>,
-    success_at_end: Option<f64>,
-    policy_loss: f64,
-    value_loss: f64,
-    entropy: f64,
-    approx_kl: f64,
-    clip_fraction: f64,
-    explained_variance: f64,
-    grad_norm: f64,
-    epochs: usize,
-}
-
-impl Metrics {
-    pub(crate) fn write(&mut self, progress: &Progress) -> Result<(), CoversError> {
-        let row = Row::new(progress);
-        let path = &self.path;
-        self.writer
-            .serialize(row)
-            .map_err(|error| CoversError::write(path, error))?;
-        self.writer
-            .flush()
-            .map_err(|error| CoversError::write(path, error))
-    }
-}
-
-impl<'a> Row<'a> {
-    fn new(progress: &'a Progress) -> Self {
-        let (report, update) = (&progress.report, &progress.report.update);
-        let tests = |figure: fn(&PermutationTest) -> f64| {
-            let tests = report.evidence.iter().map(Evidence::test);
-            join(tests.map(|test| test.map(figure)))
-        };
-        Self {
-            rollout: progress.rollout,
-            decisions: progress.decisions,
-            group: progress.group.name(),
-            policy: report.policy,
-            created: report.created,
-            looks: 1 + u8::from(report.first_look.is_some()),
-            distances: join(report.evidence.iter().map(|e| Some(e.distance))),
-            null_means: tests(|test| test.null.mean),
-            null_maxima: tests(|test| test.null.max),
-            scores: tests(|test| test.score),
-            p_values: tests(|test| test.p_value),
-            tail_p_values: tests(|test| test.tail_p_value),
-            reward: progress.reward,
-            success: progress.success,
-            success_at_end: report.rollout.success_at_end_rate(),
-            policy_loss: update.policy_loss,
-            value_loss: update.value_loss,
-            entropy: update.entropy,
-            approx_kl: update.approx_kl,
-            clip_fraction: update.clip_fraction,
-            explained_variance: update.explained_variance,
-            grad_norm: update.grad_norm,
-            epochs: update.epochs,
-        }
-    }
-}
-
-fn join(values: impl Iterator<Item = Option<f64>>) -> String {
-    let texts: Vec<String> = values
-        .map(|value| value.map_or_else(String::new, |value| value.to_string()))
-        .collect();
-    texts.join(";")
 }

@@ -1,8 +1,8 @@
 //! The stream of tasks: groups come, go and come back, and nothing tells the learner.
 
+use std::time::Instant;
+
 use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -14,36 +14,6 @@ const INPUTS_PER_METRE: f32 = 10.0;
 const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
-/// One stay of a group: how many rollouts it lasts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Visit {
-    /// The group; known to the stream and to reports, never to the learner.
-    pub group: TaskGroup,
-    /// Rollouts until the next visit.
-    pub rollouts: usize,
-}
-
-/// Every group once a cycle, in an order drawn anew for each cycle; no group follows itself.
-///
-/// `rollouts[i]` is the length of a visit of `TaskGroup::ALL[i]`.
-pub fn schedule(cycles: usize, rollouts: [usize; 4], rng: &mut ChaCha8Rng) -> Vec<Visit> {
-    let mut visits: Vec<Visit> = Vec::with_capacity(4 * cycles);
-    for _ in 0..cycles {
-        let mut order = [0, 1, 2, 3];
-        for last in (1..order.len()).rev() {
-            order.swap(last, rng.random_range(0..=last));
-        }
-        if visits.last().map(|visit| visit.group) == Some(TaskGroup::ALL[order[0]]) {
-            order.rotate_left(1);
-        }
-        visits.extend(order.map(|i| Visit {
-            group: TaskGroup::ALL[i],
-            rollouts: rollouts[i],
-        }));
-    }
-    visits
-}
-
 /// The environments as the learner sees them. Which group they run is set from outside; it shows in the picture, and in Goal
 /// Reach in the goal that only this group tells.
 pub struct Stream {
@@ -51,6 +21,7 @@ pub struct Stream {
     spec: EnvSpec,
     truncated: Vec<bool>,
     failures: usize,
+    seconds: f64,
 }
 
 impl Stream {
@@ -72,15 +43,29 @@ impl Stream {
             },
             truncated: vec![false; settings.num_envs],
             failures: 0,
+            seconds: 0.0,
         })
     }
 
-    /// Lets another group in; its episodes begin with the next reset.
+    /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next reset.
     ///
     /// # Errors
     /// What the environments say.
-    pub fn switch_to(&mut self, group: TaskGroup) -> Result<(), EnvError> {
-        self.env.set_tasks(group, &D2::ALL)
+    pub fn switch_to(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
+        self.env.set_tasks(group, elements)
+    }
+
+    /// Draws placements and variants from the streams of `seed`; see [`VecEnv::reseed`].
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+        self.env.reseed(seed)
+    }
+
+    /// Wall-clock seconds in which the environments worked so far.
+    pub fn seconds(&self) -> f64 {
+        self.seconds
     }
 
     /// Failures of single environments so far. Each cut an episode short, which the learner takes for a time-out.
@@ -102,12 +87,15 @@ impl VectorEnv for Stream {
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), EnvError> {
+        let clock = Instant::now();
         self.failures += self.env.reset(borrow(out))?.len();
+        self.seconds += clock.elapsed().as_secs_f64();
         scale(&mut out.vectors);
         Ok(())
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), EnvError> {
+        let clock = Instant::now();
         let failures = self.env.step(
             actions,
             StepMut {
@@ -119,6 +107,7 @@ impl VectorEnv for Stream {
             },
         )?;
         self.failures += failures.len();
+        self.seconds += clock.elapsed().as_secs_f64();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated
@@ -163,22 +152,6 @@ fn scale_row(row: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::SeedableRng;
-
-    #[test]
-    fn a_schedule_visits_every_group_each_cycle_and_never_twice_running() {
-        for seed in 0..50 {
-            let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let visits = schedule(3, [1, 2, 3, 4], &mut rng);
-            assert_eq!(visits.len(), 12);
-            assert!(visits.windows(2).all(|pair| pair[0].group != pair[1].group));
-            for cycle in visits.chunks(4) {
-                let groups: std::collections::HashSet<_> = cycle.iter().map(|v| v.group).collect();
-                assert_eq!(groups.len(), 4);
-                assert_eq!(cycle.iter().map(|v| v.rollouts).sum::<usize>(), 10);
-            }
-        }
-    }
 
     #[test]
     fn a_hidden_goal_stays_zero_and_a_flip_stays_a_flip() {

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use covers::cli::StreamOptions;
-use covers::experiment::{Experiment, Summary, run};
-use covers::{Covers, CoversSettings, RunFolder, Stream};
+use covers::commands::Command;
+use covers::{Covers, CoversSettings, Experiment, Run, RunFolder, Stream, Summary};
 use envs::{Camera, Embodiment, TaskGroup, VecEnvSettings};
 use rl::VectorEnv;
 
@@ -29,37 +29,157 @@ impl Drop for Scratch {
     }
 }
 
-fn smoke(parent: &Path, seed: u64, threads: usize) -> (Summary, Vec<Vec<u8>>) {
-    let experiment = Experiment::smoke().with_seed(seed).with_threads(threads);
-    let folder = RunFolder::create(parent, "run").unwrap();
-    let mut rollouts = 0;
-    let summary = run(&experiment, &folder, &mut |_| rollouts += 1).unwrap();
-    assert_eq!(rollouts, experiment.total_rollouts());
-    let files = ["metrics.csv", "evaluation.csv", "contact_sheet.png"];
-    let bytes = files.map(|file| fs::read(folder.path().join(file)).unwrap());
-    (summary, bytes.to_vec())
+/// The subcommands as the program has them.
+#[derive(Debug, Parser)]
+struct Options {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const FILES: [&str; 4] = [
+    "experiment.json",
+    "metrics.csv",
+    "evaluation.csv",
+    "contact_sheet.png",
+];
+
+/// A run over all four groups, evaluated after each visit.
+fn experiment(seed: u64, threads: usize) -> Experiment {
+    let mut experiment = Experiment::smoke().with_seed(seed).with_threads(threads);
+    experiment.evaluation.visit_rounds = 1;
+    experiment
+}
+
+fn start(parent: &Path, experiment: Experiment) -> Run {
+    Run::start(experiment, RunFolder::create(parent, "run").unwrap()).unwrap()
+}
+
+/// Runs to the end; returns the summary and the bytes of the files.
+fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
+    while run.advance().unwrap().is_some() {}
+    let bytes = FILES.map(|file| fs::read(run.folder().path().join(file)).unwrap());
+    (run.summary().unwrap(), bytes.to_vec())
 }
 
 #[test]
 fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let scratch = Scratch::new("bytes");
-    let (summary, reference) = smoke(&scratch.0, 3, 1);
-    assert_eq!(summary.groups.len(), 4);
+    let whole = |seed, threads| {
+        finish(start(
+            &scratch.0,
+            Experiment::smoke().with_seed(seed).with_threads(threads),
+        ))
+    };
+    let (summary, reference) = whole(3, 1);
+    assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
-    let rows = String::from_utf8(reference[0].clone()).unwrap();
+    let lines = |bytes: &[u8]| bytes.iter().filter(|&&byte| byte == b'\n').count();
+    assert_eq!(lines(&reference[1]), 1 + 8, "a header and a line a rollout");
     assert_eq!(
-        rows.lines().count(),
-        1 + Experiment::smoke().total_rollouts()
+        lines(&reference[2]),
+        1 + 16,
+        "sixteen variants after the stream"
     );
-    assert!(
-        smoke(&scratch.0, 3, 1).1 == reference,
-        "a second run differs"
+    let (_, two_threads) = whole(3, 2);
+    assert!(two_threads[1..] == reference[1..], "two threads differ");
+    assert!(whole(4, 1).1[1] != reference[1], "the seed does nothing");
+}
+
+#[test]
+fn an_interrupted_run_goes_on_to_the_same_bytes() {
+    let scratch = Scratch::new("resume");
+    let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
+    let mut run = start(&scratch.0, experiment(3, 2));
+    // checkpoints are written after 3 and 6 rollouts: the rows behind are written twice
+    for _ in 0..5 {
+        run.advance().unwrap();
+    }
+    let folder = run.folder().path().to_owned();
+    drop(run);
+    let resumed = Run::resume(&folder, Some(1)).unwrap();
+    assert_eq!(resumed.ledger().rollouts, 3);
+    let (again, bytes) = finish(resumed);
+    for (file, (got, expected)) in FILES.iter().zip(bytes.iter().zip(&reference)) {
+        assert!(got == expected, "{file} differs");
+    }
+    let timeless = |summary: &Summary| Summary {
+        seconds: 0.0,
+        decisions_per_second: 0.0,
+        ..summary.clone()
+    };
+    assert_eq!(timeless(&again), timeless(&summary));
+    // what has ended stays as it is
+    let mut ended = Run::resume(&folder, None).unwrap();
+    assert!(ended.advance().unwrap().is_none());
+    assert_eq!(timeless(&ended.summary().unwrap()), timeless(&summary));
+}
+
+#[test]
+fn packed_policies_act_and_recognise_like_the_whole_learner() {
+    let scratch = Scratch::new("pack");
+    let run = start(&scratch.0, experiment(3, 2));
+    let folder = run.folder().path().to_owned();
+    finish(run);
+    let packed = scratch.0.join("packed");
+    let command = |arguments: &[&str]| {
+        let mut out = Vec::new();
+        Options::try_parse_from([&["covers"], arguments].concat())
+            .unwrap()
+            .command
+            .run(&mut out)
+            .unwrap();
+        String::from_utf8(out).unwrap()
+    };
+    let (folder, packed) = (folder.to_str().unwrap(), packed.to_str().unwrap());
+    let said = command(&["pack", folder, packed, "--episodes", "100"]);
+    assert!(said.contains("policies in"), "{said}");
+    let size = |folder: &str| {
+        let path = Path::new(folder).join("checkpoint.safetensors");
+        fs::metadata(path).unwrap().len()
+    };
+    assert!(size(packed) < size(folder));
+    let scores = command(&["eval", folder, "--episodes", "32", "--json"]);
+    assert!(scores.contains(r#""group":"plate-slide""#), "{scores}");
+    assert_eq!(
+        command(&["eval", packed, "--episodes", "32", "--json"]),
+        scores
     );
-    assert!(smoke(&scratch.0, 3, 2).1 == reference, "two threads differ");
-    assert!(
-        smoke(&scratch.0, 4, 1).1[0] != reference[0],
-        "the seed does nothing"
-    );
+    assert_ne!(command(&["eval", packed, "--seed", "9", "--json"]), scores);
+    let table = command(&["eval", packed, "--embodiment", "hand", "--episodes", "32"]);
+    assert_eq!(table.lines().count(), 2 + 4, "{table}");
+}
+
+#[test]
+fn a_damaged_checkpoint_is_refused_and_named() {
+    let scratch = Scratch::new("damage");
+    let mut run = start(&scratch.0, experiment(0, 2));
+    for _ in 0..3 {
+        run.advance().unwrap();
+    }
+    let folder = run.folder().clone();
+    drop(run);
+    let refuse = |bytes: &[u8]| {
+        fs::write(folder.checkpoint(), bytes).unwrap();
+        Run::resume(folder.path(), None).err().unwrap().to_string()
+    };
+    let whole = fs::read(folder.checkpoint()).unwrap();
+    let name = folder.checkpoint().display().to_string();
+    for bytes in [&whole[..whole.len() - 4], b"", b"no checkpoint at all"] {
+        assert!(refuse(bytes).contains(&name));
+    }
+    let renamed = String::from_utf8_lossy(&whole[..4000]).contains("policy.0.params");
+    assert!(renamed, "the file holds what the next line looks for");
+    let position = whole
+        .windows(15)
+        .position(|w| w == b"policy.0.params")
+        .unwrap();
+    let mut other = whole.clone();
+    other[position..position + 15].copy_from_slice(b"policy.0.praams");
+    assert!(refuse(&other).contains("policy.0.params"));
+    let empty = scratch.0.join("empty");
+    fs::create_dir(&empty).unwrap();
+    let message = Run::resume(&empty, None).err().unwrap().to_string();
+    assert!(message.contains("experiment.json"), "{message}");
 }
 
 #[test]
@@ -88,7 +208,10 @@ fn options_are_checked_and_named() {
         StreamOptions::try_parse_from(all).unwrap_err().to_string()
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
-    assert!(refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full]"));
+    assert!(
+        refuse(&["--budget", "long"])
+            .contains("[possible values: smoke, short, covers, zero-shot]")
+    );
     assert!(refuse(&["--threads", "0"]).contains("0 is not in 1..=1024"));
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
     assert!(
@@ -98,9 +221,10 @@ fn options_are_checked_and_named() {
 }
 
 #[test]
-fn the_embodiment_reaches_the_environments() {
+fn changes_reach_the_experiment() {
     let options = StreamOptions::parse_from(["continual_stream", "--embodiment", "hand"]);
-    assert_eq!(options.experiment().envs.embodiment, Embodiment::Hand);
+    let experiment = options.changes.apply(options.budget.experiment());
+    assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
 }
 
 fn stream(size: usize) -> Stream {

@@ -1,0 +1,152 @@
+//! The subcommands of `covers` that train, go on, evaluate and pack.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use envs::Embodiment;
+
+use crate::cli::{TrainOptions, threads};
+use crate::evaluation::Evaluator;
+use crate::report::{rollout_line, score_table, summary_table};
+use crate::run::thread_pool;
+use crate::{Covers, CoversError, Extent, Run, RunFolder};
+
+/// What `covers` does with learners.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Command {
+    /// Learns from a stream; the run's folder receives settings, metrics, scores and checkpoints.
+    Train(TrainOptions),
+    /// Goes on from the last checkpoint of an interrupted run.
+    Resume(ResumeOptions),
+    /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own choice.
+    Eval(EvalOptions),
+    /// Copies what acting takes into a small folder: settings, policies, and some first frames of each group.
+    Pack(PackOptions),
+}
+
+/// What to go on with.
+#[derive(Clone, Debug, Args)]
+pub struct ResumeOptions {
+    /// The run's folder.
+    pub run: PathBuf,
+    /// Worker threads (default: one a processor); results do not depend on them.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print the summary as one JSON object in the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to score.
+#[derive(Clone, Debug, Args)]
+pub struct EvalOptions {
+    /// The folder of a run, or one that `covers pack` made.
+    pub run: PathBuf,
+    /// Episodes of each group, at least: its four variants take equal parts, and every environment the same number.
+    #[arg(long, default_value_t = 100)]
+    pub episodes: usize,
+    /// Seed of the episodes (default: that of the run's own evaluations).
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// What carries the gripper (default: as in the run).
+    #[arg(long)]
+    pub embodiment: Option<Embodiment>,
+    /// Worker threads (default: one a processor); results do not depend on them.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Print one JSON array of the scores of all variants instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What to pack.
+#[derive(Clone, Debug, Args)]
+pub struct PackOptions {
+    /// The run's folder.
+    pub run: PathBuf,
+    /// The folder to create.
+    pub folder: PathBuf,
+    /// First frames kept for each policy, in episodes.
+    #[arg(long, default_value_t = 40)]
+    pub episodes: usize,
+}
+
+impl Command {
+    /// Runs the command and prints to `out`.
+    ///
+    /// # Errors
+    /// What any part says, or an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+        match self {
+            Self::Train(options) => train(options, out),
+            Self::Resume(options) => {
+                let mut run = Run::resume(&options.run, Some(threads(options.threads)))?;
+                finish(&mut run, options.json, out)
+            }
+            Self::Eval(options) => evaluate(options, out),
+            Self::Pack(options) => pack(options, out),
+        }
+    }
+}
+
+fn train(options: &TrainOptions, out: &mut impl Write) -> Result<(), CoversError> {
+    let experiment = options.experiment()?;
+    experiment.check()?;
+    let name = options.run_name(&experiment);
+    let folder = RunFolder::create(&options.output.runs, &name)?;
+    let mut run = Run::start(experiment, folder)?;
+    finish(&mut run, options.output.json, out)
+}
+
+fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<(), CoversError> {
+    while let Some(progress) = run.advance()? {
+        say(out, &rollout_line(&progress))?;
+        if !progress.scores.is_empty() {
+            say(out, &score_table(&progress.scores))?;
+        }
+    }
+    let summary = run.summary()?;
+    say(out, &summary_table(&summary))?;
+    say(out, &format!("files: {}", run.folder().path().display()))?;
+    if json {
+        say(out, &serde_json::json!(summary).to_string())?;
+    }
+    Ok(())
+}
+
+fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
+    let folder = RunFolder::open(&options.run);
+    let mut experiment = folder.experiment()?.with_threads(threads(options.threads));
+    experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
+    let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
+    let mut evaluator = Evaluator::new(experiment.envs, seed)?;
+    let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec())?;
+    let rounds = options.episodes.div_ceil(4 * experiment.envs.num_envs);
+    let pool = thread_pool(experiment.envs.threads)?;
+    let scores = pool.install(|| evaluator.all(&mut covers, &experiment.schedule, rounds))?;
+    if options.json {
+        say(out, &serde_json::json!(scores).to_string())
+    } else {
+        say(out, &score_table(&scores))
+    }
+}
+
+fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {
+    let from = RunFolder::open(&options.run);
+    let experiment = from.experiment()?;
+    let evaluator = Evaluator::new(experiment.envs, 0)?;
+    let (covers, note) = Covers::load(&from.checkpoint(), evaluator.spec())?;
+    let to = RunFolder::create_exactly(&options.folder)?;
+    to.write_experiment(&experiment)?;
+    let episodes = options.episodes;
+    covers.save(&to.checkpoint(), Extent::Policies { episodes }, &note)?;
+    say(
+        out,
+        &format!("{} policies in {}", covers.policies(), to.path().display()),
+    )
+}
+
+fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
+    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
+}

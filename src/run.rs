@@ -1,0 +1,302 @@
+//! One run over a stream, from the first rollout to the final scores; it can stop anywhere and go on later.
+
+use std::path::Path;
+use std::time::Instant;
+
+use rayon::ThreadPool;
+use rl::VectorEnv;
+use serde::{Deserialize, Serialize};
+
+use crate::evaluation::{Evaluator, GroupScore, Score, by_group};
+use crate::experiment::Experiment;
+use crate::ledger::Ledger;
+use crate::logs::{Logs, Marks};
+use crate::progress::Progress;
+use crate::run_folder::RunFolder;
+use crate::schedule::Visit;
+use crate::sheet::contact_sheet;
+use crate::stream::Stream;
+use crate::{Covers, CoversError, Extent};
+
+/// Figures of a whole run.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Decisions taken while learning.
+    pub decisions: usize,
+    /// Wall-clock seconds of learning, without evaluations.
+    pub seconds: f64,
+    /// Decisions per second of learning.
+    pub decisions_per_second: f64,
+    /// Policies created.
+    pub policies: usize,
+    /// Failures of single environments while learning, see [`Stream::failures`].
+    pub failures: usize,
+    /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`.
+    pub assignment_accuracy: f64,
+    /// The same share among rollouts of groups that came back.
+    pub return_accuracy: f64,
+    /// Scores of the groups after the stream.
+    pub groups: Vec<GroupScore>,
+    /// Scores of all their variants.
+    pub variants: Vec<Score>,
+}
+
+/// What a checkpoint says beside the learner itself.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Note {
+    ledger: Ledger,
+    marks: Marks,
+}
+
+/// A run in progress.
+pub struct Run {
+    experiment: Experiment,
+    folder: RunFolder,
+    logs: Logs,
+    pool: ThreadPool,
+    visits: Vec<Visit>,
+    stream: Stream,
+    evaluator: Evaluator,
+    covers: Covers,
+    ledger: Ledger,
+    last_scores: Vec<Score>,
+}
+
+impl Run {
+    /// Begins a run that writes its files to `folder`.
+    ///
+    /// # Errors
+    /// A setting out of range; what the environments or the file system say.
+    pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, CoversError> {
+        experiment.check()?;
+        folder.write_experiment(&experiment)?;
+        // First of all, while the process has one thread: loading a model tunes software rendering by an environment variable.
+        folder.write_png("contact_sheet.png", &contact_sheet(&experiment.envs)?)?;
+        let logs = folder.logs()?;
+        let parts = Parts::new(&experiment)?;
+        let covers = Covers::new(experiment.covers.clone(), parts.stream.spec())?;
+        Ok(Self::assemble(
+            experiment,
+            folder,
+            logs,
+            parts,
+            covers,
+            Ledger::default(),
+        ))
+    }
+
+    /// Goes on from the last checkpoint of the run in `folder`, to the same files byte for byte, timings aside.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] where the folder holds no run or a damaged one; what the environments say.
+    pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, CoversError> {
+        let folder = RunFolder::open(folder);
+        let mut experiment = folder.experiment()?;
+        experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
+        experiment.check()?;
+        let parts = Parts::new(&experiment)?;
+        let (covers, note) = Covers::load(&folder.checkpoint(), parts.stream.spec())?;
+        let note: Note = serde_json::from_str(&note)
+            .map_err(|error| CoversError::read(&folder.checkpoint(), error))?;
+        let logs = folder.reopen_logs(note.marks)?;
+        Ok(Self::assemble(
+            experiment,
+            folder,
+            logs,
+            parts,
+            covers,
+            note.ledger,
+        ))
+    }
+
+    fn assemble(
+        experiment: Experiment,
+        folder: RunFolder,
+        logs: Logs,
+        parts: Parts,
+        covers: Covers,
+        ledger: Ledger,
+    ) -> Self {
+        Self {
+            visits: experiment.visits(),
+            experiment,
+            folder,
+            logs,
+            pool: parts.pool,
+            stream: parts.stream,
+            evaluator: parts.evaluator,
+            covers,
+            ledger,
+            last_scores: Vec::new(),
+        }
+    }
+
+    /// The settings.
+    pub fn experiment(&self) -> &Experiment {
+        &self.experiment
+    }
+
+    /// Where the files are.
+    pub fn folder(&self) -> &RunFolder {
+        &self.folder
+    }
+
+    /// The learner.
+    pub fn covers(&mut self) -> &mut Covers {
+        &mut self.covers
+    }
+
+    /// The books so far.
+    pub fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// Learns from one more rollout, evaluates and saves where that is due; nothing is left to do where there is no progress.
+    ///
+    /// # Errors
+    /// What any part says; files written so far stay, and the last checkpoint can be resumed.
+    pub fn advance(&mut self) -> Result<Option<Progress>, CoversError> {
+        let Some((index, nth)) = locate(&self.visits, self.ledger.rollouts) else {
+            return Ok(None);
+        };
+        let visit = self.visits[index].clone();
+        let returns = self.visits[..index].iter().any(|v| v.group == visit.group);
+        let mut progress = self.learn(&visit, returns)?;
+        let last_of_visit = nth + 1 == visit.rollouts;
+        let last = last_of_visit && index + 1 == self.visits.len();
+        let rounds = match (last, last_of_visit) {
+            (true, _) => self.experiment.evaluation.rounds,
+            (false, true) => self.experiment.evaluation.visit_rounds,
+            (false, false) => 0,
+        };
+        if rounds > 0 {
+            progress.scores = self.evaluate(rounds)?;
+            self.logs.write_scores(&progress)?;
+            self.last_scores.clone_from(&progress.scores);
+        }
+        if last
+            || self
+                .ledger
+                .rollouts
+                .is_multiple_of(self.experiment.checkpoint_every)
+        {
+            self.save()?;
+        }
+        Ok(Some(progress))
+    }
+
+    fn learn(&mut self, visit: &Visit, returns: bool) -> Result<Progress, CoversError> {
+        let clock = Instant::now();
+        let rollout = self.ledger.rollouts;
+        let stream = &mut self.stream;
+        stream.switch_to(visit.group, &visit.variants)?;
+        stream.reseed(self.experiment.environment_seed(rollout))?;
+        let (failures, environment_seconds) = (stream.failures(), stream.seconds());
+        let covers = &mut self.covers;
+        let report = self.pool.install(|| covers.learn(stream))?;
+        self.ledger.record(visit.group, returns, report.policy);
+        self.ledger.decisions += report.decisions;
+        self.ledger.failures += stream.failures() - failures;
+        let seconds = clock.elapsed().as_secs_f64();
+        self.ledger.seconds += seconds;
+        let progress = Progress {
+            rollout,
+            decisions: self.ledger.decisions,
+            group: visit.group,
+            reward: report
+                .rollout
+                .mean_return()
+                .map(|sum| sum * stream.reward_scale()),
+            success: report.rollout.success_rate(),
+            report,
+            seconds,
+            environment_seconds: stream.seconds() - environment_seconds,
+            scores: Vec::new(),
+        };
+        self.logs.write_rollout(&progress)?;
+        Ok(progress)
+    }
+
+    fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
+        let (covers, schedule) = (&mut self.covers, &self.experiment.schedule);
+        let evaluator = &mut self.evaluator;
+        self.pool
+            .install(|| evaluator.all(covers, schedule, rounds))
+    }
+
+    /// Writes a checkpoint over the last one.
+    fn save(&mut self) -> Result<(), CoversError> {
+        let path = self.folder.checkpoint();
+        let note = Note {
+            ledger: self.ledger.clone(),
+            marks: self.logs.marks()?,
+        };
+        let note = serde_json::to_string(&note).map_err(|e| CoversError::write(&path, e))?;
+        self.covers.save(&path, Extent::Everything, &note)
+    }
+
+    /// The figures of the run. Scores are those of the last evaluation; where there was none since the start or the resumption, all variants are
+    /// scored now.
+    ///
+    /// # Errors
+    /// What the evaluation says.
+    pub fn summary(&mut self) -> Result<Summary, CoversError> {
+        if self.last_scores.is_empty() {
+            self.last_scores = self.evaluate(self.experiment.evaluation.rounds)?;
+        }
+        let ledger = &self.ledger;
+        Ok(Summary {
+            decisions: ledger.decisions,
+            seconds: ledger.seconds,
+            decisions_per_second: ledger.decisions as f64 / ledger.seconds,
+            policies: self.covers.policies(),
+            failures: ledger.failures,
+            assignment_accuracy: ledger.accuracy(),
+            return_accuracy: ledger.return_accuracy(),
+            groups: by_group(&self.last_scores),
+            variants: self.last_scores.clone(),
+        })
+    }
+}
+
+/// What a run is made of beside the learner and the files.
+struct Parts {
+    pool: ThreadPool,
+    stream: Stream,
+    evaluator: Evaluator,
+}
+
+impl Parts {
+    fn new(experiment: &Experiment) -> Result<Self, CoversError> {
+        let group = experiment.schedule.groups[0].group;
+        // environments before threads: the first model of a process tunes software rendering
+        let stream = Stream::new(experiment.envs, group)?;
+        let evaluator = Evaluator::new(experiment.envs, experiment.evaluation_seed())?;
+        Ok(Self {
+            pool: thread_pool(experiment.envs.threads)?,
+            stream,
+            evaluator,
+        })
+    }
+}
+
+/// The threads that networks run on.
+pub(crate) fn thread_pool(threads: usize) -> Result<ThreadPool, CoversError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|source| CoversError::Threads { threads, source })
+}
+
+/// The visit that a rollout belongs to, and its number within the visit; none behind the last.
+fn locate(visits: &[Visit], rollout: usize) -> Option<(usize, usize)> {
+    let mut before = 0;
+    for (index, visit) in visits.iter().enumerate() {
+        if rollout < before + visit.rollouts {
+            return Some((index, rollout - before));
+        }
+        before += visit.rollouts;
+    }
+    None
+}
