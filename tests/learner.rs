@@ -6,7 +6,9 @@ use cluster::{Evidence, Verdict};
 use covers::{Covers, CoversSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition, VectorEnv};
+use rl::{
+    Encoder, EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition, VectorEnv,
+};
 use symmetry::{D2, Irrep};
 
 const SIZE: usize = 8;
@@ -88,7 +90,7 @@ impl VectorEnv for Bars {
 fn settings() -> CoversSettings {
     CoversSettings {
         network: NetworkSettings {
-            conv_fields: vec![4, 8],
+            encoder: Encoder::Strided { fields: vec![4, 8] },
             top_fields: 8,
             vector_fields: 4,
             actor_fields: 4,

@@ -18,7 +18,8 @@ use crate::policy::{Decisions, Policy};
 /// Samples of one inference chunk: a batch of 20 environments then occupies several threads.
 const INFERENCE_CHUNK: usize = 4;
 
-/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly D2-equivariant.
+/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant under the
+/// group of its settings.
 ///
 /// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed chunks on the current
 /// rayon pool; actions, values and features have the same bits for any number of threads.

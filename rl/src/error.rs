@@ -59,21 +59,19 @@ pub enum RlError {
     },
     /// The network cannot be built for these images.
     #[error(
-        "images of {height} x {width} pixels do not fit {convs} convolutions of stride 2: height and width must be multiples of {multiple}, at least {multiple}; resize the images or change NetworkSettings::conv_fields"
+        "images of {side} x {side} pixels do not fit the {encoder} encoder with {halvings} halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
     ImageSize {
-        /// Height of the images in pixels.
-        height: usize,
-        /// Width of the images in pixels.
-        width: usize,
-        /// Number of strided convolutions.
-        convs: usize,
-        /// 2 to the power of `convs`.
-        multiple: usize,
-        /// What the layer itself says.
-        source: Box<LayerError>,
+        /// Height and width of the images in pixels.
+        side: usize,
+        /// The kind of encoder.
+        encoder: &'static str,
+        /// How often it halves the images.
+        halvings: usize,
+        /// The sizes that it takes, in words.
+        expected: String,
     },
-    /// The last layer of the encoder has a square window, so images must be square.
+    /// Encoders take square images only.
     #[error(
         "images of {height} x {width} pixels: expected a square; crop or resize them to equal height and width"
     )]

@@ -2,7 +2,8 @@
 //!
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] runs a [`Policy`] in it and fills a
 //! [`RolloutBuffer`]; [`Ppo::update`] improves an [`ActorCriticPolicy`] from the buffer. The policy is exactly
-//! D2-equivariant: mirror the table and its mean action is the mirrored one, its value and features are the same.
+//! equivariant under D2, or a subgroup of choice: mirror the table and its mean action is the mirrored one, its value and
+//! features are the same.
 //!
 //! - The end of an episode has two kinds, [`Outcome::Terminated`] and [`Outcome::Truncated`], all the way to [`gae`]:
 //!   a time-out bootstraps the value of the final observation.
@@ -16,8 +17,8 @@
 //! use std::convert::Infallible;
 //!
 //! use rl::{
-//!     ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError, RolloutBuffer,
-//!     RolloutState, Transition, VectorEnv, collect,
+//!     ActorCriticPolicy, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
+//!     RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //! use symmetry::Irrep;
@@ -50,7 +51,7 @@
 //!
 //! let spec = EnvSpec { num_envs: 2, image: [4, 4, 1], vector: vec![Irrep::X], action: vec![Irrep::X] };
 //! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
-//! let network = NetworkSettings { conv_fields: vec![2], ..NetworkSettings::default() };
+//! let network = NetworkSettings { encoder: Encoder::Strided { fields: vec![2] }, ..NetworkSettings::default() };
 //! let mut policy = ActorCriticPolicy::new(&network, &spec, 0)?;
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;
@@ -72,6 +73,7 @@ struct Readme;
 mod actor_critic_policy;
 mod adam;
 mod buffer;
+mod encoder;
 mod env;
 mod error;
 mod evaluation;
@@ -90,6 +92,7 @@ mod rollout;
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use buffer::RolloutBuffer;
+pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 pub use error::RlError;
 pub use evaluation::evaluate;

@@ -98,9 +98,10 @@ pub(crate) fn normalised_advantages(advantages: &[f32], indices: &[usize], out: 
 mod tests {
     use rand::{Rng, RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use symmetry::Irrep;
+    use symmetry::{Group, Irrep};
 
     use super::*;
+    use crate::encoder::Encoder;
     use crate::env::{EnvSpec, Observations, Transition};
     use crate::gaussian::log_prob;
     use crate::network_settings::NetworkSettings;
@@ -122,9 +123,14 @@ mod tests {
         }
     }
 
-    fn network() -> ActorCritic<f64> {
+    fn strided() -> Encoder {
+        Encoder::Strided { fields: vec![2] }
+    }
+
+    fn network(group: Group, encoder: Encoder) -> ActorCritic<f64> {
         let settings = NetworkSettings {
-            conv_fields: vec![2],
+            group,
+            encoder,
             top_fields: 3,
             vector_fields: 2,
             actor_fields: 2,
@@ -211,18 +217,35 @@ mod tests {
 
     #[test]
     fn gradient_of_the_whole_loss_equals_finite_differences() {
-        let (network, mut rng) = (network(), ChaCha8Rng::seed_from_u64(3));
+        for group in Group::ALL {
+            gradient_equals_finite_differences(&network(group, strided()));
+        }
+        let pooled = Encoder::Pooled {
+            fields: vec![],
+            inner: [2, 2],
+        };
+        let keypoints = Encoder::Keypoints {
+            fields: vec![2],
+            maps: 2,
+        };
+        for encoder in [pooled, keypoints] {
+            gradient_equals_finite_differences(&network(Group::D2, encoder));
+        }
+    }
+
+    fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut params = network.init(&mut rng);
-        let buffer = rollout(&network, &params, 0.5, &mut rng);
+        let buffer = rollout(network, &params, 0.5, &mut rng);
         let returns = uniform(&mut rng, B);
-        let (sums, gradient) = loss(&network, &params, &buffer, &returns);
+        let (sums, gradient) = loss(network, &params, &buffer, &returns);
         assert!(sums.clipped > 0.0 && sums.clipped < B as f64, "{sums:?}");
         let scale = gradient.iter().fold(0.0, |m: f64, g| m.max(g.abs()));
         for i in 0..params.len() {
             let centre = params[i];
             let mut at = |h: f64| {
                 params[i] = centre + h;
-                loss(&network, &params, &buffer, &returns).0.total(&WEIGHTS) / B as f64
+                loss(network, &params, &buffer, &returns).0.total(&WEIGHTS) / B as f64
             };
             let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
             params[i] = centre;
@@ -237,7 +260,8 @@ mod tests {
 
     #[test]
     fn before_the_first_step_the_ratio_is_one() {
-        let (network, mut rng) = (network(), ChaCha8Rng::seed_from_u64(4));
+        let network = network(Group::D2, strided());
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
         let params = network.init(&mut rng);
         let buffer = rollout(&network, &params, 0.0, &mut rng);
         let (sums, _) = loss(&network, &params, &buffer, &[0.0; B]);

@@ -2,29 +2,19 @@
 
 use std::ops::Range;
 
-use equivariant::{
-    FieldType, GroupMaxPool, Kernel, Layer, Linear, R2Conv, Relu, Scalar, Sequential, Shape,
-};
+use equivariant::{FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape};
 use rand::Rng;
-use symmetry::{Group, irrep_order};
+use symmetry::irrep_order;
 
+use crate::encoder::encoder;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::NetworkSettings;
 
-/// The group of the policy's symmetries.
-const GROUP: Group = Group::D2;
-/// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
-const HALVING: Kernel = Kernel {
-    size: 4,
-    stride: 2,
-    padding: 1,
-};
-
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network architecture").
 ///
 /// ```text
-/// image  [H, W, C] -> (R2Conv 4x4 stride 2, ReLU)* -> R2Conv to 1 x 1, ReLU -+
+/// image  [H, W, C] -> Encoder -----------------------------------------------+
 /// vector [D]       -> Linear, ReLU ------------------------------------------+-> h, regular fields
 /// h -> Linear, ReLU, Linear -> mean action [A], of the action's type
 /// h -> GroupMaxPool -> features [F], invariant -> Linear, ReLU, Linear -> value
@@ -33,6 +23,9 @@ const HALVING: Kernel = Kernel {
 ///
 /// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the critic and the features
 /// see each input up to a symmetry of its own: how the vector lies relative to the image reaches only the actor.
+///
+/// Every part is equivariant under [`NetworkSettings::group`]: D2 is the paper's network, and C1 an ordinary one of the same
+/// width, whose pooling does nothing.
 ///
 /// It owns no weights: the parameters are one flat slice, the image encoder's first ([`ActorCritic::encoder`]), then
 /// the others ([`ActorCritic::heads`]), of which the last A are log_std.
@@ -67,25 +60,26 @@ impl<T: Scalar> ActorCritic<T> {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         settings.check()?;
         spec.check()?;
+        let group = settings.group;
         let (vector, action) = (
-            FieldType::from_irreps(GROUP, &spec.vector),
-            FieldType::from_irreps(GROUP, &spec.action),
+            FieldType::from_irreps(group, &spec.vector),
+            FieldType::from_irreps(group, &spec.action),
         );
         let fields = settings.top_fields + settings.vector_fields;
-        let hidden = GROUP.regular(fields);
+        let hidden = settings.regular(fields);
         let pool = GroupMaxPool::new(Shape::vector(hidden))?;
         Ok(Self {
-            image: encoder(settings, spec)?,
-            vector: Sequential::new(lift(vector, GROUP.regular(settings.vector_fields))?)?,
-            actor: head(hidden, GROUP.regular(settings.actor_fields), action)?,
+            image: encoder(settings, spec.image)?,
+            vector: Sequential::new(lift(vector, settings.regular(settings.vector_fields))?)?,
+            actor: head(hidden, settings.regular(settings.actor_fields), action)?,
             critic: head(
-                GROUP.trivial(fields),
-                GROUP.trivial(settings.critic_width),
-                GROUP.trivial(1),
+                group.trivial(settings.copies(fields)),
+                group.trivial(settings.critic_width),
+                group.trivial(1),
             )?,
             pool,
-            vector_order: irrep_order(GROUP, &spec.vector),
-            action_order: irrep_order(GROUP, &spec.action),
+            vector_order: irrep_order(group, &spec.vector),
+            action_order: irrep_order(group, &spec.action),
             settings: settings.clone(),
             spec: spec.clone(),
         })
@@ -106,7 +100,7 @@ impl<T: Scalar> ActorCritic<T> {
         self.encoder().end..self.num_params()
     }
 
-    /// F, the length of the invariant features: one per regular field.
+    /// F, the length of the invariant features: one per regular field of the group.
     pub fn feature_dim(&self) -> usize {
         Layer::<T>::out_shape(&self.pool).len()
     }
@@ -126,7 +120,8 @@ impl<T: Scalar> ActorCritic<T> {
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), &self.settings);
         let mut params = vec![T::ZERO; self.num_params()];
-        self.image.init(rng, &mut params[parts.image]);
+        let gain = settings.encoder.last_gain();
+        self.image.init_scaled(rng, gain, &mut params[parts.image]);
         self.vector.init(rng, &mut params[parts.vector]);
         self.actor
             .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
@@ -152,62 +147,6 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-/// Halving convolutions, then one whose window is all that is left.
-fn encoder<T: Scalar>(
-    settings: &NetworkSettings,
-    spec: &EnvSpec,
-) -> Result<Sequential<T>, RlError> {
-    let [height, width, channels] = spec.image;
-    if height != width {
-        return Err(RlError::NotSquare { height, width });
-    }
-    let mut layers: Vec<Box<dyn Layer<T>>> = Vec::new();
-    let mut shape = Shape::image(height, width, GROUP.trivial(channels));
-    for (i, &fields) in settings
-        .conv_fields
-        .iter()
-        .chain([&settings.top_fields])
-        .enumerate()
-    {
-        let last = i == settings.conv_fields.len();
-        let kernel = if last {
-            Kernel {
-                size: shape.height,
-                stride: 1,
-                padding: 0,
-            }
-        } else {
-            HALVING
-        };
-        let conv = R2Conv::new(
-            shape.fields,
-            GROUP.regular(fields),
-            kernel,
-            [shape.height, shape.width],
-        )
-        .map_err(|source| image_size(settings, spec, source))?;
-        shape = Layer::<T>::out_shape(&conv);
-        layers.push(Box::new(conv));
-        layers.push(Box::new(Relu::new(shape)?));
-    }
-    Ok(Sequential::new(layers)?)
-}
-
-fn image_size(
-    settings: &NetworkSettings,
-    spec: &EnvSpec,
-    source: equivariant::LayerError,
-) -> RlError {
-    let [height, width, _] = spec.image;
-    RlError::ImageSize {
-        height,
-        width,
-        convs: settings.conv_fields.len(),
-        multiple: settings.image_multiple(),
-        source: Box::new(source),
-    }
-}
-
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
     Ok(vec![
         Box::new(Linear::new(from, to)?),
@@ -229,7 +168,7 @@ fn head<T: Scalar>(
 mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-    use symmetry::Irrep;
+    use symmetry::{Group, Irrep};
 
     use super::*;
 
@@ -262,28 +201,53 @@ mod tests {
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
     }
 
+    /// Settings of an encoder, sides of pictures that fit it and that do not, and what is said of those.
+    fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 3] {
+        [
+            (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),
+            (NetworkSettings::keypoints(), 12, [50, 2], "multiples of 4"),
+            (
+                NetworkSettings::so2_128(),
+                128,
+                [64, 256],
+                "exactly 128 x 128",
+            ),
+        ]
+    }
+
     #[test]
     fn image_sizes_that_break_exactness_are_refused_with_the_sizes_that_work() {
-        let new = |image| {
-            ActorCritic::<f32>::new(&NetworkSettings::default(), &spec(image))
-                .err()
-                .unwrap()
-        };
-        for side in [50, 8] {
-            let error = new([side, side, 6]);
-            assert!(matches!(error, RlError::ImageSize { multiple: 16, .. }));
-            assert!(
-                error.to_string().contains("must be multiples of 16"),
-                "{error}"
-            );
-            assert!(std::error::Error::source(&error).is_some());
-        }
-        assert!(matches!(
-            new([48, 64, 6]),
-            RlError::NotSquare {
-                height: 48,
-                width: 64
+        for group in Group::ALL {
+            for (settings, right, wrong, expected) in sides() {
+                let settings = NetworkSettings { group, ..settings };
+                let new = |image| ActorCritic::<f32>::new(&settings, &spec(image)).err();
+                assert!(new([right, right, 6]).is_none());
+                for side in wrong {
+                    let message = new([side, side, 6]).unwrap().to_string();
+                    assert!(message.contains(expected), "{message}");
+                    assert!(message.contains(&format!("{side} x {side}")), "{message}");
+                }
+                assert!(matches!(
+                    new([48, 64, 6]).unwrap(),
+                    RlError::NotSquare {
+                        height: 48,
+                        width: 64
+                    }
+                ));
             }
-        ));
+        }
+    }
+
+    #[test]
+    fn networks_of_all_groups_are_equally_wide() {
+        for group in Group::ALL {
+            let settings = NetworkSettings {
+                group,
+                ..NetworkSettings::default()
+            };
+            let network = ActorCritic::<f32>::new(&settings, &spec([48, 48, 6])).unwrap();
+            assert_eq!(network.image.out_shape().len(), 4 * 32);
+            assert_eq!(network.feature_dim(), 4 * 64 / group.order());
+        }
     }
 }

@@ -1,7 +1,10 @@
 //! Settings of the actor-critic network.
 
+use equivariant::FieldType;
 use serde::{Deserialize, Serialize};
+use symmetry::Group;
 
+use crate::encoder::Encoder;
 use crate::error::RlError;
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x 48 pixels.
@@ -10,8 +13,31 @@ use crate::error::RlError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NetworkSettings {
-    /// Regular fields after each 4 x 4 convolution of stride 2, each at least 1; every convolution halves the image.
-    pub conv_fields: Vec<usize>,
+    /// The symmetries that the network keeps exactly; a plain network is that of C1.
+    ///
+    /// Widths are channels: `n` regular fields stand for 4 n channels, whatever the group. They are n fields of D2 and
+    /// 4 n / |G| fields of a subgroup G, since a regular field has |G| channels. So networks of all groups are equally wide, and
+    /// parameters grow as symmetry falls:
+    ///
+    /// ```
+    /// use rl::{ActorCritic, EnvSpec, NetworkSettings};
+    /// use symmetry::{Group, Irrep};
+    ///
+    /// let xy = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
+    /// let spec = EnvSpec { num_envs: 1, image: [48, 48, 6], vector: xy.clone(), action: xy };
+    /// let parameters = |group| {
+    ///     let settings = NetworkSettings { group, ..NetworkSettings::default() };
+    ///     ActorCritic::<f32>::new(&settings, &spec).map(|network| network.num_params())
+    /// };
+    /// let counts = [parameters(Group::D2)?, parameters(Group::C2)?, parameters(Group::C1)?];
+    /// assert_eq!(counts, [58_193, 116_253, 232_375]);
+    /// # Ok::<(), rl::RlError>(())
+    /// ```
+    ///
+    /// Features, too: there are `top_fields + vector_fields` of them for D2 and four times as many for C1.
+    pub group: Group,
+    /// From pictures to the top fields.
+    pub encoder: Encoder,
     /// Regular fields of the image's feature vector, at least 1.
     pub top_fields: usize,
     /// Regular fields of the observation vector's features, at least 1.
@@ -31,7 +57,10 @@ pub struct NetworkSettings {
 impl Default for NetworkSettings {
     fn default() -> Self {
         Self {
-            conv_fields: vec![4, 8, 16, 16],
+            group: Group::D2,
+            encoder: Encoder::Strided {
+                fields: vec![4, 8, 16, 16],
+            },
             top_fields: 32,
             vector_fields: 32,
             actor_fields: 32,
@@ -44,10 +73,38 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// The number of which the image's height and width must be multiples: 2 to the power of the number of
-    /// convolutions.
-    pub fn image_multiple(&self) -> usize {
-        1 << self.conv_fields.len().min(31)
+    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`]; heads as in the default.
+    pub fn so2_128() -> Self {
+        Self {
+            encoder: Encoder::Pooled {
+                fields: vec![8, 16, 32, 64],
+                inner: [128, 64],
+            },
+            top_fields: 64,
+            ..Self::default()
+        }
+    }
+
+    /// Two halvings and the positions of 16 maps, see [`Encoder::Keypoints`]; heads as in the default. Sides of pictures are
+    /// multiples of 4.
+    pub fn keypoints() -> Self {
+        Self {
+            encoder: Encoder::Keypoints {
+                fields: vec![4, 8],
+                maps: 16,
+            },
+            ..Self::default()
+        }
+    }
+
+    /// The number of regular fields of the group that are as wide as `fields` of D2.
+    pub(crate) fn copies(&self, fields: usize) -> usize {
+        fields * (Group::D2.order() / self.group.order())
+    }
+
+    /// As many channels as `fields` regular fields of D2, as regular fields of the group.
+    pub(crate) fn regular(&self, fields: usize) -> FieldType {
+        self.group.regular(self.copies(fields))
     }
 
     /// Refuses values outside their ranges.
@@ -55,23 +112,14 @@ impl NetworkSettings {
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
-        let widths = [
-            (
-                "conv_fields",
-                self.conv_fields.iter().copied().min().unwrap_or(0),
-            ),
+        self.encoder.check()?;
+        for (name, width) in [
             ("top_fields", self.top_fields),
             ("vector_fields", self.vector_fields),
             ("actor_fields", self.actor_fields),
             ("critic_width", self.critic_width),
-        ];
-        for (name, width) in widths {
-            require(
-                name,
-                width as f32,
-                "at least 1 (a list must not be empty)",
-                width > 0,
-            )?;
+        ] {
+            require_width(name, width)?;
         }
         for (name, value) in [
             ("action_gain", self.action_gain),
@@ -91,6 +139,12 @@ impl NetworkSettings {
             (-10.0..=2.0).contains(&self.log_std),
         )
     }
+}
+
+/// Refuses a width of zero.
+pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
+    let expected = "at least 1 (a list must not be empty)";
+    require(name, width as f32, expected, width > 0)
 }
 
 /// Refuses a setting that is not `allowed`.
@@ -116,43 +170,74 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_default_is_valid_and_zeros_are_refused() {
-        let settings = NetworkSettings::default();
-        assert!(settings.check().is_ok());
-        assert_eq!(settings.image_multiple(), 16);
-        for wrong in [
-            NetworkSettings {
-                conv_fields: vec![],
-                ..settings.clone()
-            },
-            NetworkSettings {
-                conv_fields: vec![4, 0],
-                ..settings.clone()
-            },
-            NetworkSettings {
-                action_gain: 0.0,
-                ..settings.clone()
-            },
-            NetworkSettings {
-                log_std: f32::NAN,
-                ..settings.clone()
-            },
+    fn presets_are_valid_and_zeros_are_refused_by_name() {
+        let default = NetworkSettings::default();
+        for settings in [
+            default.clone(),
+            NetworkSettings::so2_128(),
+            NetworkSettings::keypoints(),
         ] {
-            assert!(matches!(wrong.check(), Err(RlError::Setting { .. })));
+            assert!(settings.check().is_ok());
+        }
+        let with = |encoder| NetworkSettings {
+            encoder,
+            ..default.clone()
+        };
+        let (none, zero) = (vec![], vec![4, 0]);
+        let narrow = Encoder::Pooled {
+            fields: none.clone(),
+            inner: [1, 0],
+        };
+        let blind = Encoder::Keypoints {
+            fields: vec![1],
+            maps: 0,
+        };
+        let mut quiet = default.clone();
+        quiet.action_gain = 0.0;
+        let mut undefined = default.clone();
+        undefined.log_std = f32::NAN;
+        for (name, wrong) in [
+            (
+                "encoder.strided.fields",
+                with(Encoder::Strided { fields: none }),
+            ),
+            (
+                "encoder.strided.fields",
+                with(Encoder::Strided { fields: zero }),
+            ),
+            ("encoder.pooled.inner", with(narrow)),
+            ("encoder.keypoints.maps", with(blind)),
+            ("action_gain", quiet),
+            ("log_std", undefined),
+        ] {
+            let message = wrong.check().unwrap_err().to_string();
+            assert!(message.starts_with(name), "{message}");
         }
     }
 
     #[test]
     fn settings_survive_a_file() {
-        let settings = NetworkSettings {
-            log_std: -0.3,
+        for settings in [
+            NetworkSettings {
+                log_std: -0.3,
+                group: Group::D1y,
+                ..NetworkSettings::default()
+            },
+            NetworkSettings::so2_128(),
+            NetworkSettings::keypoints(),
+        ] {
+            let text = serde_json::to_string(&settings).unwrap();
+            assert_eq!(
+                serde_json::from_str::<NetworkSettings>(&text).unwrap(),
+                settings
+            );
+        }
+        let plain: NetworkSettings = serde_json::from_str(r#"{"group": "C1"}"#).unwrap();
+        let expected = NetworkSettings {
+            group: Group::C1,
             ..NetworkSettings::default()
         };
-        let text = serde_json::to_string(&settings).unwrap();
-        assert_eq!(
-            serde_json::from_str::<NetworkSettings>(&text).unwrap(),
-            settings
-        );
+        assert_eq!(plain, expected);
         let unknown = serde_json::from_str::<NetworkSettings>(r#"{"tops": 3}"#).unwrap_err();
         assert!(unknown.to_string().contains("unknown field `tops`"));
     }

@@ -246,7 +246,11 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// Regular fields of the image's and of the vector's features.
     fn fields(&self) -> (usize, usize) {
-        (self.settings().top_fields, self.settings().vector_fields)
+        let settings = self.settings();
+        (
+            settings.copies(settings.top_fields),
+            settings.copies(settings.vector_fields),
+        )
     }
 }
 

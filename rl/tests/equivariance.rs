@@ -1,11 +1,11 @@
-//! The contract of the equivariant policy, for all four elements of D2.
+//! The contract of the equivariant policy, for every group and every kind of encoder.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Policy};
-use symmetry::{D2, Irrep};
+use rl::{ActorCriticPolicy, Encoder, EnvSpec, NetworkSettings, Observations, Policy};
+use symmetry::{D2, Group, Irrep};
 
 const SAMPLES: usize = 6;
 const TOLERANCE: f32 = 1e-5;
@@ -29,12 +29,33 @@ fn spec() -> EnvSpec {
     }
 }
 
-fn policy() -> ActorCriticPolicy {
-    let settings = NetworkSettings {
-        action_gain: 1.0,
+/// The three kinds of encoder, for pictures of 32 x 32 pixels.
+fn networks() -> [NetworkSettings; 3] {
+    let pooled = NetworkSettings {
+        encoder: Encoder::Pooled {
+            fields: vec![4, 8],
+            inner: [16, 8],
+        },
         ..NetworkSettings::default()
     };
+    [
+        NetworkSettings::default(),
+        pooled,
+        NetworkSettings::keypoints(),
+    ]
+}
+
+/// A random policy whose mean actions are of order one.
+fn policy_of(settings: &NetworkSettings) -> ActorCriticPolicy {
+    let settings = NetworkSettings {
+        action_gain: 1.0,
+        ..settings.clone()
+    };
     ActorCriticPolicy::new(&settings, &spec(), 5).unwrap()
+}
+
+fn policy() -> ActorCriticPolicy {
+    policy_of(&NetworkSettings::default())
 }
 
 fn observations() -> Observations {
@@ -87,9 +108,12 @@ fn error(a: &[f32], b: &[f32]) -> f32 {
 
 /// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the mean by `action`.
 fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
-    let mut policy = policy();
-    let [mean, value, features] = outputs(&mut policy, &observations());
-    let moved = outputs(&mut policy, &transformed(&observations(), pixels, vectors));
+    errors_of(&mut policy(), pixels, vectors, action)
+}
+
+fn errors_of(policy: &mut ActorCriticPolicy, pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
+    let [mean, value, features] = outputs(policy, &observations());
+    let moved = outputs(policy, &transformed(&observations(), pixels, vectors));
     let mean = signed(&mean, &spec().action, action);
     [
         error(&moved[0], &mean),
@@ -100,13 +124,78 @@ fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
 
 #[test]
 fn mean_is_equivariant_and_value_and_features_are_invariant() {
-    for g in D2::ALL {
-        for (what, error) in ["mean", "value", "features"]
-            .into_iter()
-            .zip(errors(g, g, g))
-        {
-            assert!(error < TOLERANCE, "{g}: {what} is off by {error}");
+    for settings in networks() {
+        for group in Group::ALL {
+            let settings = NetworkSettings {
+                group,
+                ..settings.clone()
+            };
+            let mut policy = policy_of(&settings);
+            for &g in group.elements() {
+                for (what, error) in
+                    ["mean", "value", "features"]
+                        .into_iter()
+                        .zip(errors_of(&mut policy, g, g, g))
+                {
+                    assert!(
+                        error < TOLERANCE,
+                        "{settings:?}, {g}: {what} is off by {error}"
+                    );
+                }
+            }
         }
+    }
+}
+
+/// What is no symmetry of the group is none of the network: the check fails for every other element of D2, so a plain CNN is not
+/// equivariant by accident.
+#[test]
+fn elements_outside_the_group_change_mean_value_and_features() {
+    for settings in networks() {
+        for group in Group::ALL {
+            let mut policy = policy_of(&NetworkSettings {
+                group,
+                ..settings.clone()
+            });
+            for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
+                for error in errors_of(&mut policy, g, g, g) {
+                    assert!(error > 100.0 * TOLERANCE, "{group}, {g}: {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_network_for_128_pixels_is_equivariant() {
+    let spec = EnvSpec {
+        num_envs: 1,
+        image: [128, 128, 6],
+        vector: vec![Irrep::X, Irrep::Y],
+        action: vec![Irrep::X, Irrep::Y],
+    };
+    let settings = NetworkSettings {
+        action_gain: 1.0,
+        ..NetworkSettings::so2_128()
+    };
+    let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut picture = vec![0; spec.image_len()];
+    picture.fill_with(|| rng.random());
+    let [x, y] = [0.4, -0.7];
+    let mut mean = |g: D2| {
+        let images = g.transform_image(&picture, 128, 128, 6);
+        let vectors = g.apply_xy([x, y]).map(|v| v as f32).to_vec();
+        let mut out = [0.0; 2];
+        policy
+            .mean_actions(&Observations { images, vectors }, &mut out)
+            .unwrap();
+        out
+    };
+    let reference = mean(D2::Identity);
+    for g in D2::ALL {
+        let expected = g.apply_xy(reference.map(f64::from)).map(|v| v as f32);
+        assert!(error(&mean(g), &expected) < TOLERANCE, "{g}");
     }
 }
 

@@ -8,8 +8,8 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState, VectorEnv,
-    collect,
+    ActorCriticPolicy, Encoder, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState,
+    VectorEnv, collect,
 };
 
 const ROLLOUTS: usize = 25;
@@ -20,7 +20,7 @@ const THRESHOLD: f64 = 7.5;
 fn last_return(learn: bool) -> f64 {
     let mut env = PointReach::new(32, 1);
     let network = NetworkSettings {
-        conv_fields: vec![4],
+        encoder: Encoder::Strided { fields: vec![4] },
         top_fields: 8,
         vector_fields: 8,
         actor_fields: 8,

@@ -8,8 +8,8 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, EnvSpec, NetworkSettings, Policy, Ppo, PpoSettings, RlError,
-    RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
+    ActorCriticPolicy, Decisions, Encoder, EnvSpec, NetworkSettings, Policy, Ppo, PpoSettings,
+    RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
 };
 
 const ENVS: usize = 9;
@@ -23,7 +23,7 @@ struct Run {
 
 fn settings() -> NetworkSettings {
     NetworkSettings {
-        conv_fields: vec![3, 4],
+        encoder: Encoder::Strided { fields: vec![3, 4] },
         top_fields: 6,
         ..NetworkSettings::default()
     }

@@ -1,0 +1,214 @@
+//! Image encoders: from pictures to one vector of regular fields.
+
+use std::f64::consts::SQRT_2;
+
+use equivariant::{
+    FieldType, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
+    SpatialSoftArgmax,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::error::RlError;
+use crate::network_settings::{NetworkSettings, require_width};
+
+/// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
+const HALVING: Kernel = window(4, 2, 1);
+/// Keeps the size.
+const SAME: Kernel = window(3, 1, 1);
+/// Takes a pixel off every side.
+const VALID: Kernel = window(3, 1, 0);
+const POOLING: Kernel = window(2, 2, 0);
+/// Side in pixels of the maps after the pooled encoder's halvings.
+const POOLED_SIDE: usize = 8;
+const TEMPERATURE: f64 = 1.0;
+
+const fn window(size: usize, stride: usize, padding: usize) -> Kernel {
+    Kernel {
+        size,
+        stride,
+        padding,
+    }
+}
+
+/// How square pictures become [`NetworkSettings::top_fields`] regular fields. All kinds are exactly equivariant. Widths
+/// are in regular fields of D2, see [`NetworkSettings::group`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Encoder {
+    /// 4 x 4 convolutions of stride 2, then one whose window is all that is left; a ReLU after each.
+    ///
+    /// Sides of pictures are multiples of 2 to the power of the number of halvings.
+    Strided {
+        /// Fields after each halving, at least 1 each and at least one halving.
+        fields: Vec<usize>,
+    },
+    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution: D. Wang et al., "SO(2)-equivariant
+    /// reinforcement learning" (ICLR 2022, appendix on network architecture), whose caption COVERS repeats.
+    ///
+    /// After the halvings the maps have 8 x 8 pixels; two convolutions and a pool leave 3 x 3, and the last convolution 1 x 1. So
+    /// sides of pictures are exactly 8 times 2 to the power of the number of halvings.
+    Pooled {
+        /// Fields after each halving, at least 1 each; pictures of 8 x 8 pixels take none.
+        fields: Vec<usize>,
+        /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not padded.
+        inner: [usize; 2],
+    },
+    /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected position of each map (spatial
+    /// soft-argmax, temperature 1) and a linear layer: Levine et al., "End-to-end training of deep visuomotor policies" (JMLR 2016,
+    /// section 5.1), made equivariant by [`SpatialSoftArgmax`].
+    ///
+    /// Sides of pictures are multiples of 2 to the power of the number of halvings.
+    Keypoints {
+        /// Fields after each halving, at least 1 each and at least one halving.
+        fields: Vec<usize>,
+        /// Fields of the maps whose positions are taken, at least 1.
+        maps: usize,
+    },
+}
+
+impl Encoder {
+    /// Refuses widths of zero, and encoders that must halve and do not.
+    pub(crate) fn check(&self) -> Result<(), RlError> {
+        let least = |fields: &[usize]| fields.iter().copied().min();
+        match self {
+            Self::Strided { fields } => {
+                require_width("encoder.strided.fields", least(fields).unwrap_or(0))
+            }
+            Self::Pooled { fields, inner } => {
+                require_width("encoder.pooled.fields", least(fields).unwrap_or(1))?;
+                require_width("encoder.pooled.inner", inner[0].min(inner[1]))
+            }
+            Self::Keypoints { fields, maps } => {
+                require_width("encoder.keypoints.fields", least(fields).unwrap_or(0))?;
+                require_width("encoder.keypoints.maps", *maps)
+            }
+        }
+    }
+
+    /// The gain of the last layer's weights: 1 where no ReLU follows.
+    pub(crate) fn last_gain(&self) -> f64 {
+        match self {
+            Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
+            Self::Keypoints { .. } => 1.0,
+        }
+    }
+
+    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that networks of all groups see the same
+    /// pictures.
+    fn check_side(&self, side: usize) -> Result<(), RlError> {
+        let (Self::Strided { fields }
+        | Self::Pooled { fields, .. }
+        | Self::Keypoints { fields, .. }) = self;
+        let halved = 1usize << fields.len().min(31);
+        let (encoder, fits, expected) = match self {
+            Self::Pooled { .. } => {
+                let exact = POOLED_SIDE * halved;
+                (
+                    "pooled",
+                    side == exact,
+                    format!("exactly {exact} x {exact}"),
+                )
+            }
+            Self::Strided { .. } => ("strided", side.is_multiple_of(halved), multiples(halved)),
+            Self::Keypoints { .. } => ("keypoints", side.is_multiple_of(halved), multiples(halved)),
+        };
+        if fits && side > 0 {
+            return Ok(());
+        }
+        Err(RlError::ImageSize {
+            side,
+            encoder,
+            halvings: fields.len(),
+            expected,
+        })
+    }
+}
+
+fn multiples(of: usize) -> String {
+    format!("height and width to be multiples of {of}, at least {of}")
+}
+
+/// The layers from `image` `[H, W, C]` to the top fields.
+pub(crate) fn encoder<T: Scalar>(
+    settings: &NetworkSettings,
+    [height, width, channels]: [usize; 3],
+) -> Result<Sequential<T>, RlError> {
+    if height != width {
+        return Err(RlError::NotSquare { height, width });
+    }
+    settings.encoder.check_side(height)?;
+    let shape = Shape::image(height, width, settings.group.trivial(channels));
+    let mut stack = Stack {
+        settings,
+        layers: Vec::new(),
+        shape,
+    };
+    stack.fill()?;
+    Ok(Sequential::new(stack.layers)?)
+}
+
+/// Layers so far, and what the last of them gives.
+struct Stack<'a, T> {
+    settings: &'a NetworkSettings,
+    layers: Vec<Box<dyn Layer<T>>>,
+    shape: Shape,
+}
+
+impl<T: Scalar> Stack<'_, T> {
+    fn fill(&mut self) -> Result<(), RlError> {
+        let settings = self.settings;
+        match &settings.encoder {
+            Encoder::Strided { fields } => {
+                self.halve(fields)?;
+                self.rectified(settings.top_fields, window(self.shape.height, 1, 0))
+            }
+            Encoder::Pooled { fields, inner } => {
+                for &fields in fields {
+                    self.rectified(fields, SAME)?;
+                    self.pool()?;
+                }
+                self.rectified(inner[0], SAME)?;
+                self.rectified(inner[1], VALID)?;
+                self.pool()?;
+                self.rectified(settings.top_fields, VALID)
+            }
+            Encoder::Keypoints { fields, maps } => {
+                self.halve(fields)?;
+                self.conv(*maps, SAME)?;
+                self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
+                let top = settings.regular(settings.top_fields);
+                self.add(Linear::new(self.shape.fields, top)?);
+                Ok(())
+            }
+        }
+    }
+
+    fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
+        fields
+            .iter()
+            .try_for_each(|&fields| self.rectified(fields, HALVING))
+    }
+
+    fn rectified(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+        self.conv(fields, kernel)?;
+        self.add(Relu::new(self.shape)?);
+        Ok(())
+    }
+
+    fn conv(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
+        let (from, to): (FieldType, _) = (self.shape.fields, self.settings.regular(fields));
+        let size = [self.shape.height, self.shape.width];
+        self.add(R2Conv::new(from, to, kernel, size)?);
+        Ok(())
+    }
+
+    fn pool(&mut self) -> Result<(), RlError> {
+        self.add(MaxPool::new(self.shape, POOLING)?);
+        Ok(())
+    }
+
+    fn add(&mut self, layer: impl Layer<T> + 'static) {
+        self.shape = layer.out_shape();
+        self.layers.push(Box::new(layer));
+    }
+}
