@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, ValueEnum};
 use envs::Embodiment;
+use symmetry::Group;
 
 use crate::{CoversError, Experiment};
 
@@ -55,6 +56,9 @@ pub struct Changes {
     /// What carries the gripper: `sawyer` (the presets') or `hand`.
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
+    /// The group that networks are equivariant under: `D2` (the presets'), `D1x`, `D1y`, `C2`, or `C1` for ordinary networks of equal width.
+    #[arg(long)]
+    pub group: Option<Group>,
 }
 
 impl Changes {
@@ -65,6 +69,9 @@ impl Changes {
         }
         if let Some(embodiment) = self.embodiment {
             experiment = experiment.with_embodiment(embodiment);
+        }
+        if let Some(group) = self.group {
+            experiment = experiment.with_group(group);
         }
         experiment.with_threads(threads(self.threads))
     }

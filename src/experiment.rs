@@ -6,7 +6,7 @@ use envs::{Embodiment, VecEnvSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use symmetry::D2;
+use symmetry::{D2, Group};
 
 use crate::schedule::{Schedule, Visit};
 use crate::{CoversError, CoversSettings};
@@ -123,6 +123,12 @@ impl Experiment {
         self
     }
 
+    /// The same run with networks of equal width that are equivariant under `group`; under [`Group::C1`] they are ordinary ones.
+    pub fn with_group(mut self, group: Group) -> Self {
+        self.covers.network.group = group;
+        self
+    }
+
     /// Refuses a run that could not be finished.
     ///
     /// # Errors
@@ -209,7 +215,9 @@ mod tests {
 
     #[test]
     fn settings_survive_json() {
-        let experiment = Experiment::zero_shot().with_seed(u64::MAX);
+        let experiment = Experiment::zero_shot()
+            .with_group(Group::C1)
+            .with_seed(u64::MAX);
         let text = serde_json::to_string_pretty(&experiment).unwrap();
         assert_eq!(
             serde_json::from_str::<Experiment>(&text).unwrap(),

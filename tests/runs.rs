@@ -11,6 +11,7 @@ use covers::commands::Command;
 use covers::{Covers, CoversSettings, Experiment, Run, RunFolder, Stream, Summary};
 use envs::{Camera, Embodiment, TaskGroup, VecEnvSettings};
 use rl::VectorEnv;
+use symmetry::Group;
 
 /// A folder of this test's own, gone when it ends.
 struct Scratch(PathBuf);
@@ -222,9 +223,11 @@ fn options_are_checked_and_named() {
 
 #[test]
 fn changes_reach_the_experiment() {
-    let options = StreamOptions::parse_from(["continual_stream", "--embodiment", "hand"]);
+    let options =
+        StreamOptions::parse_from(["continual_stream", "--embodiment", "hand", "--group", "C1"]);
     let experiment = options.changes.apply(options.budget.experiment());
     assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
+    assert_eq!(experiment.covers.network.group, Group::C1);
 }
 
 fn stream(size: usize) -> Stream {
