@@ -9,6 +9,8 @@ use crate::CoversError;
 pub(crate) struct FirstFrames {
     count: usize,
     observations: Observations,
+    /// Features `[k, F]` at arrival, where the settings say that they are kept.
+    features: Option<Vec<f32>>,
 }
 
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
@@ -53,6 +55,7 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
     FirstFrames {
         count,
         observations: frames,
+        features: None,
     }
 }
 
@@ -74,6 +77,35 @@ pub(crate) fn embed<P: Policy>(
     let mut features = vec![0.0; episodes.len() * per_episode * dim];
     policy.features(&all, &mut features)?;
     Ok(Frames::new(features, per_episode, dim)?)
+}
+
+/// Stores with each episode the features that `policy` sees now.
+pub(crate) fn keep_features<P: Policy>(
+    policy: &mut P,
+    episodes: &mut [FirstFrames],
+) -> Result<(), CoversError> {
+    let all = embed(policy, episodes)?;
+    let each = all.features().len() / episodes.len().max(1);
+    for (episode, features) in episodes.iter_mut().zip(all.features().chunks(each.max(1))) {
+        episode.features = Some(features.to_vec());
+    }
+    Ok(())
+}
+
+/// The features of a buffer's episodes: those of their arrival where they were kept, else those of now.
+pub(crate) fn recall<P: Policy>(
+    policy: &mut P,
+    episodes: &[FirstFrames],
+) -> Result<Frames, CoversError> {
+    let kept: Option<Vec<&[f32]>> = episodes.iter().map(|e| e.features.as_deref()).collect();
+    match (kept, episodes.first()) {
+        (Some(kept), Some(first)) => Ok(Frames::new(
+            kept.concat(),
+            first.count,
+            policy.feature_dim(),
+        )?),
+        _ => embed(policy, episodes),
+    }
 }
 
 #[cfg(test)]

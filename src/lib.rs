@@ -15,6 +15,7 @@ struct Readme;
 pub mod check;
 pub mod cli;
 mod covers;
+mod covers_settings;
 mod error;
 pub mod evaluation;
 pub mod experiment;
@@ -25,7 +26,8 @@ mod run_folder;
 pub mod sheet;
 mod stream;
 
-pub use covers::{Covers, CoversSettings, Report};
+pub use covers::{Covers, Report};
+pub use covers_settings::{CoversSettings, Embedding, Handover, NewPolicy};
 pub use error::CoversError;
 pub use progress::Progress;
 pub use run_folder::RunFolder;
