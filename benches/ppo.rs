@@ -36,7 +36,7 @@ fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<Rollo
         policy.act(&observations, rng, &mut decisions)?;
         buffer.push(&observations, &decisions, &transition, &[0.0; ENVS])?;
     }
-    buffer.finish(&[0.0; ENVS])?;
+    buffer.finish(&observations, &[0.0; ENVS])?;
     Ok(buffer)
 }
 

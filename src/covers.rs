@@ -5,57 +5,23 @@
 
 use std::time::Instant;
 
-use cluster::{
-    Assigner, AssignerSettings, Assignment, Candidate, Decision, Evidence, Reservoir, Rule,
-};
+use cluster::{Assigner, Assignment, Candidate, Decision, Evidence, Reservoir};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState,
-    RolloutStats, UpdateStats, VectorEnv, collect,
+    ActorCriticPolicy, EnvSpec, Ppo, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
+    VectorEnv, collect,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::CoversError;
-use crate::first_frames::{FirstFrames, embed, first_frames};
+use crate::first_frames::{FirstFrames, embed, first_frames, keep_features, recall};
 
 mod checkpoint;
+mod settings;
+
 pub use checkpoint::Extent;
-
-/// Settings of [`Covers`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CoversSettings {
-    /// Sizes of each policy's network.
-    pub network: NetworkSettings,
-    /// The policy update.
-    pub ppo: PpoSettings,
-    /// The rule of assignment (the paper's threshold `d_epsilon`, or a calibrated test).
-    pub assigner: AssignerSettings,
-    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4 there; here a decision holds ten
-    /// control steps, and only the very first frame does not depend on the policy that acts.
-    pub first_frames: usize,
-    /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
-    pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy, a uniform sample. The paper's `B` grows without bound.
-    pub buffer_episodes: usize,
-    /// Seed of everything that the learner draws.
-    pub seed: u64,
-}
-
-impl Default for CoversSettings {
-    fn default() -> Self {
-        Self {
-            network: NetworkSettings::default(),
-            ppo: PpoSettings::default(),
-            assigner: AssignerSettings::default(),
-            first_frames: 1,
-            rollout_steps: 1000,
-            buffer_episodes: 100,
-            seed: 0,
-        }
-    }
-}
+pub use settings::{CoversSettings, Embedding, Handover, NewPolicy};
 
 /// One element of the collection: a policy, its optimiser, and the first frames of the group that it oversees.
 struct Member {
@@ -158,7 +124,7 @@ impl Covers {
             seconds: Seconds::default(),
             settings,
         };
-        covers.open_policy()?;
+        covers.open_policy(None)?;
         Ok(covers)
     }
 
@@ -182,11 +148,19 @@ impl Covers {
             first_look = Some(assignment.evidence);
             assignment = self.assign(&frames, Look::Second)?;
         }
-        let created = self.adopt(assignment.decision, frames)?;
+        let created = self.adopt(&assignment, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            stats = self.roll_out(env)?;
-            decisions += stats.decisions;
+            match self.settings.handover {
+                Handover::CollectAgain => {
+                    stats = self.roll_out(env)?;
+                    decisions += stats.decisions;
+                }
+                Handover::Reuse => {
+                    let policy = &mut self.members[self.current].policy;
+                    self.rollout.revalue(policy)?;
+                }
+            }
         }
         let update = self.update()?;
         Ok(Report {
@@ -250,25 +224,38 @@ impl Covers {
     }
 
     /// Makes the assigned policy current and gives it the frames; returns whether it was created for them.
-    fn adopt(&mut self, decision: Decision, frames: Vec<FirstFrames>) -> Result<bool, CoversError> {
+    fn adopt(
+        &mut self,
+        assignment: &Assignment,
+        mut frames: Vec<FirstFrames>,
+    ) -> Result<bool, CoversError> {
         let policies = self.members.len();
-        self.current = match decision {
-            Decision::Existing(index) => index,
-            Decision::New | Decision::Undecided => self.open_policy()?,
+        self.current = match (assignment.decision, self.settings.new_policy) {
+            (Decision::Existing(index), _) => index,
+            (_, NewPolicy::Random) => self.open_policy(None)?,
+            (_, NewPolicy::Copy) => self.open_policy(assignment.nearest())?,
         };
-        let buffer = &mut self.members[self.current].buffer;
+        let member = &mut self.members[self.current];
+        if self.settings.embedding == Embedding::AtArrival {
+            keep_features(&mut member.policy, &mut frames)?;
+        }
         for episode in frames {
-            buffer.offer(episode, &mut self.streams.assignment);
+            member.buffer.offer(episode, &mut self.streams.assignment);
         }
         Ok(self.current == policies)
     }
 
-    /// Adds a random policy with an empty buffer; returns its index.
-    fn open_policy(&mut self) -> Result<usize, CoversError> {
-        let seed = self.streams.initialisation.random();
-        let policy = ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?;
+    /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its index.
+    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, CoversError> {
+        let policy = match parent {
+            Some(parent) => self.members[parent].policy.clone(),
+            None => {
+                let seed = self.streams.initialisation.random();
+                ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?
+            }
+        };
         let ppo = Ppo::new(self.settings.ppo.clone(), &policy)?;
-        let buffer = Reservoir::new(self.settings.buffer_episodes)?;
+        let buffer = Reservoir::new(self.settings.buffer_capacity())?;
         self.members.push(Member {
             policy,
             ppo,
@@ -332,6 +319,12 @@ impl Covers {
         Ok(rl::evaluate(env, &mut member.policy, rounds)?)
     }
 
+    /// Episodes whose first frames policy `index` keeps, the size of its `B`; `None` for a policy that does not exist.
+    pub fn buffered_episodes(&self, index: usize) -> Option<usize> {
+        let member = self.members.get(index)?;
+        Some(member.buffer.episodes().len())
+    }
+
     /// The number of policies created so far.
     pub fn policies(&self) -> usize {
         self.members.len()
@@ -360,7 +353,7 @@ fn assign(
         .iter_mut()
         .map(|Member { policy, buffer, .. }| {
             Ok(Candidate {
-                buffer: embed(policy, buffer.episodes())?,
+                buffer: recall(policy, buffer.episodes())?,
                 rollout: embed(policy, rollout)?,
             })
         })
@@ -369,39 +362,4 @@ fn assign(
         Look::First => assigner.assign(&candidates, rng)?,
         Look::Second => assigner.settle(&candidates, rng)?,
     })
-}
-
-impl CoversSettings {
-    /// Episodes that a rollout must show, and a buffer hold, for an assignment.
-    fn min_episodes(&self) -> usize {
-        match &self.assigner.rule {
-            Rule::Fixed { .. } => 1,
-            Rule::Calibrated(calibrated) => calibrated.min_episodes,
-        }
-    }
-
-    fn steps_per_env(&self, spec: &EnvSpec) -> Result<usize, CoversError> {
-        let setting = |name, value: usize, expected| CoversError::Setting {
-            name,
-            value: value.to_string(),
-            expected,
-        };
-        if self.first_frames == 0 {
-            return Err(setting("first_frames", 0, "at least 1 frame"));
-        }
-        if self.buffer_episodes < self.min_episodes() {
-            let expected = "at least the min_episodes of the assigner's rule";
-            return Err(setting("buffer_episodes", self.buffer_episodes, expected));
-        }
-        if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {
-            let expected = "a multiple of the number of environments";
-            return Err(setting("rollout_steps", self.rollout_steps, expected));
-        }
-        let steps = self.rollout_steps / spec.num_envs;
-        if steps < self.first_frames {
-            let expected = "at least first_frames decisions in every environment";
-            return Err(setting("rollout_steps", self.rollout_steps, expected));
-        }
-        Ok(steps)
-    }
 }

@@ -9,14 +9,21 @@ use crate::CoversError;
 pub(crate) struct FirstFrames {
     count: usize,
     observations: Observations,
+    /// Features `[k, F]` at arrival, where the settings say that they are kept.
+    features: Option<Vec<f32>>,
 }
 
 impl FirstFrames {
-    /// The first `count` observations of an episode.
-    pub(crate) fn new(count: usize, observations: Observations) -> Self {
+    /// The first `count` observations of an episode, and their features at arrival where they are kept.
+    pub(crate) fn new(
+        count: usize,
+        observations: Observations,
+        features: Option<Vec<f32>>,
+    ) -> Self {
         Self {
             count,
             observations,
+            features,
         }
     }
 
@@ -28,6 +35,11 @@ impl FirstFrames {
     /// The observations.
     pub(crate) fn observations(&self) -> &Observations {
         &self.observations
+    }
+
+    /// Features `[k, F]` at arrival, where they were kept.
+    pub(crate) fn features(&self) -> Option<&[f32]> {
+        self.features.as_deref()
     }
 }
 
@@ -73,6 +85,7 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
     FirstFrames {
         count,
         observations: frames,
+        features: None,
     }
 }
 
@@ -94,6 +107,35 @@ pub(crate) fn embed<P: Policy>(
     let mut features = vec![0.0; episodes.len() * per_episode * dim];
     policy.features(&all, &mut features)?;
     Ok(Frames::new(features, per_episode, dim)?)
+}
+
+/// Stores with each episode the features that `policy` sees now.
+pub(crate) fn keep_features<P: Policy>(
+    policy: &mut P,
+    episodes: &mut [FirstFrames],
+) -> Result<(), CoversError> {
+    let all = embed(policy, episodes)?;
+    let each = all.features().len() / episodes.len().max(1);
+    for (episode, features) in episodes.iter_mut().zip(all.features().chunks(each.max(1))) {
+        episode.features = Some(features.to_vec());
+    }
+    Ok(())
+}
+
+/// The features of a buffer's episodes: those of their arrival where they were kept, else those of now.
+pub(crate) fn recall<P: Policy>(
+    policy: &mut P,
+    episodes: &[FirstFrames],
+) -> Result<Frames, CoversError> {
+    let kept: Option<Vec<&[f32]>> = episodes.iter().map(|e| e.features.as_deref()).collect();
+    match (kept, episodes.first()) {
+        (Some(kept), Some(first)) => Ok(Frames::new(
+            kept.concat(),
+            first.count,
+            policy.feature_dim(),
+        )?),
+        _ => embed(policy, episodes),
+    }
 }
 
 #[cfg(test)]

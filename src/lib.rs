@@ -30,7 +30,7 @@ pub mod schedule;
 pub mod sheet;
 mod stream;
 
-pub use covers::{Covers, CoversSettings, Extent, Report, Seconds};
+pub use covers::{Covers, CoversSettings, Embedding, Extent, Handover, NewPolicy, Report, Seconds};
 pub use error::CoversError;
 pub use experiment::{EvaluationPlan, Experiment};
 pub use ledger::Ledger;

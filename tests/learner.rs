@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use cluster::{Evidence, Verdict};
-use covers::{Covers, CoversSettings};
+use covers::{Covers, CoversSettings, Embedding, Extent, Handover, NewPolicy, Report};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -15,6 +15,7 @@ const SIZE: usize = 8;
 const HORIZON: usize = 5;
 
 /// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the reward is the first action.
+#[derive(Clone)]
 struct Bars {
     spec: EnvSpec,
     group: usize,
@@ -142,7 +143,7 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
 fn settings_that_would_disable_assignment_are_refused() {
     let mut env = Bars::new();
     let small = CoversSettings {
-        buffer_episodes: 3,
+        buffer_episodes: Some(3),
         ..settings()
     };
     let message = Covers::new(small, env.spec()).err().unwrap().to_string();
@@ -208,4 +209,156 @@ fn a_policy_that_does_not_exist_is_named() {
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
     let message = covers.perform(7, &mut env, 1).unwrap_err().to_string();
     assert!(message.contains("`policy` is 7"), "{message}");
+}
+
+/// The learner of `settings` after rollouts in these groups, with what it reported.
+fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Report>) {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(settings, env.spec()).unwrap();
+    let reports = groups.iter().map(|&group| {
+        env.group = group;
+        covers.learn(&mut env).unwrap()
+    });
+    let reports = reports.collect();
+    (covers, reports)
+}
+
+/// Settings whose updates change nothing that could be seen.
+fn still() -> CoversSettings {
+    let mut settings = settings();
+    settings.ppo.head_learning_rate = 1e-30;
+    settings.ppo.encoder_learning_rate = 1e-30;
+    settings
+}
+
+#[test]
+fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
+    let groups = [0, 1, 0, 1];
+    let run = |handover| {
+        let settings = CoversSettings {
+            handover,
+            ..still()
+        };
+        let (_, reports) = after(settings, &groups);
+        let policies: Vec<usize> = reports.iter().map(|r| r.policy).collect();
+        assert_eq!(policies, groups);
+        reports
+    };
+    let decisions = |reports: &[Report]| reports.iter().map(|r| r.decisions).collect::<Vec<_>>();
+    let (again, reused) = (run(Handover::CollectAgain), run(Handover::Reuse));
+    // the second rollout opens a policy, after a second look
+    assert_eq!(decisions(&again), [100, 300, 200, 200]);
+    assert_eq!(decisions(&reused), [100, 200, 100, 100]);
+    for report in reused {
+        assert!(report.update.approx_kl < 1e-9 && report.update.clip_fraction == 0.0);
+    }
+}
+
+#[test]
+fn a_buffer_grows_up_to_its_bound_or_without() {
+    let grown = |buffer_episodes| {
+        let settings = CoversSettings {
+            buffer_episodes,
+            ..settings()
+        };
+        let (covers, reports) = after(settings, &[0, 0, 0]);
+        let decisions: usize = reports.iter().map(|report| report.decisions).sum();
+        (covers.buffered_episodes(0), decisions / HORIZON)
+    };
+    let (bounded, shown) = grown(Some(30));
+    assert!(bounded == Some(30) && shown >= 60);
+    let (unbounded, shown) = grown(None);
+    assert_eq!(unbounded, Some(shown));
+    assert_eq!(
+        after(settings(), &[0]).0.buffered_episodes(1),
+        None,
+        "there is one policy"
+    );
+}
+
+#[test]
+fn features_of_arrival_differ_from_those_of_now_where_the_policy_learnt() {
+    let evidence = |settings: CoversSettings, embedding| {
+        let settings = CoversSettings {
+            embedding,
+            ..settings
+        };
+        let (_, mut reports) = after(settings, &[0, 0, 0]);
+        reports.pop().unwrap().evidence
+    };
+    let both = |settings: CoversSettings| {
+        [Embedding::Afresh, Embedding::AtArrival].map(|e| evidence(settings.clone(), e))
+    };
+    let [afresh, at_arrival] = both(settings());
+    assert_ne!(afresh, at_arrival);
+    let [afresh, at_arrival] = both(still());
+    assert_eq!(afresh, at_arrival);
+}
+
+#[test]
+fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
+    let act_alike = |new_policy| {
+        let settings = CoversSettings {
+            new_policy,
+            ..still()
+        };
+        let (mut covers, reports) = after(settings, &[0, 1]);
+        assert!(reports[1].created);
+        let mut perform = |index| covers.perform(index, &mut Bars::new(), 1).unwrap();
+        perform(0) == perform(1)
+    };
+    assert!(act_alike(NewPolicy::Copy));
+    assert!(!act_alike(NewPolicy::Random));
+}
+
+#[test]
+fn the_papers_reading_learns_and_asks_for_its_pictures() {
+    let message = Covers::new(CoversSettings::paper(), &Bars::new().spec)
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(message.contains("expected exactly 128 x 128"), "{message}");
+    let settings = CoversSettings {
+        network: settings().network,
+        rollout_steps: 100,
+        ..CoversSettings::paper()
+    };
+    let (covers, reports) = after(settings, &[0, 0, 1, 1]);
+    for report in &reports {
+        assert_eq!(report.decisions, 100);
+        assert!(report.first_look.is_none());
+    }
+    let kept = (0..covers.policies()).map(|index| covers.buffered_episodes(index).unwrap());
+    assert_eq!(kept.sum::<usize>(), 80);
+}
+
+#[test]
+fn a_saved_learner_goes_on_alike() {
+    let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
+    for embedding in [Embedding::Afresh, Embedding::AtArrival] {
+        let mut env = Bars::new();
+        let settings = CoversSettings {
+            embedding,
+            ..settings()
+        };
+        let mut covers = Covers::new(settings, env.spec()).unwrap();
+        covers.save(&path, Extent::Everything, "fresh").unwrap();
+        covers = Covers::load(&path, env.spec()).unwrap().0;
+        for group in [0, 1, 0] {
+            env.group = group;
+            covers.learn(&mut env).unwrap();
+        }
+        covers.save(&path, Extent::Everything, "a note").unwrap();
+        let mut twin_env = env.clone();
+        let (mut twin, note) = Covers::load(&path, env.spec()).unwrap();
+        assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
+        for group in [0, 1, 1] {
+            (env.group, twin_env.group) = (group, group);
+            let report = covers.learn(&mut env).unwrap();
+            let again = twin.learn(&mut twin_env).unwrap();
+            assert_eq!(report.update, again.update);
+            assert_eq!(report.evidence, again.evidence);
+        }
+    }
+    std::fs::remove_file(path).unwrap();
 }

@@ -125,6 +125,35 @@ impl ActorCriticPolicy {
     }
 }
 
+impl ActorCriticPolicy {
+    fn check_decisions(&self, decisions: &Decisions, samples: usize) -> Result<(), RlError> {
+        let width = self.network.spec().action.len();
+        let actions = decisions.actions.len();
+        check_len("actions", "[N, A]", actions, samples * width)?;
+        check_len("log_probs", "[N]", decisions.log_probs.len(), samples)?;
+        check_len("values", "[N]", decisions.values.len(), samples)
+    }
+
+    fn log_std_f64(&self) -> Vec<f64> {
+        self.log_std().iter().map(|&s| f64::from(s)).collect()
+    }
+
+    /// Writes log-probabilities and values from `outputs`. The density belongs to the numbers that are executed, so actions are
+    /// rounded before.
+    fn weigh(&self, decisions: &mut Decisions) {
+        let log_std = self.log_std_f64();
+        let width = log_std.len();
+        let mut taken = vec![0.0; width];
+        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
+            for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
+                *taken = f64::from(action);
+            }
+            decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
+            decisions.values[i] = output[width] as f32;
+        }
+    }
+}
+
 /// Copies a range of observations into the slots 0..n of a workspace; returns n.
 fn load(
     network: &ActorCritic<f32>,
@@ -153,23 +182,28 @@ impl Policy for ActorCriticPolicy {
     ) -> Result<(), RlError> {
         let width = self.network.spec().action.len();
         let samples = self.run(observations)?;
-        check_len("actions", "[N, A]", out.actions.len(), samples * width)?;
-        check_len("log_probs", "[N]", out.log_probs.len(), samples)?;
-        check_len("values", "[N]", out.values.len(), samples)?;
+        self.check_decisions(out, samples)?;
         self.noise.resize(samples * width, 0.0);
         standard_normals(rng, &mut self.noise);
-        let log_std: Vec<f64> = self.log_std().iter().map(|&s| f64::from(s)).collect();
-        let mut taken = vec![0.0; width];
+        let log_std = self.log_std_f64();
         for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
             for j in 0..width {
                 let action = output[j] + log_std[j].exp() * f64::from(self.noise[i * width + j]);
-                // the density belongs to the number that is executed, so round first
                 out.actions[i * width + j] = action as f32;
-                taken[j] = f64::from(out.actions[i * width + j]);
             }
-            out.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
-            out.values[i] = output[width] as f32;
         }
+        self.weigh(out);
+        Ok(())
+    }
+
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.check_decisions(decisions, samples)?;
+        self.weigh(decisions);
         Ok(())
     }
 

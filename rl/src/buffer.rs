@@ -3,7 +3,7 @@
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::error::{RlError, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
-use crate::policy::Decisions;
+use crate::policy::{Decisions, Policy};
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`.
 #[derive(Clone, Debug)]
@@ -18,6 +18,10 @@ pub struct RolloutBuffer {
     outcomes: Vec<Outcome>,
     final_values: Vec<f32>,
     last_values: Vec<f32>,
+    /// Final observations of the samples that were truncated, and which those are.
+    finals: Observations,
+    truncated: Vec<usize>,
+    last: Observations,
 }
 
 impl RolloutBuffer {
@@ -49,6 +53,9 @@ impl RolloutBuffer {
             outcomes: vec![Outcome::Running; all.num_envs],
             final_values: vec![0.0; all.num_envs],
             last_values: vec![0.0; spec.num_envs],
+            finals: Observations::empty(),
+            truncated: Vec::new(),
+            last: Observations::new(spec),
         })
     }
 
@@ -78,8 +85,21 @@ impl RolloutBuffer {
         copy_row(&mut self.rewards, t, &transition.rewards);
         copy_row(&mut self.outcomes, t, &transition.outcomes);
         copy_row(&mut self.final_values, t, final_values);
+        self.keep_finals(transition);
         self.pushed += 1;
         Ok(())
+    }
+
+    /// Keeps what [`RolloutBuffer::revalue`] needs of the step that is being pushed.
+    fn keep_finals(&mut self, transition: &Transition) {
+        for (n, &outcome) in transition.outcomes.iter().enumerate() {
+            if outcome == Outcome::Truncated {
+                let (image, vector) = transition.final_observations.sample(&self.spec, n);
+                self.finals.images.extend_from_slice(image);
+                self.finals.vectors.extend_from_slice(vector);
+                self.truncated.push(self.pushed * self.spec.num_envs + n);
+            }
+        }
     }
 
     fn check_step(
@@ -107,11 +127,11 @@ impl RolloutBuffer {
             .try_for_each(|&r| check_finite("a reward", f64::from(r)))
     }
 
-    /// Closes a full buffer with the values `[N]` of the observations after its last step.
+    /// Closes a full buffer with the observations after its last step, and their values `[N]`.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::Shape`] for a wrong length.
-    pub fn finish(&mut self, last_values: &[f32]) -> Result<(), RlError> {
+    pub fn finish(&mut self, last: &Observations, last_values: &[f32]) -> Result<(), RlError> {
         if self.pushed != self.steps {
             return Err(RlError::BufferNotFinished {
                 got: self.pushed,
@@ -119,15 +139,37 @@ impl RolloutBuffer {
             });
         }
         check_len("last_values", "[N]", last_values.len(), self.spec.num_envs)?;
+        last.check(&self.spec, self.spec.num_envs)?;
         self.last_values.copy_from_slice(last_values);
+        self.last.clone_from(last);
         self.finished = true;
         Ok(())
+    }
+
+    /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says. So it can learn from
+    /// actions that another one took: probability ratios start at 1, and advantages are differences to its own values. That the states
+    /// are those the other policy came to is not corrected.
+    ///
+    /// # Errors
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other environments.
+    pub fn revalue<P: Policy>(&mut self, policy: &mut P) -> Result<(), RlError> {
+        self.check_finished()?;
+        policy.assess(&self.observations, &mut self.decisions)?;
+        let mut values = vec![0.0; self.truncated.len()];
+        policy.values(&self.finals, &mut values)?;
+        for (&sample, value) in self.truncated.iter().zip(values) {
+            self.final_values[sample] = value;
+        }
+        policy.values(&self.last, &mut self.last_values)
     }
 
     /// Forgets every step and keeps the memory.
     pub fn clear(&mut self) {
         self.pushed = 0;
         self.finished = false;
+        self.truncated.clear();
+        self.finals.images.clear();
+        self.finals.vectors.clear();
     }
 
     /// Writes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` in [0, 1].
@@ -264,7 +306,7 @@ mod tests {
         let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
         push(&mut buffer, 1, Outcome::Running).unwrap();
         assert!(matches!(
-            buffer.finish(&[0.0; 2]),
+            buffer.finish(&Observations::new(&spec()), &[0.0; 2]),
             Err(RlError::BufferNotFinished { got: 1, steps: 2 })
         ));
         push(&mut buffer, 2, Outcome::Truncated).unwrap();
@@ -274,7 +316,9 @@ mod tests {
                 .advantages(1.0, 1.0, &mut advantages, &mut returns)
                 .is_err()
         );
-        buffer.finish(&[-1000.0; 2]).unwrap();
+        buffer
+            .finish(&Observations::new(&spec()), &[-1000.0; 2])
+            .unwrap();
         buffer
             .advantages(1.0, 1.0, &mut advantages, &mut returns)
             .unwrap();

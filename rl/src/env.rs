@@ -60,6 +60,14 @@ impl Observations {
         }
     }
 
+    /// No observations.
+    pub(crate) fn empty() -> Self {
+        Self {
+            images: Vec::new(),
+            vectors: Vec::new(),
+        }
+    }
+
     /// Checks that both arrays hold `samples` observations of the sizes of `spec`.
     ///
     /// # Errors

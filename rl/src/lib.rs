@@ -11,7 +11,7 @@
 //!   number of threads of the current rayon pool.
 //! - All parameters of a policy are one flat slice, all state of its optimiser is in public fields ([`Adam`]).
 //!
-//! The README lists every detail of the algorithm with its source and the function that implements it.
+//! `docs/ppo.md` lists every detail of the algorithm with its value, its source and the function that implements it.
 //!
 //! ```
 //! use std::convert::Infallible;

@@ -47,6 +47,17 @@ pub trait Policy {
         out: &mut Decisions,
     ) -> Result<(), RlError>;
 
+    /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the values `[N]` of the
+    /// observations.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError>;
+
     /// Writes the means of the action distribution, `[N, A]`: what an evaluation executes.
     ///
     /// # Errors

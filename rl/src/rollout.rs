@@ -134,7 +134,7 @@ pub fn collect<E: VectorEnv, P: Policy>(
         state.advance(&mut scratch.transition, &mut ended);
     }
     policy.values(&state.observations, &mut scratch.final_values)?;
-    buffer.finish(&scratch.final_values)?;
+    buffer.finish(&state.observations, &scratch.final_values)?;
     Ok(RolloutStats {
         decisions: buffer.samples(),
         episodes: ended,

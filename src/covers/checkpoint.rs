@@ -4,11 +4,11 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use cluster::{Assigner, Reservoir};
-use rl::{ActorCriticPolicy, Adam, EnvSpec, Observations, Ppo, RolloutBuffer};
+use rl::{ActorCriticPolicy, Adam, EnvSpec, Observations, Policy, Ppo, RolloutBuffer};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 
-use super::{Covers, CoversSettings, Member, Seconds, Streams};
+use super::{Covers, CoversSettings, Embedding, Member, Seconds, Streams};
 use crate::CoversError;
 use crate::first_frames::FirstFrames;
 
@@ -170,6 +170,16 @@ impl Member {
         });
         let shape = [&rows, [spec.vector.len()].as_slice()].concat();
         tensors.push(Tensor::floats(name("vectors"), shape, &vectors));
+        let features = episodes.iter().flat_map(|e| e.features().unwrap_or(&[]));
+        let features: Vec<f32> = features.copied().collect();
+        if !features.is_empty() {
+            let dim = self.policy.feature_dim();
+            tensors.push(Tensor::floats(
+                name("features"),
+                [&rows, [dim].as_slice()].concat(),
+                &features,
+            ));
+        }
         tensors
     }
 }
@@ -211,8 +221,13 @@ impl Arrays<'_> {
                 Ppo::resume(ppo, &policy, optimiser)?
             }
         };
-        let episodes = self.episodes(&name("images"), &name("vectors"))?;
-        let buffer = Reservoir::from_parts(self.settings.buffer_episodes, header.seen, episodes)?;
+        let mut features = Vec::new();
+        if self.settings.embedding == Embedding::AtArrival && header.seen > 0 {
+            features = self.floats(&name("features"))?;
+        }
+        let episodes = self.episodes(&name("images"), &name("vectors"), &features)?;
+        let capacity = self.settings.buffer_capacity();
+        let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
         Ok(Member {
             policy,
             ppo,
@@ -220,7 +235,12 @@ impl Arrays<'_> {
         })
     }
 
-    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
+    fn episodes(
+        &self,
+        images: &str,
+        vectors: &str,
+        features: &[f32],
+    ) -> Result<Vec<FirstFrames>, CoversError> {
         let pixels = self.tensor(images, Dtype::U8)?;
         let (shape, expected) = (pixels.shape(), self.spec.image);
         if shape.len() != 5 || shape[2..] != expected {
@@ -246,7 +266,10 @@ impl Arrays<'_> {
                 images: pixels.data()[i * image..(i + 1) * image].to_vec(),
                 vectors: numbers[i * vector..(i + 1) * vector].to_vec(),
             };
-            FirstFrames::new(frames, observations)
+            let kept = features
+                .chunks_exact((features.len() / count).max(1))
+                .nth(i);
+            FirstFrames::new(frames, observations, kept.map(<[f32]>::to_vec))
         };
         Ok((0..count).map(episode).collect())
     }

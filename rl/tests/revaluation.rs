@@ -1,0 +1,162 @@
+//! A policy that learns from another one's rollout: its own log-probabilities and values replace the recorded ones.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::{EPISODE, PointReach};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, Decisions, Encoder, NetworkSettings, Observations, Policy, Ppo, PpoSettings,
+    RlError, RolloutBuffer, RolloutState, UpdateStats, VectorEnv, collect,
+};
+
+const ENVS: usize = 5;
+
+fn policy(seed: u64) -> ActorCriticPolicy {
+    let settings = NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![4] },
+        action_gain: 1.0,
+        ..NetworkSettings::default()
+    };
+    ActorCriticPolicy::new(&settings, PointReach::new(ENVS, 0).spec(), seed).unwrap()
+}
+
+/// Episodes end in the middle, and run on at the end.
+fn rollout<P: Policy>(policy: &mut P) -> RolloutBuffer {
+    let mut env = PointReach::new(ENVS, 1);
+    let mut buffer = RolloutBuffer::new(env.spec(), 2 * EPISODE + 3).unwrap();
+    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    collect(&mut env, policy, &mut buffer, &mut state, &mut rng).unwrap();
+    buffer
+}
+
+/// The slow twin: acts as one policy and says at every step what another one thinks of it.
+struct Commented {
+    actor: ActorCriticPolicy,
+    critic: ActorCriticPolicy,
+}
+
+impl Policy for Commented {
+    fn feature_dim(&self) -> usize {
+        self.critic.feature_dim()
+    }
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        self.actor.act(observations, rng, out)?;
+        self.critic.assess(observations, out)
+    }
+
+    fn assess(&mut self, observations: &Observations, out: &mut Decisions) -> Result<(), RlError> {
+        self.critic.assess(observations, out)
+    }
+
+    fn mean_actions(&mut self, from: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        self.actor.mean_actions(from, out)
+    }
+
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        self.critic.values(observations, out)
+    }
+
+    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        self.critic.features(observations, out)
+    }
+}
+
+/// Log-probabilities, values, advantages and returns.
+fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
+    let (mut advantages, mut returns) = (vec![0.0; buffer.samples()], vec![0.0; buffer.samples()]);
+    buffer
+        .advantages(0.9, 0.8, &mut advantages, &mut returns)
+        .unwrap();
+    let Decisions {
+        log_probs, values, ..
+    } = buffer.decisions().clone();
+    [log_probs, values, advantages, returns]
+}
+
+fn largest_difference(a: &RolloutBuffer, b: &RolloutBuffer) -> f32 {
+    let pairs = figures(a).into_iter().flatten();
+    pairs
+        .zip(figures(b).into_iter().flatten())
+        .fold(0.0, |worst: f32, (a, b)| worst.max((a - b).abs()))
+}
+
+#[test]
+fn another_policys_rollout_is_valued_as_if_it_had_been_commented_at_every_step() {
+    let mut twin = Commented {
+        actor: policy(2),
+        critic: policy(7),
+    };
+    let expected = rollout(&mut twin);
+    let mut buffer = rollout(&mut twin.actor);
+    assert!(largest_difference(&buffer, &expected) > 0.1);
+    buffer.revalue(&mut twin.critic).unwrap();
+    assert!(largest_difference(&buffer, &expected) < 1e-5);
+    assert_eq!(buffer.decisions().actions, expected.decisions().actions);
+    // and back
+    buffer.revalue(&mut twin.actor).unwrap();
+    assert!(largest_difference(&buffer, &rollout(&mut twin.actor)) < 1e-5);
+}
+
+/// An update with steps of size almost zero.
+fn still_update(policy: &mut ActorCriticPolicy, buffer: &RolloutBuffer) -> UpdateStats {
+    let settings = PpoSettings {
+        head_learning_rate: 1e-30,
+        encoder_learning_rate: 1e-30,
+        max_kl: 1e9,
+        ..PpoSettings::default()
+    };
+    let mut ppo = Ppo::new(settings, policy).unwrap();
+    ppo.update(policy, buffer, &mut ChaCha8Rng::seed_from_u64(4))
+        .unwrap()
+}
+
+#[test]
+fn the_ratio_starts_at_one_only_after_revaluation() {
+    let mut buffer = rollout(&mut policy(2));
+    let mut heir = policy(7);
+    assert!(still_update(&mut heir, &buffer).clip_fraction > 0.1);
+    buffer.revalue(&mut heir).unwrap();
+    let stats = still_update(&mut heir, &buffer);
+    assert!(stats.approx_kl.abs() < 1e-9, "{stats:?}");
+    assert_eq!(stats.clip_fraction, 0.0);
+}
+
+#[test]
+fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
+    let mut env = PointReach::new(ENVS, 1);
+    let mut buffer = rollout(&mut policy(2));
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut twin = Commented {
+        actor: policy(2),
+        critic: policy(7),
+    };
+    collect(&mut env, &mut twin.actor, &mut buffer, &mut state, &mut rng).unwrap();
+    buffer.revalue(&mut twin.critic).unwrap();
+    let mut env = PointReach::new(ENVS, 1);
+    let mut expected = rollout(&mut twin);
+    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    collect(&mut env, &mut twin, &mut expected, &mut state, &mut rng).unwrap();
+    assert!(largest_difference(&buffer, &expected) < 1e-5);
+}
+
+#[test]
+fn an_unfinished_rollout_is_refused() {
+    let mut buffer = rollout(&mut policy(2));
+    buffer.clear();
+    assert!(matches!(
+        buffer.revalue(&mut policy(2)),
+        Err(RlError::BufferNotFinished { got: 0, .. })
+    ));
+}
