@@ -122,7 +122,7 @@ pub(crate) fn keep_features<P: Policy>(
     Ok(())
 }
 
-/// The features of a buffer's episodes: those of their arrival where they were kept, else those of now.
+/// The features of a buffer's episodes: those of their arrival if every episode kept them, else those of now.
 pub(crate) fn recall<P: Policy>(
     policy: &mut P,
     episodes: &[FirstFrames],

@@ -17,10 +17,10 @@ const ROLLOUTS: usize = 25;
 const THRESHOLD: f64 = 7.5;
 
 /// Mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
-fn last_return(learn: bool) -> f64 {
+fn last_return(encoder: Encoder, learn: bool) -> f64 {
     let mut env = PointReach::new(32, 1);
     let network = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![4] },
+        encoder,
         top_fields: 8,
         vector_fields: 8,
         actor_fields: 8,
@@ -50,7 +50,17 @@ fn last_return(learn: bool) -> f64 {
 
 #[test]
 fn learning_reaches_a_return_that_a_frozen_policy_does_not() {
-    let (learned, frozen) = (last_return(true), last_return(false));
-    assert!(learned > THRESHOLD, "learned {learned}");
-    assert!(frozen < THRESHOLD - 1.5, "frozen {frozen}");
+    let pooled = Encoder::Pooled {
+        fields: vec![],
+        inner: [4, 4],
+    };
+    let keypoints = Encoder::Keypoints {
+        fields: vec![4],
+        maps: 4,
+    };
+    for encoder in [Encoder::Strided { fields: vec![4] }, pooled, keypoints] {
+        let [frozen, learned] = [false, true].map(|learn| last_return(encoder.clone(), learn));
+        assert!(learned > THRESHOLD, "{encoder:?} learned {learned}");
+        assert!(frozen < THRESHOLD - 1.5, "{encoder:?} frozen {frozen}");
+    }
 }
