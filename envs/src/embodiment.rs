@@ -48,6 +48,11 @@ impl Embodiment {
         }
     }
 
+    /// Whether the four variants of a group move as exact mirror images of one another.
+    pub fn mirrors_exactly(self) -> bool {
+        self == Self::Hand
+    }
+
     pub(crate) fn mjcf(self) -> Mjcf {
         match self {
             Self::Sawyer => SAWYER,
