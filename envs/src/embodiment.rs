@@ -10,11 +10,27 @@ pub(crate) type Mjcf = (&'static str, &'static str);
 
 const SAWYER: Mjcf = ("sawyer.xml", include_str!("../../assets/mjcf/sawyer.xml"));
 const HAND: Mjcf = ("hand.xml", include_str!("../../assets/mjcf/hand.xml"));
-const PUCK_OF_SAWYER: Mjcf = (
-    "puck.xml",
-    include_str!("../../assets/mjcf/sawyer/puck.xml"),
-);
-const PUCK_OF_HAND: Mjcf = ("puck.xml", include_str!("../../assets/mjcf/hand/puck.xml"));
+macro_rules! part {
+    ($folder:literal, $file:literal) => {
+        (
+            $file,
+            include_str!(concat!("../../assets/mjcf/", $folder, "/", $file)),
+        )
+    };
+}
+
+macro_rules! parts {
+    ($folder:literal) => {
+        [
+            part!($folder, "contacts.xml"),
+            part!($folder, "drawer_stop.xml"),
+            part!($folder, "puck.xml"),
+        ]
+    };
+}
+
+const OF_SAWYER: [Mjcf; 3] = parts!("sawyer");
+const OF_HAND: [Mjcf; 3] = parts!("hand");
 
 /// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`](crate::HAND_START).
 const SAWYER_POSTURE: [(&str, f64); 7] = [
@@ -50,6 +66,11 @@ impl Embodiment {
         }
     }
 
+    /// Whether the four variants of a group move as exact mirror images of one another.
+    pub fn mirrors_exactly(self) -> bool {
+        self == Self::Hand
+    }
+
     pub(crate) fn mjcf(self) -> Mjcf {
         match self {
             Self::Sawyer => SAWYER,
@@ -57,11 +78,11 @@ impl Embodiment {
         }
     }
 
-    /// What of the puck collides, included by the scene that has one.
-    pub(crate) fn puck(self) -> Mjcf {
+    /// Files that other parts include by name: what collides with what, and what of the puck does.
+    pub(crate) fn included(self) -> &'static [Mjcf] {
         match self {
-            Self::Sawyer => PUCK_OF_SAWYER,
-            Self::Hand => PUCK_OF_HAND,
+            Self::Sawyer => &OF_SAWYER,
+            Self::Hand => &OF_HAND,
         }
     }
 

@@ -1,6 +1,6 @@
 //! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
 
-use mujoco::{Backdrop, RenderOptions, Renderer};
+use mujoco::{Backdrop, Mirror, RenderOptions, Renderer, View};
 use std::sync::Arc;
 
 use crate::EnvError;
@@ -67,9 +67,8 @@ impl Painter {
     /// # Errors
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
-        table.variant().ok_or(EnvError::NotReset)?;
-        let camera = self.scene.camera_id;
-        self.renderer.render(table.data_mut(), camera, rgb)?;
+        let view = self.view(table)?;
+        self.renderer.render(table.data_mut(), view, rgb)?;
         self.add_mark(table, rgb);
         Ok(())
     }
@@ -83,11 +82,10 @@ impl Painter {
         table: &mut TableTop,
         backdrop: &mut Backdrop,
     ) -> Result<(), EnvError> {
-        table.variant().ok_or(EnvError::NotReset)?;
-        let camera = self.scene.camera_id;
+        let view = self.view(table)?;
         let drawn = self
             .renderer
-            .draw_backdrop(table.data_mut(), camera, backdrop);
+            .draw_backdrop(table.data_mut(), view, backdrop);
         Ok(drawn?)
     }
 
@@ -103,11 +101,23 @@ impl Painter {
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
-        let camera = self.scene.camera_id;
-        self.renderer
-            .render_over(table.data_mut(), camera, backdrop, rgb)?;
+        self.renderer.render_over(table.data_mut(), backdrop, rgb)?;
         self.add_mark(table, rgb);
         Ok(())
+    }
+
+    /// The camera; of a scene whose variants are exact mirror images, in the mirror that brings the variant to the canonical one. So all four hand the same numbers
+    /// to OpenGL, and their pictures mirror bit for bit.
+    fn view(&self, table: &TableTop) -> Result<View, EnvError> {
+        let element = table.variant().ok_or(EnvError::NotReset)?.element;
+        let mirrors = self.scene.embodiment.mirrors_exactly();
+        Ok(View {
+            camera: self.scene.camera_id,
+            mirror: Mirror {
+                columns: mirrors && element.flips_x(),
+                rows: mirrors && element.flips_y(),
+            },
+        })
     }
 
     fn add_mark(&self, table: &TableTop, rgb: &mut [u8]) {

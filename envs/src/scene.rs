@@ -134,7 +134,7 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name
-    parts.push(embodiment.puck());
+    parts.extend(embodiment.included());
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()

@@ -4,8 +4,11 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Embodiment, HAND_START, Layout, Scene, TaskGroup};
+use envs::{Camera, Dynamics, Embodiment, HAND_START, Layout, Scene, TableTop, TaskGroup};
 use mujoco::Data;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
 
 fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
     Scene::new(group, embodiment, Camera::default()).unwrap()
@@ -74,4 +77,73 @@ fn the_hand_follows_its_target_as_the_arm_does() {
         assert!((arm - hand).abs() < 4e-3, "step {step}: {arm} and {hand}");
     }
     assert!((0.012..0.020).contains(&hand[39]), "{}", hand[39]);
+}
+
+/// What the hand's masks leave out: the walls, which are out of its reach.
+#[test]
+fn the_hand_cannot_reach_the_walls() {
+    let scene = Arc::new(scene(TaskGroup::GoalReach, Embodiment::Hand));
+    let model = &scene.model;
+    let inside = |wall: &str, axis: usize| {
+        let wall = model.geom(wall).unwrap();
+        let (mut data, half) = (Data::new(Arc::clone(model)), model.geom_size(wall)[axis]);
+        data.forward_kinematics().unwrap();
+        data.geom_position(wall)[axis].abs() - half
+    };
+    let walls = [inside("wall_right", 0), inside("wall_far", 1)];
+    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+    for corner in D2::ALL {
+        table
+            .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))
+            .unwrap();
+        let [x, y] = corner.apply_xy([1.0, 1.0]);
+        let mut furthest = [0.0_f64; 2];
+        for _ in 0..20 {
+            table.step(&[x as f32, y as f32, -1.0, -1.0]).unwrap();
+            for ball in model.geoms().filter(|&geom| model.geom_group(geom) == 3) {
+                let (place, radius) = (
+                    table.simulation().geom_position(ball),
+                    model.geom_size(ball)[0],
+                );
+                for axis in 0..2 {
+                    furthest[axis] = furthest[axis].max(place[axis].abs() + radius);
+                }
+            }
+        }
+        assert!(
+            furthest[0] > 0.3 && furthest[1] > 0.34,
+            "{corner}: only {furthest:?}"
+        );
+        assert!(
+            furthest[0] < walls[0] && furthest[1] < walls[1],
+            "{corner}: {furthest:?}"
+        );
+    }
+}
+
+/// A drawer that is slammed overshoots by a centimetre at most before the wall holds it, with either embodiment; the limit of its joint alone lets it go 5 cm.
+#[test]
+fn a_shut_drawer_stands_against_the_wall() {
+    for embodiment in Embodiment::ALL {
+        let scene = Arc::new(scene(TaskGroup::DrawerClose, embodiment));
+        let slide = scene
+            .model
+            .joint_qpos_address(scene.model.joint("slide").unwrap());
+        let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+        for element in D2::ALL {
+            table
+                .reset(element, &mut ChaCha8Rng::seed_from_u64(1))
+                .unwrap();
+            let mut furthest = f64::NEG_INFINITY;
+            for _ in 0..50 {
+                let action = table.expert_action().unwrap();
+                table.step(&action).unwrap();
+                furthest = furthest.max(table.simulation().qpos()[slide]);
+            }
+            assert!(
+                (-0.002..0.015).contains(&furthest),
+                "{embodiment} {element}: {furthest}"
+            );
+        }
+    }
 }

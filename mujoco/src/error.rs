@@ -231,6 +231,19 @@ pub enum RenderError {
         /// Geoms that fit.
         limit: usize,
     },
+    /// The backdrop was never drawn.
+    #[error("nothing was drawn into this backdrop; call `draw_backdrop` first")]
+    NoBackdrop,
+    /// Something that is not its own mirror image, in a view with a mirror.
+    #[error(
+        "{what} {index} is not its own mirror image, as a mesh or a texture may not be; draw it without a mirror"
+    )]
+    Handed {
+        /// Geom or skin.
+        what: &'static str,
+        /// Its index.
+        index: usize,
+    },
     /// OpenGL reported an error, for instance that it lost the context (0x0507) or has no memory left (0x0505).
     #[error(
         "OpenGL error {code:#06x} while {during}; pictures cannot be trusted: make a new renderer"

@@ -59,7 +59,7 @@ pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::Backend;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
 pub use model::Model;
-pub use renderer::{Backdrop, RenderOptions, Renderer};
+pub use renderer::{Backdrop, Mirror, RenderOptions, Renderer, View};
 pub use shape::Shape;
 pub use state::State;
 

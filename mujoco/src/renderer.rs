@@ -10,9 +10,11 @@ use crate::model::Model;
 use crate::raw;
 
 mod backdrop;
+mod mirror;
 mod setup;
 
 pub use backdrop::Backdrop;
+pub use mirror::{Mirror, View};
 
 use setup::{fixed_camera, make_drawing, make_scene, visible};
 
@@ -43,8 +45,8 @@ impl Default for RenderOptions {
 
 /// Draws images of one size of one [`Model`], through its fixed cameras.
 ///
-/// Mirrored scenes give mirrored images bit for bit where the camera looks straight down on the
-/// axis of the mirror, the light comes from straight above, round shapes stand upright, and no
+/// Mirrored scenes give mirrored images bit for bit where one of them is drawn in a [`Mirror`]. Without one they do where the
+/// camera looks straight down on the axis of the mirror, the light comes from straight above, round shapes stand upright, and no
 /// edge or colour falls exactly between two pixels or two levels. The pixels of a *lying* cylinder or
 /// capsule may differ by a few levels: each quad of it is cut into triangles that do not mirror.
 ///
@@ -146,24 +148,25 @@ impl Renderer {
         self.width * self.height * 3
     }
 
-    /// Draws what `camera` sees into `out`, `[H, W, 3]` RGB; row 0 is the top of the image.
+    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row 0 is the top of the image.
     ///
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///
     /// # Errors
     /// [`RenderError::OtherModel`], [`RenderError::Buffer`], [`RenderError::UnknownCamera`],
-    /// [`RenderError::SceneFull`], [`RenderError::Current`], [`RenderError::OpenGl`].
+    /// [`RenderError::SceneFull`], [`RenderError::Handed`], [`RenderError::Current`], [`RenderError::OpenGl`].
     pub fn render(
         &mut self,
         data: &mut Data,
-        camera: CameraId,
+        view: impl Into<View>,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        self.check_arguments(data, camera, out)?;
+        let view = view.into();
+        self.check_arguments(data, view.camera, out)?;
         self.make_current()?;
-        self.update_scene(data, camera, raw::mjCAT_ALL)?;
+        self.update_scene(data, view, raw::mjCAT_ALL)?;
         self.draw(out, None);
-        flip_rows(out, 3 * self.width);
+        view.mirror.turn_back(out, self.width);
         check_opengl("drawing")
     }
 
@@ -200,14 +203,14 @@ impl Renderer {
         Ok(())
     }
 
-    /// Takes into the scene the geoms of some categories, moving or not.
+    /// Takes into the scene the geoms of some categories, moving or not, in the view's mirror.
     fn update_scene(
         &mut self,
         data: &mut Data,
-        camera: CameraId,
+        view: View,
         categories: raw::mjtCatBit,
     ) -> Result<(), RenderError> {
-        let mut view = fixed_camera(camera);
+        let mut camera = fixed_camera(view.camera);
         // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
         unsafe {
             raw::mjv_updateScene(
@@ -215,14 +218,14 @@ impl Renderer {
                 data.as_ptr(),
                 &raw const *self.options,
                 std::ptr::null(),
-                &raw mut view,
+                &raw mut camera,
                 categories.cast_signed(),
                 &raw mut *self.scene,
             );
         }
         let full = &mut data.get_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
         match std::mem::take(full) {
-            0 => Ok(()),
+            0 => self.reflect_scene(view.mirror),
             _ => Err(RenderError::SceneFull {
                 limit: self.scene.maxgeom as usize,
             }),
@@ -272,15 +275,6 @@ fn check_opengl(during: &'static str) -> Result<(), RenderError> {
     }
 }
 
-/// OpenGL's images begin at the bottom. The one place where the project turns them over.
-fn flip_rows(image: &mut [u8], row: usize) {
-    let rows = image.len() / row;
-    for top in 0..rows / 2 {
-        let (upper, lower) = image.split_at_mut((rows - 1 - top) * row);
-        upper[top * row..][..row].swap_with_slice(&mut lower[..row]);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -311,14 +305,5 @@ mod tests {
         let text = error.to_string();
         assert!(text.contains("lost") && text.contains("make a new renderer"));
         other.render(&mut other_data, camera, &mut image).unwrap();
-    }
-
-    #[test]
-    fn rows_are_reversed_and_pixels_kept() {
-        let mut image = [1, 2, 3, 4, 5, 6, 7, 8, 9];
-        flip_rows(&mut image, 3);
-        assert_eq!(image, [7, 8, 9, 4, 5, 6, 1, 2, 3]);
-        flip_rows(&mut image[..6], 3);
-        assert_eq!(image, [4, 5, 6, 7, 8, 9, 1, 2, 3]);
     }
 }

@@ -204,7 +204,7 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
             data.forward().unwrap();
             let mut over = vec![9; renderer.image_len()];
             renderer
-                .render_over(&mut data, camera, &mut backdrop, &mut over)
+                .render_over(&mut data, &mut backdrop, &mut over)
                 .unwrap();
             let whole = draw(&mut data, &mut renderer);
             assert_eq!(over, whole, "ball {ball}");
@@ -217,11 +217,9 @@ fn pictures_over_a_backdrop_are_the_whole_pictures() {
 #[test]
 fn a_backdrop_that_was_not_drawn_is_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
-    let camera = data.model().camera("top").unwrap();
     let mut out = vec![0; renderer.image_len()];
-    let refused = renderer.render_over(&mut data, camera, &mut Backdrop::default(), &mut out);
-    let (expected, got) = (192, 0);
-    assert_eq!(refused, Err(RenderError::Buffer { expected, got }));
+    let refused = renderer.render_over(&mut data, &mut Backdrop::default(), &mut out);
+    assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! The arm of this crate's scenes, as in-painting wants it.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use mujoco::{Data, GeomId, Shape};
 
 use super::limbs::Limb;
@@ -8,37 +8,34 @@ use crate::picture::ARM;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
-/// The links of a scene's arm as it is drawn: a capsule around each of its shapes, between two points of the link.
+/// The links of a scene's arm as it is drawn: a capsule around each of its shapes, between two points of the link, and bundles of thin ones around boxes, which one
+/// capsule would overhang by centimetres.
 #[derive(Clone, Debug)]
 pub struct Skeleton {
     bones: Vec<Bone>,
     limbs: Vec<Limb>,
 }
 
-/// The middle line of a shape: the geom's axis and how far it reaches to either side of the middle (metres).
+/// The middle line of a capsule in its geom's frame: its middle, its direction and how far it reaches to either side (metres).
 #[derive(Clone, Copy, Debug)]
 struct Bone {
     geom: GeomId,
+    middle: DVec3,
     axis: usize,
     half_length: f64,
 }
+
+/// Largest half width of the strips that a box is cut into, along its longest side (metres): half a pixel of a 64-pixel picture.
+const STRIP: f64 = 0.004;
 
 impl Skeleton {
     /// The skeleton of `scene`'s embodiment.
     pub fn new(scene: &Scene) -> Self {
         let model = &scene.model;
         let arm = model.geoms().filter(|&geom| model.geom_group(geom) == ARM);
-        let capsules = arm.filter_map(|geom| Some((geom, around(model.geom_shape(geom)?))));
-        let (bones, radii): (Vec<_>, Vec<_>) = capsules
-            .map(|(geom, (axis, half_length, radius))| {
-                let bone = Bone {
-                    geom,
-                    axis,
-                    half_length,
-                };
-                (bone, radius)
-            })
-            .unzip();
+        let shapes = arm.filter_map(|geom| Some((geom, model.geom_shape(geom)?)));
+        let (bones, radii): (Vec<_>, Vec<_>) =
+            shapes.flat_map(|(geom, shape)| around(geom, shape)).unzip();
         let limbs = radii.into_iter().enumerate().map(|(index, radius)| Limb {
             joints: [2 * index, 2 * index + 1],
             radius,
@@ -63,16 +60,27 @@ impl Skeleton {
 
 impl Bone {
     fn ends(&self, data: &Data) -> [DVec3; 2] {
-        let middle = DVec3::from_array(data.geom_position(self.geom));
-        let axis = DVec3::from_array(data.geom_axes(self.geom)[self.axis]);
-        [-1.0, 1.0].map(|side| middle + side * self.half_length * axis)
+        let axes = data.geom_axes(self.geom).map(DVec3::from_array);
+        let place = DVec3::from_array(data.geom_position(self.geom));
+        let middle =
+            place + DMat3::from_cols_array_2d(&axes.map(|axis| axis.to_array())) * self.middle;
+        [-1.0, 1.0].map(|side| middle + side * self.half_length * axes[self.axis])
     }
 }
 
-/// A capsule around a shape: the axis of its frame, half the length of its middle line, and its radius (metres).
-fn around(shape: Shape) -> (usize, f64, f64) {
+/// Capsules that cover a shape, with their radii (metres).
+fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
+    let upright = |half_length, radius| {
+        let bone = Bone {
+            geom,
+            middle: DVec3::ZERO,
+            axis: 2,
+            half_length,
+        };
+        vec![(bone, radius)]
+    };
     match shape {
-        Shape::Sphere { radius } => (2, 0.0, radius),
+        Shape::Sphere { radius } => upright(0.0, radius),
         Shape::Capsule {
             radius,
             half_length,
@@ -80,15 +88,33 @@ fn around(shape: Shape) -> (usize, f64, f64) {
         | Shape::Cylinder {
             radius,
             half_length,
-        } => (2, half_length, radius),
-        Shape::Box { half } => {
-            let longest = (0..3).max_by(|&a, &b| half[a].total_cmp(&half[b]));
-            let axis = longest.unwrap_or(0);
-            let across: f64 = (0..3)
-                .filter(|&i| i != axis)
-                .map(|i| half[i] * half[i])
-                .sum();
-            (axis, half[axis], across.sqrt())
-        }
+        } => upright(half_length, radius),
+        Shape::Box { half } => bundle(geom, half),
     }
+}
+
+/// Cuts a box into strips along its longest side, and puts a capsule around each that touches its surface.
+fn bundle(geom: GeomId, half: [f64; 3]) -> Vec<(Bone, f64)> {
+    let longest = (0..3).max_by(|&a, &b| half[a].total_cmp(&half[b]));
+    let axis = longest.unwrap_or(0);
+    let across = [(axis + 1) % 3, (axis + 2) % 3];
+    let counts = across.map(|side| (half[side] / STRIP).ceil().max(1.0) as usize);
+    let widths = [0, 1].map(|i| half[across[i]] / counts[i] as f64);
+    let radius = widths[0].hypot(widths[1]);
+    let cells = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| [i, j]));
+    let outer = cells.filter(|cell| (0..2).any(|i| cell[i] == 0 || cell[i] + 1 == counts[i]));
+    let strips = outer.map(|cell| {
+        let mut middle = DVec3::ZERO;
+        for i in 0..2 {
+            middle[across[i]] = (2 * cell[i] + 1) as f64 * widths[i] - half[across[i]];
+        }
+        let bone = Bone {
+            geom,
+            middle,
+            axis,
+            half_length: half[axis],
+        };
+        (bone, radius)
+    });
+    strips.collect()
 }

@@ -1,6 +1,6 @@
 //! Plate Slide: push a puck from the centre into a goal cage that opens to -y.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
@@ -15,6 +15,11 @@ const START_ON_TABLE: DVec3 = DVec3::ZERO;
 /// Distances to the goal at full reward and at success (metres).
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.07;
+
+/// Nearer to the goal than this along y (metres), the expert's puck must be within this of it along x.
+const POST: DVec2 = DVec2::new(0.045, 0.17);
+/// How far ahead of the hand the expert aims along y where it must go sideways first (metres).
+const SLOWLY: f64 = 0.01;
 
 const PARTS: Parts = Parts {
     scene: Some((
@@ -89,7 +94,15 @@ impl Task for PlateSlide {
         } else if (now.hand.z - aim.z).abs() > 0.04 {
             aim
         } else {
-            DVec3::new(placement.goal.x, placement.goal.y, aim.z)
+            let ahead = placement.goal - now.object;
+            // a puck that comes along the diagonal would meet the post of the cage
+            let post = ahead.y < POST.y && ahead.x.abs() > POST.x;
+            let y = if post {
+                now.hand.y + SLOWLY
+            } else {
+                placement.goal.y
+            };
+            DVec3::new(placement.goal.x, y, aim.z)
         };
         ExpertCommand { hand, finger: -1.0 }
     }

@@ -1,15 +1,16 @@
 //! Pictures over a backdrop: what stands still is drawn once, what moves is drawn over it.
 
-use super::{Renderer, check_opengl, flip_rows};
+use super::{Renderer, View, check_opengl};
 use crate::data::Data;
 use crate::error::RenderError;
-use crate::ids::CameraId;
 use crate::raw;
 
 /// What a camera sees of the geoms that no joint moves, and how far away it is.
 #[derive(Clone, Debug, Default)]
 pub struct Backdrop {
-    /// `[H, W, 3]`, bottom row first.
+    /// How it was drawn; none before that.
+    view: Option<View>,
+    /// `[H, W, 3]`, bottom row first, in the view's mirror.
     rgb: Vec<u8>,
     /// `[H, W]`, as OpenGL measures it.
     depth: Vec<f32>,
@@ -26,40 +27,42 @@ impl Renderer {
     pub fn draw_backdrop(
         &mut self,
         data: &mut Data,
-        camera: CameraId,
+        view: impl Into<View>,
         backdrop: &mut Backdrop,
     ) -> Result<(), RenderError> {
+        let view = view.into();
         backdrop.rgb.resize(self.image_len(), 0);
         backdrop.depth.resize(self.image_len() / 3, 0.0);
-        self.check_arguments(data, camera, &backdrop.rgb)?;
+        self.check_arguments(data, view.camera, &backdrop.rgb)?;
         self.make_current()?;
-        self.update_scene(data, camera, raw::mjCAT_STATIC)?;
+        self.update_scene(data, view, raw::mjCAT_STATIC)?;
+        backdrop.view = Some(view);
         backdrop.last.clear();
         self.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
         check_opengl("drawing a backdrop")
     }
 
-    /// As [`Renderer::render`], to the same bits, but draws only the geoms that joints move; the others are taken from
-    /// `backdrop`, and everything where none has moved since the last picture. That holds as long as nothing has moved the
+    /// As [`Renderer::render`] with the view of `backdrop`, to the same bits, but draws only the geoms that joints move; the others are taken from
+    /// there, and everything where none has moved since the last picture. That holds as long as nothing has moved the
     /// others since the backdrop was drawn, as setting a mocap body does.
     ///
     /// Where a moving geom is transparent, or there are shadows, everything is drawn.
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Buffer`] for a backdrop of another size, or one that was never drawn.
+    /// As [`Renderer::render`]; [`RenderError::Buffer`] for a backdrop of another size, [`RenderError::NoBackdrop`] for one that was never drawn.
     pub fn render_over(
         &mut self,
         data: &mut Data,
-        camera: CameraId,
         backdrop: &mut Backdrop,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        self.check_arguments(data, camera, &backdrop.rgb)?;
-        self.check_arguments(data, camera, out)?;
+        let view = backdrop.view.ok_or(RenderError::NoBackdrop)?;
+        self.check_arguments(data, view.camera, &backdrop.rgb)?;
+        self.check_arguments(data, view.camera, out)?;
         self.make_current()?;
-        self.update_scene(data, camera, raw::mjCAT_DYNAMIC)?;
+        self.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
         if self.shadows || self.is_transparent() {
-            return self.render(data, camera, out);
+            return self.render(data, view, out);
         }
         if self.have_moved(backdrop) {
             backdrop.last.resize(out.len(), 0);
@@ -67,7 +70,7 @@ impl Renderer {
             depth.resize(backdrop.depth.len(), 0.0);
             self.draw(&mut backdrop.last, Some(&mut depth));
             compose(&mut backdrop.last, &backdrop.rgb, &depth, &backdrop.depth);
-            flip_rows(&mut backdrop.last, 3 * self.width);
+            view.mirror.turn_back(&mut backdrop.last, self.width);
             self.depth = depth;
         }
         out.copy_from_slice(&backdrop.last);
@@ -95,7 +98,7 @@ impl Renderer {
         self.geoms().iter().any(|geom| geom.rgba[3] < 1.0)
     }
 
-    fn geoms(&self) -> &[raw::mjvGeom] {
+    pub(super) fn geoms(&self) -> &[raw::mjvGeom] {
         let count = self.scene.ngeom as usize;
         // SAFETY: MuJoCo has filled `ngeom` entries of the array, which only `update_scene` writes to.
         unsafe { std::slice::from_raw_parts(self.scene.geoms, count) }

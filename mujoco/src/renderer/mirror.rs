@@ -1,0 +1,199 @@
+//! Drawing in a mirror: the reflected scene is drawn, and the picture of it is turned back.
+
+use super::Renderer;
+use crate::error::RenderError;
+use crate::ids::CameraId;
+use crate::raw;
+
+/// How the scene is mirrored for drawing; the finished picture is mirrored back.
+///
+/// The picture is that of the scene as it is, whatever the mirror. Only what OpenGL decides by handedness differs: an edge
+/// through the very middle of a pixel belongs to the shape on one side of it, and a mirror swaps the sides. So two scenes that mirror one
+/// another have pictures that mirror one another bit for bit where one of the two is drawn in the mirror between them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Mirror {
+    /// Left and right change places.
+    pub columns: bool,
+    /// Top and bottom change places.
+    pub rows: bool,
+}
+
+/// A camera and the mirror that it draws in, which a camera alone has not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct View {
+    /// The camera.
+    pub camera: CameraId,
+    /// The mirror.
+    pub mirror: Mirror,
+}
+
+impl From<CameraId> for View {
+    fn from(camera: CameraId) -> Self {
+        let mirror = Mirror::default();
+        Self { camera, mirror }
+    }
+}
+
+impl Mirror {
+    /// Whether it makes left hands of right hands; both flips together are a rotation.
+    fn turns_hands(self) -> bool {
+        self.columns != self.rows
+    }
+
+    /// Turns what OpenGL drew in this mirror, `[H, width, 3]` with the bottom row first, to the picture of the scene with the top row first.
+    ///
+    /// The one place where the project turns over what OpenGL draws.
+    pub(super) fn turn_back(self, image: &mut [u8], width: usize) {
+        let (pixels, _) = image.as_chunks_mut::<3>();
+        match (self.columns, self.rows) {
+            (false, true) => {}
+            (true, false) => pixels.reverse(),
+            (false, false) => reverse_rows(pixels, width),
+            (true, true) => pixels.chunks_exact_mut(width).for_each(<[_]>::reverse),
+        }
+    }
+}
+
+fn reverse_rows(pixels: &mut [[u8; 3]], width: usize) {
+    let rows = pixels.len() / width;
+    for top in 0..rows / 2 {
+        let (upper, lower) = pixels.split_at_mut((rows - 1 - top) * width);
+        upper[top * width..][..width].swap_with_slice(&mut lower[..width]);
+    }
+}
+
+impl Renderer {
+    /// Mirrors the scene in the planes through the camera's axis.
+    pub(super) fn reflect_scene(&mut self, mirror: Mirror) -> Result<(), RenderError> {
+        if mirror == Mirror::default() {
+            return Ok(());
+        }
+        self.check_shapes(mirror)?;
+        let scene = &mut *self.scene;
+        // SAFETY: a function of two plain values; the scene's hold the two eyes.
+        let eye = unsafe {
+            raw::mjv_averageCamera(&raw const scene.camera[0], &raw const scene.camera[1])
+        };
+        let planes = [
+            (mirror.columns, cross(eye.forward, eye.up)),
+            (mirror.rows, eye.up),
+        ];
+        let planes = planes
+            .into_iter()
+            .filter_map(|(flips, normal)| flips.then_some(normal));
+        for normal in planes {
+            for light in &mut scene.lights[..scene.nlight as usize] {
+                reflect(&mut light.dir, [0.0; 3], normal);
+                reflect(&mut light.pos, eye.pos, normal);
+            }
+            // SAFETY: MuJoCo has filled `ngeom` entries of the array, and nobody else holds a view of it.
+            let geoms =
+                unsafe { std::slice::from_raw_parts_mut(scene.geoms, scene.ngeom as usize) };
+            for geom in geoms {
+                reflect_geom(geom, eye.pos, normal);
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses what a reflection cannot bring to its mirror image by moving it.
+    fn check_shapes(&self, mirror: Mirror) -> Result<(), RenderError> {
+        let handed = |geom: &&raw::mjvGeom| {
+            !OWN_MIRROR_IMAGES.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
+        };
+        let skins = self.scene.nskin as usize;
+        let geom = self
+            .geoms()
+            .iter()
+            .find(handed)
+            .filter(|_| mirror.turns_hands());
+        match geom {
+            Some(geom) => Err(RenderError::Handed {
+                what: "geom",
+                index: geom.objid as usize,
+            }),
+            None if skins > 0 => Err(RenderError::Handed {
+                what: "skin",
+                index: 0,
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Shapes that a mirror across any plane through their axes leaves as they are.
+const OWN_MIRROR_IMAGES: [raw::mjtGeom; 6] = [
+    raw::mjGEOM_PLANE,
+    raw::mjGEOM_SPHERE,
+    raw::mjGEOM_CAPSULE,
+    raw::mjGEOM_ELLIPSOID,
+    raw::mjGEOM_CYLINDER,
+    raw::mjGEOM_BOX,
+];
+
+/// Moves and turns a geom to where its mirror image is.
+fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
+    reflect(&mut geom.pos, point, normal);
+    for axis in 0..3 {
+        let mut column = [0, 3, 6].map(|row| geom.mat[row + axis]);
+        reflect(&mut column, [0.0; 3], normal);
+        // the geom is its own mirror image across its x axis: with that axis turned round the frame is right-handed again
+        let sign = if axis == 0 { -1.0 } else { 1.0 };
+        for (row, value) in column.into_iter().enumerate() {
+            geom.mat[3 * row + axis] = sign * value;
+        }
+    }
+}
+
+/// Mirrors `value` across the plane through `point`: exactly, where the plane holds the origin and is square to an axis.
+fn reflect(value: &mut [f32; 3], point: [f32; 3], normal: [f32; 3]) {
+    let height: f32 = (0..3).map(|i| (value[i] - point[i]) * normal[i]).sum();
+    for i in 0..3 {
+        value[i] -= 2.0 * height * normal[i];
+    }
+}
+
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_turned_back() {
+        // bottom row first: 1 2 / 3 4 / 5 6 seen from above is 5 6 / 3 4 / 1 2
+        let drawn: Vec<u8> = (1..=6).flat_map(|pixel| [pixel; 3]).collect();
+        for (columns, rows, expected) in [
+            (false, false, [5, 6, 3, 4, 1, 2]),
+            (true, false, [6, 5, 4, 3, 2, 1]),
+            (false, true, [1, 2, 3, 4, 5, 6]),
+            (true, true, [2, 1, 4, 3, 6, 5]),
+        ] {
+            let mut image = drawn.clone();
+            Mirror { columns, rows }.turn_back(&mut image, 2);
+            let expected: Vec<u8> = expected.into_iter().flat_map(|pixel| [pixel; 3]).collect();
+            assert_eq!(image, expected, "columns {columns}, rows {rows}");
+        }
+    }
+
+    #[test]
+    fn reflecting_twice_changes_nothing_and_once_keeps_the_plane() {
+        let (point, normal) = ([0.5, -1.0, 2.0], [0.6, 0.0, 0.8]);
+        let start = [0.25, 3.0, -1.5];
+        let mut value = start;
+        reflect(&mut value, point, normal);
+        let height = |v: [f32; 3]| (0..3).map(|i| (v[i] - point[i]) * normal[i]).sum::<f32>();
+        assert!((height(value) + height(start)).abs() < 1e-6);
+        reflect(&mut value, point, normal);
+        assert!(
+            (0..3).all(|i| (value[i] - start[i]).abs() < 1e-6),
+            "{value:?}"
+        );
+    }
+}

@@ -1,0 +1,221 @@
+//! Drawing in a mirror: the picture is that of the scene, and twins have mirrored pictures bit for bit.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+use std::fmt::Write;
+use std::sync::Arc;
+
+use mujoco::{Backdrop, Data, Mirror, Model, RenderError, RenderOptions, Renderer, View};
+
+const SIDE: usize = 64;
+const MIRRORS: [Mirror; 4] = [
+    mirror(false, false),
+    mirror(true, false),
+    mirror(false, true),
+    mirror(true, true),
+];
+
+const fn mirror(columns: bool, rows: bool) -> Mirror {
+    Mirror { columns, rows }
+}
+
+/// Numbers in `[0, 1)` of a linear congruential generator.
+struct Numbers(u64);
+
+impl Numbers {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 40) as f64 / (1_u64 << 24) as f64
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.next()
+    }
+}
+
+/// A scene of tilted props on a grid of pixels' middles, so that edges often hit them, under a light from the side; mirrored.
+fn scene(seed: u64, mirror: Mirror) -> String {
+    let [x, y] = [mirror.columns, mirror.rows].map(|flips| if flips { -1.0 } else { 1.0 });
+    let (mut numbers, mut props) = (Numbers(seed), String::new());
+    for shape in ["box", "sphere", "capsule", "cylinder", "ellipsoid", "box"] {
+        let [px, py] = [(); 2].map(|()| (numbers.between(-20.0, 20.0).floor() + 0.5) / 40.0);
+        let sizes = [(); 3].map(|()| (numbers.between(2.0, 8.0).floor()) / 40.0);
+        let (turn, tilt) = match shape {
+            "box" if numbers.next() < 0.7 => (0.0, 0.0),
+            _ => (numbers.between(0.0, 6.0), numbers.between(0.0, 1.0)),
+        };
+        let axis = [f64::cos(turn), f64::sin(turn), 0.0];
+        let other = [
+            -f64::sin(turn) * f64::cos(tilt),
+            f64::cos(turn) * f64::cos(tilt),
+            f64::sin(tilt),
+        ];
+        // the prop is its own mirror image across its x axis
+        let sign = x * y;
+        let [ax, ay, az] = [sign * x * axis[0], sign * y * axis[1], sign * axis[2]];
+        let [ox, oy, oz] = [x * other[0], y * other[1], other[2]];
+        let [r, g, b] = [(); 3].map(|()| numbers.next());
+        let [sx, sy, sz] = sizes;
+        writeln!(
+            props,
+            r#"<geom type="{shape}" size="{sx} {sy} {sz}" pos="{} {} 0" xyaxes="{ax} {ay} {az} {ox} {oy} {oz}" rgba="{r} {g} {b} 1"/>"#,
+            x * px,
+            y * py
+        )
+        .unwrap();
+    }
+    format!(
+        r#"<mujoco>
+             <visual><quality numslices="10" numstacks="6" numquads="1"/><headlight ambient=".2 .2 .2" diffuse=".3 .3 .3"/></visual>
+             <worldbody>
+               <camera name="top" pos="0 0 2" fovy="43.6028"/>
+               <light directional="true" pos="0 0 3" dir="{} {} -1"/>
+               {props}
+               <body pos="{} 0 .3"><joint type="slide" axis="0 0 1"/><geom size=".06" rgba="1 1 1 1"/></body>
+             </worldbody></mujoco>"#,
+        0.3 * x,
+        -0.4 * y,
+        0.1 * x
+    )
+}
+
+fn studio(xml: &str) -> (Data, Renderer) {
+    let model = Arc::new(Model::from_xml(xml).unwrap());
+    let mut data = Data::new(Arc::clone(&model));
+    data.forward().unwrap();
+    (
+        data,
+        Renderer::new(model, SIDE, SIDE, RenderOptions::default()).unwrap(),
+    )
+}
+
+fn picture(
+    (data, renderer): &mut (Data, Renderer),
+    mirror: Mirror,
+) -> Result<Vec<u8>, RenderError> {
+    let camera = data.model().camera("top").unwrap();
+    let mut image = vec![0; renderer.image_len()];
+    renderer
+        .render(data, View { camera, mirror }, &mut image)
+        .map(|()| image)
+}
+
+fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
+    let at = |flips: bool, index: usize| if flips { SIDE - 1 - index } else { index };
+    let pixels =
+        (0..SIDE * SIDE).map(|i| at(mirror.rows, i / SIDE) * SIDE + at(mirror.columns, i % SIDE));
+    pixels
+        .flat_map(|pixel| image[3 * pixel..][..3].to_vec())
+        .collect()
+}
+
+/// Pixels in which a channel differs by more than so many levels.
+fn differing(a: &[u8], b: &[u8], levels: u8) -> usize {
+    let far = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > levels);
+    a.chunks_exact(3).zip(b.chunks_exact(3)).filter(far).count()
+}
+
+#[test]
+fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
+    let mut inexact = 0;
+    for seed in 0..60 {
+        let canonical = picture(
+            &mut studio(&scene(seed, Mirror::default())),
+            Mirror::default(),
+        )
+        .unwrap();
+        for mirror in MIRRORS {
+            let mut twin = studio(&scene(seed, mirror));
+            let expected = mirrored(&canonical, mirror);
+            let differs = differing(&picture(&mut twin, mirror).unwrap(), &expected, 0);
+            assert_eq!(differs, 0, "scene {seed}, {mirror:?}");
+            let direct = picture(&mut twin, Mirror::default()).unwrap();
+            inexact += usize::from(differing(&direct, &expected, 0) > 0);
+        }
+    }
+    assert!(
+        inexact > 100,
+        "without mirrors only {inexact} of 240 differ, so the scenes are too easy"
+    );
+}
+
+/// Edges through the middles of pixels are what handedness decides; round shapes are cut into other triangles and differ by a few levels.
+#[test]
+fn a_mirror_changes_nothing_but_edges() {
+    for seed in 0..60 {
+        let mut studio = studio(&scene(seed, Mirror::default()));
+        let direct = picture(&mut studio, Mirror::default()).unwrap();
+        assert!(
+            differing(&direct, &vec![0; direct.len()], 0) > 100,
+            "scene {seed} is empty"
+        );
+        for mirror in MIRRORS {
+            let seen = picture(&mut studio, mirror).unwrap();
+            let [edges, shades] = [24, 8].map(|levels| differing(&direct, &seen, levels));
+            assert!(
+                edges <= 8 && shades <= 48,
+                "scene {seed}, {mirror:?}: {edges} and {shades} pixels"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_backdrop_keeps_its_mirror() {
+    let (mut data, mut renderer) = studio(&scene(3, Mirror::default()));
+    let camera = data.model().camera("top").unwrap();
+    for mirror in MIRRORS {
+        let mut backdrop = Backdrop::default();
+        renderer
+            .draw_backdrop(&mut data, View { camera, mirror }, &mut backdrop)
+            .unwrap();
+        for height in [0.0, 0.2, 0.4] {
+            data.qpos_mut()[0] = height;
+            data.forward().unwrap();
+            let (mut over, mut whole) =
+                (vec![0; renderer.image_len()], vec![0; renderer.image_len()]);
+            renderer
+                .render_over(&mut data, &mut backdrop, &mut over)
+                .unwrap();
+            renderer
+                .render(&mut data, View { camera, mirror }, &mut whole)
+                .unwrap();
+            assert!(over == whole, "{mirror:?} at {height}");
+        }
+    }
+}
+
+/// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape; two are a rotation.
+#[test]
+fn what_is_not_its_own_mirror_image_is_refused() {
+    let mut studio = studio(
+        r#"<mujoco><asset><mesh name="wedge" vertex="0 0 0  .5 0 0  0 .3 0  .1 .1 .4"/></asset>
+             <worldbody><camera name="top" pos="0 0 2"/><geom type="mesh" mesh="wedge" pos=".1 .2 0"/></worldbody></mujoco>"#,
+    );
+    let direct = picture(&mut studio, MIRRORS[0]).unwrap();
+    for mirror in [MIRRORS[1], MIRRORS[2]] {
+        let refused = picture(&mut studio, mirror).unwrap_err();
+        assert_eq!(
+            refused,
+            RenderError::Handed {
+                what: "geom",
+                index: 0
+            }
+        );
+        assert!(
+            refused
+                .to_string()
+                .contains("geom 0 is not its own mirror image")
+        );
+    }
+    let turned = picture(&mut studio, MIRRORS[3]).unwrap();
+    assert!(differing(&direct, &vec![0; direct.len()], 0) > 100);
+    assert!(
+        differing(&direct, &turned, 0) <= 8,
+        "{}",
+        differing(&direct, &turned, 0)
+    );
+}
