@@ -75,6 +75,10 @@ impl Subject {
             table.reset(D2::Identity, &mut rng)?;
             tables.push(table);
         }
+        // as the pools that it is compared with, which have stepped before: the first step touches fresh memory
+        for table in &mut tables {
+            table.step(&action(&mut rng))?;
+        }
         let mut turns = (0..ENVS).cycle();
         start.wait();
         rate(|| {
@@ -95,6 +99,7 @@ impl Subject {
         for _ in 0..ENVS {
             let mut data = Data::new(Arc::clone(model));
             data.restore(&begin)?;
+            data.step(5)?;
             simulations.push((data, HAND_START, 0));
         }
         let mut turns = (0..ENVS).cycle();
