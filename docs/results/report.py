@@ -70,7 +70,7 @@ class Run:
             return np.mean([s["success"] for s in rows]), np.mean([s["reward"] for s in rows])
 
     def draw(self):
-        """Success and reward of each rollout, evaluations as dots, policies below, the group as background."""
+        """Success and reward of each rollout, evaluations of the groups met so far as dots, policies below, the group as background."""
         figure, axes = pyplot.subplots(
             3, 1, sharex=True, figsize=(11, 7), height_ratios=[3, 3, 1], layout="constrained"
         )
@@ -92,7 +92,7 @@ class Run:
             axis.set_ylabel(f"{key} of a rollout\n(dots: mean action)")
         for rollout in sorted({score["rollout"] for score in self.scores}):
             at = self.metrics[int(rollout)]["decisions"] / 1000
-            for group in GROUPS:
+            for group in {row["group"] for row in self.metrics[: int(rollout) + 1]}:
                 if figures := self.evaluation(rollout, group):
                     for axis, figure_ in zip(axes, figures):
                         axis.plot(at, figure_, "o", color=COLORS[group], markersize=5, markeredgecolor="black")
@@ -104,7 +104,7 @@ class Run:
         axes[2].set_xlabel("thousand decisions")
         for group in GROUPS:
             axes[0].plot([], [], color=COLORS[group], label=group)
-        axes[0].legend(loc="lower right", ncols=4, fontsize=8)
+        figure.legend(loc="outside upper center", ncols=4)
         figure.savefig(self.folder / "curves.png", dpi=110)
         pyplot.close(figure)
 

@@ -1,0 +1,29 @@
+//! The policies that come with the project still load, recognise their groups, and act.
+
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+
+use covers::evaluation::Evaluator;
+use covers::{Covers, RunFolder};
+use envs::{TaskGroup, TaskVariant};
+use symmetry::D2;
+
+#[test]
+fn pretrained_policies_know_their_groups_and_solve_them() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let folder = RunFolder::open(&folder);
+    let experiment = folder.experiment().unwrap().with_threads(2);
+    let mut evaluator = Evaluator::new(experiment.envs, 5).unwrap();
+    let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec()).unwrap();
+    assert_eq!(covers.policies(), 4);
+    let mut chosen = Vec::new();
+    for (group, element) in TaskGroup::ALL.into_iter().zip(D2::ALL) {
+        let variant = TaskVariant { group, element };
+        let score = evaluator.variant(&mut covers, variant, 1).unwrap();
+        assert!(score.success >= 0.9, "{score:?}");
+        chosen.push(score.policy);
+    }
+    chosen.sort_unstable();
+    assert_eq!(chosen, [0, 1, 2, 3], "every group has a policy of its own");
+}
