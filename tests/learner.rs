@@ -7,7 +7,8 @@ use covers::{Covers, CoversSettings, Embedding, Extent, Handover, NewPolicy, Rep
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Encoder, EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition, VectorEnv,
+    Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition,
+    VectorEnv,
 };
 use symmetry::{D2, Irrep};
 
@@ -95,7 +96,7 @@ fn settings() -> CoversSettings {
             top_fields: 8,
             vector_fields: 4,
             actor_fields: 4,
-            critic_width: 8,
+            critic: Critic::Joint { fields: 2 },
             ..NetworkSettings::default()
         },
         ppo: PpoSettings {

@@ -98,7 +98,7 @@ pub use error::RlError;
 pub use evaluation::evaluate;
 pub use gae::{GaeInputs, gae};
 pub use network::ActorCritic;
-pub use network_settings::NetworkSettings;
+pub use network_settings::{Critic, NetworkSettings};
 pub use pass::Workspace;
 pub use policy::{Decisions, Policy};
 pub use ppo::{Ppo, UpdateStats};

@@ -104,7 +104,7 @@ mod tests {
     use crate::encoder::Encoder;
     use crate::env::{EnvSpec, Observations, Transition};
     use crate::gaussian::log_prob;
-    use crate::network_settings::NetworkSettings;
+    use crate::network_settings::{Critic, NetworkSettings};
     use crate::policy::Decisions;
 
     const B: usize = 5;
@@ -123,18 +123,20 @@ mod tests {
         }
     }
 
+    const JOINT: Critic = Critic::Joint { fields: 3 };
+
     fn strided() -> Encoder {
         Encoder::Strided { fields: vec![2] }
     }
 
-    fn network(group: Group, encoder: Encoder) -> ActorCritic<f64> {
+    fn network(group: Group, encoder: Encoder, critic: Critic) -> ActorCritic<f64> {
         let settings = NetworkSettings {
             group,
             encoder,
             top_fields: 3,
             vector_fields: 2,
             actor_fields: 2,
-            critic_width: 3,
+            critic,
             action_gain: 1.0,
             ..NetworkSettings::default()
         };
@@ -218,7 +220,9 @@ mod tests {
     #[test]
     fn gradient_of_the_whole_loss_equals_finite_differences() {
         for group in Group::ALL {
-            gradient_equals_finite_differences(&network(group, strided()));
+            for critic in [JOINT, Critic::Pooled { width: 3 }] {
+                gradient_equals_finite_differences(&network(group, strided(), critic));
+            }
         }
         let pooled = Encoder::Pooled {
             fields: vec![],
@@ -229,7 +233,7 @@ mod tests {
             maps: 2,
         };
         for encoder in [pooled, keypoints] {
-            gradient_equals_finite_differences(&network(Group::D2, encoder));
+            gradient_equals_finite_differences(&network(Group::D2, encoder, JOINT));
         }
     }
 
@@ -260,7 +264,7 @@ mod tests {
 
     #[test]
     fn before_the_first_step_the_ratio_is_one() {
-        let network = network(Group::D2, strided());
+        let network = network(Group::D2, strided(), JOINT);
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let params = network.init(&mut rng);
         let buffer = rollout(&network, &params, 0.0, &mut rng);

@@ -9,7 +9,7 @@ use symmetry::irrep_order;
 use crate::encoder::encoder;
 use crate::env::EnvSpec;
 use crate::error::RlError;
-use crate::network_settings::NetworkSettings;
+use crate::network_settings::{Critic, NetworkSettings};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network architecture").
 ///
@@ -17,12 +17,13 @@ use crate::network_settings::NetworkSettings;
 /// image  [H, W, C] -> Encoder -----------------------------------------------+
 /// vector [D]       -> Linear, ReLU ------------------------------------------+-> h, regular fields
 /// h -> Linear, ReLU, Linear -> mean action [A], of the action's type
-/// h -> GroupMaxPool -> features [F], invariant -> Linear, ReLU, Linear -> value
+/// h -> GroupMaxPool -> features [F], invariant
+/// h, or the features in the paper -> Linear, ReLU, Linear -> value
 /// log_std [A]: parameters of their own, the same for every state
 /// ```
 ///
-/// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the critic and the features
-/// see each input up to a symmetry of its own: how the vector lies relative to the image reaches only the actor.
+/// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the features see each input up to a
+/// symmetry of its own: how the vector lies relative to the image reaches only the actor and a [`Critic::Joint`].
 ///
 /// Every part is equivariant under [`NetworkSettings::group`]: D2 is the paper's network, and C1 an ordinary one of the same
 /// width, whose pooling does nothing.
@@ -72,11 +73,15 @@ impl<T: Scalar> ActorCritic<T> {
             image: encoder(settings, spec.image)?,
             vector: Sequential::new(lift(vector, settings.regular(settings.vector_fields))?)?,
             actor: head(hidden, settings.regular(settings.actor_fields), action)?,
-            critic: head(
-                group.trivial(settings.copies(fields)),
-                group.trivial(settings.critic_width),
-                group.trivial(1),
-            )?,
+            critic: match settings.critic {
+                Critic::Pooled { width } => {
+                    let features = group.trivial(settings.copies(fields));
+                    head(features, group.trivial(width), group.trivial(1))?
+                }
+                Critic::Joint { fields } => {
+                    head(hidden, settings.regular(fields), group.trivial(1))?
+                }
+            },
             pool,
             vector_order: irrep_order(group, &spec.vector),
             action_order: irrep_order(group, &spec.action),

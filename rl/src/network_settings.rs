@@ -30,7 +30,7 @@ pub struct NetworkSettings {
     ///     ActorCritic::<f32>::new(&settings, &spec).map(|network| network.num_params())
     /// };
     /// let counts = [parameters(Group::D2)?, parameters(Group::C2)?, parameters(Group::C1)?];
-    /// assert_eq!(counts, [58_193, 116_253, 232_375]);
+    /// assert_eq!(counts, [62_225, 124_445, 248_887]);
     /// # Ok::<(), rl::RlError>(())
     /// ```
     ///
@@ -44,14 +44,42 @@ pub struct NetworkSettings {
     pub vector_fields: usize,
     /// Regular fields of the actor's hidden layer, at least 1.
     pub actor_fields: usize,
-    /// Channels of the critic's hidden layer, at least 1.
-    pub critic_width: usize,
+    /// What the value is computed from.
+    pub critic: Critic,
     /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start near zero.
     pub action_gain: f32,
     /// Gain of the critic's last layer when it is drawn, above 0.
     pub value_gain: f32,
     /// Initial logarithm of every action component's standard deviation.
     pub log_std: f32,
+}
+
+/// What the value is computed from; it is invariant in either case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Critic {
+    /// The pooled features, as in the paper: image and vector are pooled apart from one another, so the value cannot tell where the
+    /// vector's hand is relative to the image's object.
+    Pooled {
+        /// Channels of the hidden layer, at least 1.
+        width: usize,
+    },
+    /// The fields before pooling, through a hidden layer of regular fields, like the actor: the value knows how the vector lies relative
+    /// to the image.
+    Joint {
+        /// Regular fields of the hidden layer, at least 1.
+        fields: usize,
+    },
+}
+
+impl Critic {
+    /// Width of the hidden layer, in the units of the kind.
+    fn size(self) -> usize {
+        match self {
+            Self::Pooled { width } => width,
+            Self::Joint { fields } => fields,
+        }
+    }
 }
 
 impl Default for NetworkSettings {
@@ -64,7 +92,7 @@ impl Default for NetworkSettings {
             top_fields: 32,
             vector_fields: 32,
             actor_fields: 32,
-            critic_width: 64,
+            critic: Critic::Joint { fields: 32 },
             action_gain: 0.01,
             value_gain: 1.0,
             log_std: -0.5,
@@ -73,7 +101,8 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`]; heads as in the default.
+    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`], and the paper's critic; otherwise as
+    /// the default.
     pub fn so2_128() -> Self {
         Self {
             encoder: Encoder::Pooled {
@@ -81,6 +110,7 @@ impl NetworkSettings {
                 inner: [128, 64],
             },
             top_fields: 64,
+            critic: Critic::Pooled { width: 64 },
             ..Self::default()
         }
     }
@@ -117,7 +147,7 @@ impl NetworkSettings {
             ("top_fields", self.top_fields),
             ("vector_fields", self.vector_fields),
             ("actor_fields", self.actor_fields),
-            ("critic_width", self.critic_width),
+            ("critic", self.critic.size()),
         ] {
             require_width(name, width)?;
         }

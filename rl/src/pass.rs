@@ -5,6 +5,7 @@ use std::slice::{ChunksExact, ChunksExactMut};
 use equivariant::{Layer, Scalar};
 
 use crate::network::ActorCritic;
+use crate::network_settings::Critic;
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
@@ -133,7 +134,10 @@ impl<T: Scalar> ActorCritic<T> {
         let (parts, w) = (self.parts(), workspace);
         self.forward_features(params, n, w);
         w.actor.forward(&self.actor, &params[parts.actor], n);
-        w.critic.x.copy_from_slice(&w.pool.y);
+        w.critic.x.copy_from_slice(match self.settings().critic {
+            Critic::Pooled { .. } => &w.pool.y,
+            Critic::Joint { .. } => &w.pool.x,
+        });
         w.critic.forward(&self.critic, &params[parts.critic], n);
         let width = self.action_order.len();
         for (mean, y) in w
@@ -196,8 +200,13 @@ impl<T: Scalar> ActorCritic<T> {
             &mut dparams[parts.critic],
             true,
         );
-        w.pool.dy.copy_from_slice(&w.critic.dx);
-        w.pool.backward(&self.pool, &[], n, &mut [], true);
+        match self.settings().critic {
+            Critic::Pooled { .. } => {
+                w.pool.dy.copy_from_slice(&w.critic.dx);
+                w.pool.backward(&self.pool, &[], n, &mut [], true);
+            }
+            Critic::Joint { .. } => w.pool.dx.copy_from_slice(&w.critic.dx),
+        }
         for (sum, d) in w.pool.dx.iter_mut().zip(&w.actor.dx) {
             *sum += *d;
         }

@@ -4,7 +4,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{ActorCriticPolicy, Encoder, EnvSpec, NetworkSettings, Observations, Policy};
+use rl::{ActorCriticPolicy, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Policy};
 use symmetry::{D2, Group, Irrep};
 
 const SAMPLES: usize = 6;
@@ -29,8 +29,8 @@ fn spec() -> EnvSpec {
     }
 }
 
-/// The three kinds of encoder, for pictures of 32 x 32 pixels.
-fn networks() -> [NetworkSettings; 3] {
+/// The three kinds of encoder and the two of critic, for pictures of 32 x 32 pixels.
+fn networks() -> [NetworkSettings; 4] {
     let pooled = NetworkSettings {
         encoder: Encoder::Pooled {
             fields: vec![4, 8],
@@ -42,7 +42,15 @@ fn networks() -> [NetworkSettings; 3] {
         NetworkSettings::default(),
         pooled,
         NetworkSettings::keypoints(),
+        papers_critic(),
     ]
+}
+
+fn papers_critic() -> NetworkSettings {
+    NetworkSettings {
+        critic: Critic::Pooled { width: 64 },
+        ..NetworkSettings::default()
+    }
 }
 
 /// A random policy whose mean actions are of order one.
@@ -224,8 +232,23 @@ fn the_check_of_the_mean_fails_for_a_wrong_group_action() {
     }
 }
 
-/// Pooling comes right after the concatenation, so value and features do not notice a wrong element of D2 in one
-/// input; they must notice what is no symmetry: rows exchanged with columns, or x with y.
+/// Pooling comes right after the concatenation, so features, and the values of the paper's critic, do not notice a symmetry of one input
+/// alone: where the vector's hand is relative to the image's object. The joint critic does.
+#[test]
+fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
+    for g in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
+        let of = |settings| errors_of(&mut policy_of(&settings), D2::Identity, g, g);
+        let [_, papers, features] = of(papers_critic());
+        assert!(papers < TOLERANCE && features < TOLERANCE, "{g}");
+        let [_, joint, features] = of(NetworkSettings::default());
+        assert!(
+            joint > 100.0 * TOLERANCE && features < TOLERANCE,
+            "{g}: {joint}"
+        );
+    }
+}
+
+/// Features must notice what is no symmetry: rows exchanged with columns, or x with y.
 #[test]
 fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
     let mut policy = policy();

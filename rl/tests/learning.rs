@@ -8,8 +8,8 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Encoder, NetworkSettings, Ppo, PpoSettings, RolloutBuffer, RolloutState,
-    VectorEnv, collect,
+    ActorCriticPolicy, Critic, Encoder, NetworkSettings, Ppo, PpoSettings, RolloutBuffer,
+    RolloutState, VectorEnv, collect,
 };
 
 const ROLLOUTS: usize = 25;
@@ -24,7 +24,7 @@ fn last_return(encoder: Encoder, learn: bool) -> f64 {
         top_fields: 8,
         vector_fields: 8,
         actor_fields: 8,
-        critic_width: 32,
+        critic: Critic::Joint { fields: 8 },
         ..NetworkSettings::default()
     };
     let settings = PpoSettings {
