@@ -78,7 +78,7 @@ impl Experiment {
     /// About a quarter of an hour on two cores: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
-            schedule: Schedule::shuffled(3, [6, 24, 12, 36]),
+            schedule: Schedule::shuffled(3, [8, 30, 12, 50]),
             evaluation: EvaluationPlan {
                 rounds: 2,
                 visit_rounds: 1,

@@ -96,7 +96,7 @@ fn settings() -> CoversSettings {
             top_fields: 8,
             vector_fields: 4,
             actor_fields: 4,
-            critic: Critic::Joint { fields: 2 },
+            critic: Critic::Pooled { width: 8 },
             ..NetworkSettings::default()
         },
         ppo: PpoSettings {
