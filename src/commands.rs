@@ -120,11 +120,11 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut experiment = folder.experiment()?.with_threads(threads(options.threads));
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
-    let mut evaluator = Evaluator::new(experiment.envs, seed)?;
+    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, seed)?;
     let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec())?;
     let rounds = options.episodes.div_ceil(4 * experiment.envs.num_envs);
     let pool = thread_pool(experiment.envs.threads)?;
-    let scores = pool.install(|| evaluator.all(&mut covers, &experiment.schedule, rounds))?;
+    let scores = pool.install(|| evaluator.all(&mut covers, rounds))?;
     if options.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {
@@ -135,7 +135,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let from = RunFolder::open(&options.run);
     let experiment = from.experiment()?;
-    let evaluator = Evaluator::new(experiment.envs, 0)?;
+    let evaluator = Evaluator::new(experiment.envs, experiment.schedule.clone(), 0)?;
     let (covers, note) = Covers::load(&from.checkpoint(), evaluator.spec())?;
     let to = RunFolder::create_exactly(&options.folder)?;
     to.write_experiment(&experiment)?;

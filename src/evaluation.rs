@@ -53,17 +53,19 @@ pub struct GroupScore {
 /// episodes, so that two of them compare policies and not placements.
 pub struct Evaluator {
     stream: Stream,
+    schedule: Schedule,
     seed: u64,
 }
 
 impl Evaluator {
-    /// Environments like the learner's, whose episodes depend on `seed`.
+    /// Environments like the learner's, which learns from `schedule`; their episodes depend on `seed`.
     ///
     /// # Errors
     /// What the environments say.
-    pub fn new(settings: VecEnvSettings, seed: u64) -> Result<Self, EnvError> {
+    pub fn new(settings: VecEnvSettings, schedule: Schedule, seed: u64) -> Result<Self, EnvError> {
         Ok(Self {
             stream: Stream::new(settings, TaskGroup::ALL[0])?,
+            schedule,
             seed,
         })
     }
@@ -73,27 +75,18 @@ impl Evaluator {
         self.stream.spec()
     }
 
-    /// Scores all variants of the groups of `schedule`, with `rounds` episodes in each environment.
+    /// Scores all variants of the groups of the schedule, with `rounds` episodes in each environment.
     ///
     /// # Errors
     /// As [`Evaluator::variant`].
-    pub fn all(
-        &mut self,
-        covers: &mut Covers,
-        schedule: &Schedule,
-        rounds: usize,
-    ) -> Result<Vec<Score>, CoversError> {
-        let groups = schedule.groups.iter().map(|plan| plan.group);
-        let variants =
-            groups.flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
+    pub fn all(&mut self, covers: &mut Covers, rounds: usize) -> Result<Vec<Score>, CoversError> {
+        let plans = self.schedule.groups.iter();
+        let groups: Vec<TaskGroup> = plans.map(|plan| plan.group).collect();
+        let variants = groups
+            .into_iter()
+            .flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
         variants
-            .map(|variant| {
-                let score = self.variant(covers, variant, rounds)?;
-                Ok(Score {
-                    seen: schedule.shows(variant.group, variant.element),
-                    ..score
-                })
-            })
+            .map(|variant| self.variant(covers, variant, rounds))
             .collect()
     }
 
@@ -125,7 +118,7 @@ impl Evaluator {
         Ok(Score {
             group: variant.group,
             element: variant.element,
-            seen: true,
+            seen: self.schedule.shows(variant.group, variant.element),
             policy,
             episodes: stats.episodes.len(),
             success: stats.success_rate().unwrap_or(0.0),

@@ -219,10 +219,8 @@ impl Run {
     }
 
     fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
-        let (covers, schedule) = (&mut self.covers, &self.experiment.schedule);
-        let evaluator = &mut self.evaluator;
-        self.pool
-            .install(|| evaluator.all(covers, schedule, rounds))
+        let (covers, evaluator) = (&mut self.covers, &mut self.evaluator);
+        self.pool.install(|| evaluator.all(covers, rounds))
     }
 
     /// Writes a checkpoint over the last one.
@@ -272,7 +270,8 @@ impl Parts {
         let group = experiment.schedule.groups[0].group;
         // environments before threads: the first model of a process tunes software rendering
         let stream = Stream::new(experiment.envs, group)?;
-        let evaluator = Evaluator::new(experiment.envs, experiment.evaluation_seed())?;
+        let (schedule, seed) = (experiment.schedule.clone(), experiment.evaluation_seed());
+        let evaluator = Evaluator::new(experiment.envs, schedule, seed)?;
         Ok(Self {
             pool: thread_pool(experiment.envs.threads)?,
             stream,

@@ -13,8 +13,11 @@ use symmetry::D2;
 fn pretrained_policies_know_their_groups_and_solve_them() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
     let folder = RunFolder::open(&folder);
-    let experiment = folder.experiment().unwrap().with_threads(2);
-    let mut evaluator = Evaluator::new(experiment.envs, 5).unwrap();
+    let mut experiment = folder.experiment().unwrap().with_threads(2);
+    for plan in &mut experiment.schedule.groups {
+        plan.variants = vec![D2::Identity];
+    }
+    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, 5).unwrap();
     let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec()).unwrap();
     assert_eq!(covers.policies(), 4);
     let mut chosen = Vec::new();
@@ -22,6 +25,7 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
         let variant = TaskVariant { group, element };
         let score = evaluator.variant(&mut covers, variant, 1).unwrap();
         assert!(score.success >= 0.9, "{score:?}");
+        assert_eq!(score.seen, element == D2::Identity);
         chosen.push(score.policy);
     }
     chosen.sort_unstable();
