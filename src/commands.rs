@@ -10,7 +10,7 @@ use crate::cli::{TrainOptions, threads};
 use crate::evaluation::Evaluator;
 use crate::report::{rollout_line, score_table, summary_table};
 use crate::run::thread_pool;
-use crate::{Covers, CoversError, Extent, Run, RunFolder};
+use crate::{Covers, CoversError, Extent, Run, RunFolder, Stream};
 
 /// What `covers` does with learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -119,9 +119,10 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let folder = RunFolder::open(&options.run);
     let mut experiment = folder.experiment()?.with_threads(threads(options.threads));
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
+    let spec = Stream::spec_of(&experiment.envs);
+    let (mut covers, _) = Covers::load(&folder.checkpoint(), &spec)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, seed)?;
-    let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec())?;
     let rounds = options.episodes.div_ceil(4 * experiment.envs.num_envs);
     let pool = thread_pool(experiment.envs.threads)?;
     let scores = pool.install(|| evaluator.all(&mut covers, rounds))?;
@@ -135,8 +136,8 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let from = RunFolder::open(&options.run);
     let experiment = from.experiment()?;
-    let evaluator = Evaluator::new(experiment.envs, experiment.schedule.clone(), 0)?;
-    let (covers, note) = Covers::load(&from.checkpoint(), evaluator.spec())?;
+    let spec = Stream::spec_of(&experiment.envs);
+    let (covers, note) = Covers::load(&from.checkpoint(), &spec)?;
     let to = RunFolder::create_exactly(&options.folder)?;
     to.write_experiment(&experiment)?;
     let episodes = options.episodes;

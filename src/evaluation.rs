@@ -3,7 +3,6 @@
 use envs::{EnvError, TaskGroup, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, VectorEnv};
 use serde::Serialize;
 use symmetry::D2;
 
@@ -68,11 +67,6 @@ impl Evaluator {
             schedule,
             seed,
         })
-    }
-
-    /// What the environments show and take.
-    pub fn spec(&self) -> &EnvSpec {
-        self.stream.spec()
     }
 
     /// Scores all variants of the groups of the schedule, with `rounds` episodes in each environment.

@@ -95,10 +95,11 @@ impl Run {
         let mut experiment = folder.experiment()?;
         experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
         experiment.check()?;
-        let parts = Parts::new(&experiment)?;
-        let (covers, note) = Covers::load(&folder.checkpoint(), parts.stream.spec())?;
+        let spec = Stream::spec_of(&experiment.envs);
+        let (covers, note) = Covers::load(&folder.checkpoint(), &spec)?;
         let note: Note = serde_json::from_str(&note)
             .map_err(|error| CoversError::read(&folder.checkpoint(), error))?;
+        let parts = Parts::new(&experiment)?;
         let logs = folder.reopen_logs(note.marks)?;
         Ok(Self::assemble(
             experiment,

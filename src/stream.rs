@@ -30,21 +30,26 @@ impl Stream {
     /// # Errors
     /// What the environments say.
     pub fn new(settings: VecEnvSettings, group: TaskGroup) -> Result<Self, EnvError> {
-        let size = settings.camera.size;
         let mut env = VecEnv::new(settings, group, &D2::ALL)?;
         env.prepare(&TaskGroup::ALL)?;
         Ok(Self {
             env,
-            spec: EnvSpec {
-                num_envs: settings.num_envs,
-                image: [size, size, envs::IMAGE_CHANNELS],
-                vector: envs::VECTOR_IRREPS.to_vec(),
-                action: envs::ACTION_IRREPS.to_vec(),
-            },
+            spec: Self::spec_of(&settings),
             truncated: vec![false; settings.num_envs],
             failures: 0,
             seconds: 0.0,
         })
+    }
+
+    /// What environments of `settings` show and take; starts none.
+    pub fn spec_of(settings: &VecEnvSettings) -> EnvSpec {
+        let size = settings.camera.size;
+        EnvSpec {
+            num_envs: settings.num_envs,
+            image: [size, size, envs::IMAGE_CHANNELS],
+            vector: envs::VECTOR_IRREPS.to_vec(),
+            action: envs::ACTION_IRREPS.to_vec(),
+        }
     }
 
     /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next reset.

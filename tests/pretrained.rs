@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use covers::evaluation::Evaluator;
-use covers::{Covers, RunFolder};
+use covers::{Covers, RunFolder, Stream};
 use envs::{TaskGroup, TaskVariant};
 use symmetry::D2;
 
@@ -17,9 +17,10 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
     for plan in &mut experiment.schedule.groups {
         plan.variants = vec![D2::Identity];
     }
-    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, 5).unwrap();
-    let (mut covers, _) = Covers::load(&folder.checkpoint(), evaluator.spec()).unwrap();
+    let spec = Stream::spec_of(&experiment.envs);
+    let (mut covers, _) = Covers::load(&folder.checkpoint(), &spec).unwrap();
     assert_eq!(covers.policies(), 4);
+    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, 5).unwrap();
     let mut chosen = Vec::new();
     for (group, element) in TaskGroup::ALL.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use covers::cli::StreamOptions;
 use covers::commands::Command;
-use covers::{Covers, CoversSettings, Experiment, Run, RunFolder, Stream, Summary};
-use envs::{Camera, Embodiment, TaskGroup, VecEnvSettings};
-use rl::VectorEnv;
+use covers::{Covers, CoversError, CoversSettings, Experiment, Run, RunFolder, Stream, Summary};
+use envs::{Camera, Embodiment, Layout, VecEnvSettings};
+use rl::EnvSpec;
 use symmetry::Group;
 
 /// A folder of this test's own, gone when it ends.
@@ -35,6 +35,21 @@ impl Drop for Scratch {
 struct Options {
     #[command(subcommand)]
     command: Command,
+}
+
+/// Runs `covers` with these arguments; returns what it printed.
+fn command(arguments: &[&str]) -> Result<String, CoversError> {
+    let mut out = Vec::new();
+    Options::try_parse_from([&["covers"], arguments].concat())
+        .unwrap()
+        .command
+        .run(&mut out)?;
+    Ok(String::from_utf8(out).unwrap())
+}
+
+/// The folder of the policies that come with the project.
+fn pretrained() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained")
 }
 
 const FILES: [&str; 4] = [
@@ -122,15 +137,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let folder = run.folder().path().to_owned();
     finish(run);
     let packed = scratch.0.join("packed");
-    let command = |arguments: &[&str]| {
-        let mut out = Vec::new();
-        Options::try_parse_from([&["covers"], arguments].concat())
-            .unwrap()
-            .command
-            .run(&mut out)
-            .unwrap();
-        String::from_utf8(out).unwrap()
-    };
+    let command = |arguments: &[&str]| command(arguments).unwrap();
     let (folder, packed) = (folder.to_str().unwrap(), packed.to_str().unwrap());
     let said = command(&["pack", folder, packed, "--episodes", "100"]);
     assert!(said.contains("policies in"), "{said}");
@@ -148,6 +155,23 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     assert_ne!(command(&["eval", packed, "--seed", "9", "--json"]), scores);
     let table = command(&["eval", packed, "--embodiment", "hand", "--episodes", "32"]);
     assert_eq!(table.lines().count(), 2 + 4, "{table}");
+}
+
+#[test]
+fn packing_starts_no_environments() {
+    let scratch = Scratch::new("unstarted");
+    // no stream can start in this layout, which has one variant of each group
+    let mut experiment = RunFolder::open(&pretrained()).experiment().unwrap();
+    experiment.envs.layout = Layout::MetaWorld;
+    let folder = RunFolder::create(&scratch.0, "run").unwrap();
+    folder.write_experiment(&experiment).unwrap();
+    let from = RunFolder::open(&pretrained()).checkpoint();
+    fs::copy(from, folder.checkpoint()).unwrap();
+    let (folder, packed) = (folder.path().to_str().unwrap(), scratch.0.join("packed"));
+    let message = command(&["eval", folder]).unwrap_err().to_string();
+    assert!(message.contains("metaworld"), "{message}");
+    let said = command(&["pack", folder, packed.to_str().unwrap()]).unwrap();
+    assert!(said.contains("4 policies in"), "{said}");
 }
 
 #[test]
@@ -230,7 +254,7 @@ fn changes_reach_the_experiment() {
     assert_eq!(experiment.covers.network.group, Group::C1);
 }
 
-fn stream(size: usize) -> Stream {
+fn spec(size: usize) -> EnvSpec {
     let settings = VecEnvSettings {
         num_envs: 2,
         camera: Camera {
@@ -239,12 +263,12 @@ fn stream(size: usize) -> Stream {
         },
         ..VecEnvSettings::default()
     };
-    Stream::new(settings, TaskGroup::GoalReach).unwrap()
+    Stream::spec_of(&settings)
 }
 
 #[test]
 fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
-    let message = Covers::new(CoversSettings::default(), stream(44).spec())
+    let message = Covers::new(CoversSettings::default(), &spec(44))
         .err()
         .unwrap()
         .to_string();
@@ -260,9 +284,6 @@ fn a_rollout_that_does_not_fit_the_environments_is_refused() {
         rollout_steps: 7,
         ..CoversSettings::default()
     };
-    let message = Covers::new(settings, stream(16).spec())
-        .err()
-        .unwrap()
-        .to_string();
+    let message = Covers::new(settings, &spec(16)).err().unwrap().to_string();
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
 }
