@@ -44,15 +44,31 @@ impl Preset {
     }
 }
 
+/// How many threads work.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Threads {
+    /// Worker threads (default: one a processor); results do not depend on them.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+}
+
+impl Threads {
+    /// The number asked for, or one a processor.
+    pub fn count(self) -> usize {
+        let available = || std::thread::available_parallelism().map_or(1, usize::from);
+        self.threads.map_or_else(available, usize::from)
+    }
+}
+
 /// What may differ from a preset.
 #[derive(Clone, Debug, Args)]
 pub struct Changes {
     /// Seed of everything random; equal seeds give equal metrics.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Worker threads (default: one a processor); results do not depend on them.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
     /// What carries the gripper: `sawyer` (the presets') or `hand`.
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
@@ -73,14 +89,8 @@ impl Changes {
         if let Some(group) = self.group {
             experiment = experiment.with_group(group);
         }
-        experiment.with_threads(threads(self.threads))
+        experiment.with_threads(self.threads.count())
     }
-}
-
-/// The number asked for, or one a processor.
-pub(crate) fn threads(asked: Option<u16>) -> usize {
-    let available = || std::thread::available_parallelism().map_or(1, usize::from);
-    asked.map_or_else(available, usize::from)
 }
 
 /// Where results go.

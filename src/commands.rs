@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::Embodiment;
 
-use crate::cli::{TrainOptions, threads};
+use crate::cli::{Threads, TrainOptions};
 use crate::evaluation::Evaluator;
 use crate::report::{rollout_line, score_table, summary_table};
 use crate::run::thread_pool;
@@ -30,9 +30,9 @@ pub enum Command {
 pub struct ResumeOptions {
     /// The run's folder.
     pub run: PathBuf,
-    /// Worker threads (default: one a processor); results do not depend on them.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
@@ -52,9 +52,9 @@ pub struct EvalOptions {
     /// What carries the gripper (default: as in the run).
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
-    /// Worker threads (default: one a processor); results do not depend on them.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
     /// Print one JSON array of the scores of all variants instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -81,7 +81,7 @@ impl Command {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
-                let mut run = Run::resume(&options.run, Some(threads(options.threads)))?;
+                let mut run = Run::resume(&options.run, Some(options.threads.count()))?;
                 finish(&mut run, options.json, out)
             }
             Self::Eval(options) => evaluate(options, out),
@@ -117,7 +117,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<(), CoversE
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let folder = RunFolder::open(&options.run);
-    let mut experiment = folder.experiment()?.with_threads(threads(options.threads));
+    let mut experiment = folder.experiment()?.with_threads(options.threads.count());
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let (mut covers, _) = Covers::load(&folder.checkpoint(), &spec)?;
