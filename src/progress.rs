@@ -20,9 +20,9 @@ pub struct Progress {
     pub success: Option<f64>,
     /// What the learner did.
     pub report: Report,
-    /// Wall-clock seconds of all that the learner did, and those in which the environments worked (physics and pictures).
+    /// Wall-clock seconds of all that the learner did, without the evaluation.
     pub seconds: f64,
-    /// See `seconds`.
+    /// Those of them in which the environments worked (physics and pictures).
     pub environment_seconds: f64,
     /// Scores of all variants, where an evaluation was due after this rollout.
     pub scores: Vec<Score>,
