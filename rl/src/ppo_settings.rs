@@ -57,8 +57,9 @@ impl PpoSettings {
         }
     }
 
-    /// The paper's, with what learned faster in this project's measurements (docs/results/covers.md): learning rates of 1e-3 for the
-    /// heads and 1e-4 for the encoder, a value weight of 0.1, and a discount of 0.95.
+    /// The paper's, with what learned faster here: learning rates of 1e-3 for the heads and 1e-4 for the encoder and a value weight of
+    /// 0.1, from this project's feasibility study (docs/ppo.md), and a discount of 0.95, from the comparison in
+    /// docs/results/covers.md.
     ///
     /// A slow encoder keeps the KL divergence of an update below its limit. Values of many decisions ahead are large, so at a weight
     /// of 0.5 their error takes up almost all of the clipped gradient, and mean actions wander. Rewards are dense and episodes last
