@@ -54,6 +54,15 @@ pub enum CoversError {
         /// The reason.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what learning on takes.
+    #[error(
+        "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
+         resume the run's own folder; `covers eval` takes either", path.display()
+    )]
+    PoliciesOnly {
+        /// The checkpoint.
+        path: PathBuf,
+    },
     /// A file of the run folder.
     #[error("cannot write {}: {source}", path.display())]
     Write {

@@ -1,7 +1,7 @@
 //! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal bytes.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom};
+use std::io::{Error, ErrorKind, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use cluster::{Evidence, PermutationTest};
@@ -80,10 +80,9 @@ impl Log {
     /// Creates the file, or opens it, cut to `mark` bytes.
     fn open(path: PathBuf, mark: Option<u64>) -> Result<Self, CoversError> {
         let file = match mark {
-            None => File::create(&path),
-            Some(mark) => cut(&path, mark),
+            None => File::create(&path).map_err(|error| CoversError::write(&path, error))?,
+            Some(mark) => cut(&path, mark)?,
         };
-        let file = file.map_err(|error| CoversError::write(&path, error))?;
         let headers = mark.unwrap_or(0) == 0;
         let writer = csv::WriterBuilder::new()
             .has_headers(headers)
@@ -111,10 +110,21 @@ impl Log {
     }
 }
 
-fn cut(path: &Path, mark: u64) -> std::io::Result<File> {
-    let mut file = OpenOptions::new().write(true).open(path)?;
-    file.set_len(mark)?;
-    file.seek(SeekFrom::End(0))?;
+/// Opens a file of at least `mark` bytes and forgets those behind.
+fn cut(path: &Path, mark: u64) -> Result<File, CoversError> {
+    let read = |error| CoversError::read(path, error);
+    let mut file = OpenOptions::new().write(true).open(path).map_err(read)?;
+    let length = file.metadata().map_err(read)?.len();
+    // a longer length would fill the gap with zeros
+    if length < mark {
+        let problem = format!(
+            "it holds {length} bytes, the checkpoint expects at least {mark}: put the whole file back"
+        );
+        return Err(read(Error::new(ErrorKind::UnexpectedEof, problem)));
+    }
+    file.set_len(mark)
+        .and_then(|()| file.seek(SeekFrom::End(0)))
+        .map_err(|error| CoversError::write(path, error))?;
     Ok(file)
 }
 

@@ -89,14 +89,15 @@ impl Run {
     /// Goes on from the last checkpoint of the run in `folder`, to the same files byte for byte, timings aside.
     ///
     /// # Errors
-    /// [`CoversError::Read`] where the folder holds no run or a damaged one; what the environments say.
+    /// [`CoversError::Read`] where the folder holds no run or a damaged one, [`CoversError::PoliciesOnly`] where it is a packed one; what
+    /// the environments say.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, CoversError> {
         let folder = RunFolder::open(folder);
         let mut experiment = folder.experiment()?;
         experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
         experiment.check()?;
         let spec = Stream::spec_of(&experiment.envs);
-        let (covers, note) = Covers::load(&folder.checkpoint(), &spec)?;
+        let (covers, note) = Covers::load_everything(&folder.checkpoint(), &spec)?;
         let note: Note = serde_json::from_str(&note)
             .map_err(|error| CoversError::read(&folder.checkpoint(), error))?;
         let parts = Parts::new(&experiment)?;

@@ -158,6 +158,14 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
 }
 
 #[test]
+fn a_packed_folder_is_not_resumed_and_says_what_is() {
+    let message = Run::resume(&pretrained(), None).err().unwrap().to_string();
+    for part in ["checkpoint.safetensors", "policies only", "`covers eval`"] {
+        assert!(message.contains(part), "{message}");
+    }
+}
+
+#[test]
 fn packing_starts_no_environments() {
     let scratch = Scratch::new("unstarted");
     // no stream can start in this layout, which has one variant of each group
@@ -205,6 +213,37 @@ fn a_damaged_checkpoint_is_refused_and_named() {
     fs::create_dir(&empty).unwrap();
     let message = Run::resume(&empty, None).err().unwrap().to_string();
     assert!(message.contains("experiment.json"), "{message}");
+}
+
+#[test]
+fn a_run_whose_rows_are_lost_is_refused_and_the_file_named() {
+    let scratch = Scratch::new("rows");
+    let mut run = start(&scratch.0, experiment(0, 2));
+    for _ in 0..3 {
+        run.advance().unwrap();
+    }
+    let folder = run.folder().path().to_owned();
+    drop(run);
+    let path = folder.join("evaluation.csv");
+    let whole = fs::read(&path).unwrap();
+    let refuse = || {
+        let error = Run::resume(&folder, None).err().unwrap();
+        assert!(matches!(error, CoversError::Read { .. }), "{error}");
+        error.to_string()
+    };
+    let short = &whole[..whole.len() - 1];
+    fs::write(&path, short).unwrap();
+    let message = refuse();
+    assert!(
+        message.contains(&path.display().to_string())
+            && message.contains(&format!("at least {}", whole.len())),
+        "{message}"
+    );
+    assert_eq!(fs::read(&path).unwrap(), short, "left as it is");
+    fs::remove_file(&path).unwrap();
+    assert!(refuse().contains(&path.display().to_string()));
+    fs::write(&path, &whole).unwrap();
+    assert_eq!(Run::resume(&folder, None).unwrap().ledger().rollouts, 3);
 }
 
 #[test]

@@ -83,8 +83,35 @@ impl Covers {
     /// # Errors
     /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
+        Self::load_if(path, spec, |_| Ok(()))
+    }
+
+    /// As [`Covers::load`], for a copy that learns on to the same bits.
+    ///
+    /// # Errors
+    /// As there, and [`CoversError::PoliciesOnly`] for a file of [`Extent::Policies`].
+    pub(crate) fn load_everything(
+        path: &Path,
+        spec: &EnvSpec,
+    ) -> Result<(Self, String), CoversError> {
+        Self::load_if(path, spec, |header| {
+            if header.members.iter().all(|m| m.adam_steps.is_some()) {
+                return Ok(());
+            }
+            Err(CoversError::PoliciesOnly {
+                path: path.to_owned(),
+            })
+        })
+    }
+
+    fn load_if(
+        path: &Path,
+        spec: &EnvSpec,
+        check: impl Fn(&Header<'_>) -> Result<(), CoversError>,
+    ) -> Result<(Self, String), CoversError> {
         let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
         let (header, file) = decode(&bytes).map_err(|error| CoversError::read(path, error))?;
+        check(&header)?;
         let settings = header.settings.into_owned();
         let arrays = Arrays {
             path,
