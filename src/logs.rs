@@ -28,17 +28,9 @@ pub(crate) struct Marks {
 }
 
 impl Logs {
-    /// Creates `metrics.csv`, one row a rollout, `evaluation.csv`, one row a variant, and `timings.csv`, one row a rollout.
-    pub(crate) fn create(folder: &Path) -> Result<Self, CoversError> {
-        Self::open(folder, None)
-    }
-
-    /// Opens the files of an interrupted run and cuts them to `marks`.
-    pub(crate) fn reopen(folder: &Path, marks: Marks) -> Result<Self, CoversError> {
-        Self::open(folder, Some(marks))
-    }
-
-    fn open(folder: &Path, marks: Option<Marks>) -> Result<Self, CoversError> {
+    /// Creates `metrics.csv`, one row a rollout, `evaluation.csv`, one row a variant, and `timings.csv`, one row a rollout; or opens
+    /// those of an interrupted run and cuts them to `marks`.
+    pub(crate) fn open(folder: &Path, marks: Option<Marks>) -> Result<Self, CoversError> {
         let open =
             |name: &str, mark: fn(Marks) -> u64| Log::open(folder.join(name), marks.map(mark));
         Ok(Self {

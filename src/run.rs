@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use rayon::ThreadPool;
-use rl::VectorEnv;
 use serde::{Deserialize, Serialize};
 
 use crate::evaluation::{Evaluator, GroupScore, Score, by_group};
@@ -73,17 +72,9 @@ impl Run {
         folder.write_experiment(&experiment)?;
         // First of all, while the process has one thread: loading a model tunes software rendering by an environment variable.
         folder.write_png("contact_sheet.png", &contact_sheet(&experiment.envs)?)?;
-        let logs = folder.logs()?;
-        let parts = Parts::new(&experiment)?;
-        let covers = Covers::new(experiment.covers.clone(), parts.stream.spec())?;
-        Ok(Self::assemble(
-            experiment,
-            folder,
-            logs,
-            parts,
-            covers,
-            Ledger::default(),
-        ))
+        let spec = Stream::spec_of(&experiment.envs);
+        let covers = Covers::new(experiment.covers.clone(), &spec)?;
+        Self::assemble(experiment, folder, covers, Ledger::default(), None)
     }
 
     /// Goes on from the last checkpoint of the run in `folder`, to the same files byte for byte, timings aside.
@@ -100,38 +91,33 @@ impl Run {
         let (covers, note) = Covers::load_everything(&folder.checkpoint(), &spec)?;
         let note: Note = serde_json::from_str(&note)
             .map_err(|error| CoversError::read(&folder.checkpoint(), error))?;
-        let parts = Parts::new(&experiment)?;
-        let logs = folder.reopen_logs(note.marks)?;
-        Ok(Self::assemble(
-            experiment,
-            folder,
-            logs,
-            parts,
-            covers,
-            note.ledger,
-        ))
+        Self::assemble(experiment, folder, covers, note.ledger, Some(note.marks))
     }
 
     fn assemble(
         experiment: Experiment,
         folder: RunFolder,
-        logs: Logs,
-        parts: Parts,
         covers: Covers,
         ledger: Ledger,
-    ) -> Self {
-        Self {
+        marks: Option<Marks>,
+    ) -> Result<Self, CoversError> {
+        let (envs, schedule) = (experiment.envs, experiment.schedule.clone());
+        // environments before threads: the first model of a process tunes software rendering
+        let stream = Stream::new(envs, schedule.groups[0].group)?;
+        let evaluator = Evaluator::new(envs, schedule, experiment.evaluation_seed())?;
+        Ok(Self {
             visits: experiment.visits(),
             experiment,
+            pool: thread_pool(envs.threads)?,
+            stream,
+            evaluator,
+            // last: rows are cut off only where nothing else can fail
+            logs: folder.logs(marks)?,
             folder,
-            logs,
-            pool: parts.pool,
-            stream: parts.stream,
-            evaluator: parts.evaluator,
             covers,
             ledger,
             last_scores: Vec::new(),
-        }
+        })
     }
 
     /// The settings.
@@ -256,28 +242,6 @@ impl Run {
             return_accuracy: ledger.return_accuracy(),
             groups: by_group(&self.last_scores),
             variants: self.last_scores.clone(),
-        })
-    }
-}
-
-/// What a run is made of beside the learner and the files.
-struct Parts {
-    pool: ThreadPool,
-    stream: Stream,
-    evaluator: Evaluator,
-}
-
-impl Parts {
-    fn new(experiment: &Experiment) -> Result<Self, CoversError> {
-        let group = experiment.schedule.groups[0].group;
-        // environments before threads: the first model of a process tunes software rendering
-        let stream = Stream::new(experiment.envs, group)?;
-        let (schedule, seed) = (experiment.schedule.clone(), experiment.evaluation_seed());
-        let evaluator = Evaluator::new(experiment.envs, schedule, seed)?;
-        Ok(Self {
-            pool: thread_pool(experiment.envs.threads)?,
-            stream,
-            evaluator,
         })
     }
 }

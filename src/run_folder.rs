@@ -86,12 +86,8 @@ impl RunFolder {
         std::fs::write(&path, text).map_err(|error| CoversError::write(&path, error))
     }
 
-    pub(crate) fn logs(&self) -> Result<Logs, CoversError> {
-        Logs::create(&self.path)
-    }
-
-    pub(crate) fn reopen_logs(&self, marks: Marks) -> Result<Logs, CoversError> {
-        Logs::reopen(&self.path, marks)
+    pub(crate) fn logs(&self, marks: Option<Marks>) -> Result<Logs, CoversError> {
+        Logs::open(&self.path, marks)
     }
 
     /// Writes a picture.
