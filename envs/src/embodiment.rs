@@ -4,33 +4,12 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::EnvError;
+use crate::mjcf::{Mjcf, part, parts};
 
-/// A file of `assets/mjcf` and its text.
-pub(crate) type Mjcf = (&'static str, &'static str);
-
-const SAWYER: Mjcf = ("sawyer.xml", include_str!("../../assets/mjcf/sawyer.xml"));
-const HAND: Mjcf = ("hand.xml", include_str!("../../assets/mjcf/hand.xml"));
-macro_rules! part {
-    ($folder:literal, $file:literal) => {
-        (
-            $file,
-            include_str!(concat!("../../assets/mjcf/", $folder, "/", $file)),
-        )
-    };
-}
-
-macro_rules! parts {
-    ($folder:literal) => {
-        [
-            part!($folder, "contacts.xml"),
-            part!($folder, "drawer_stop.xml"),
-            part!($folder, "puck.xml"),
-        ]
-    };
-}
-
-const OF_SAWYER: [Mjcf; 3] = parts!("sawyer");
-const OF_HAND: [Mjcf; 3] = parts!("hand");
+const SAWYER: Mjcf = part!("sawyer.xml");
+const HAND: Mjcf = part!("hand.xml");
+const OF_SAWYER: [Mjcf; 3] = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
+const OF_HAND: [Mjcf; 3] = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
 
 /// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`](crate::HAND_START).
 const SAWYER_POSTURE: [(&str, f64); 7] = [

@@ -4,34 +4,17 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
-use crate::embodiment::{Embodiment, Mjcf};
+use crate::embodiment::Embodiment;
+use crate::mjcf::{Mjcf, part, parts};
 use crate::task::{TaskGroup, TaskVariant};
 use crate::{Dynamics, EnvError, HAND_START};
 
-macro_rules! part {
-    ($folder:literal, $file:literal) => {
-        (
-            $file,
-            include_str!(concat!("../../assets/mjcf/", $folder, "/", $file)),
-        )
-    };
-}
-
-macro_rules! parts {
-    ($folder:literal) => {
-        [
-            part!($folder, "left_finger.xml"),
-            part!($folder, "plunger.xml"),
-            part!($folder, "handle.xml"),
-            part!($folder, "bars.xml"),
-        ]
-    };
-}
-
-const SYMMETRIC: [Mjcf; 4] = parts!("symmetric");
-const META_WORLD: [Mjcf; 4] = parts!("metaworld");
-const STOCK_ARM: Mjcf = part!("metaworld", "sawyer.xml");
-const DECOY: Mjcf = part!("metaworld", "decoy.xml");
+const SYMMETRIC: [Mjcf; 4] =
+    parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "symmetric");
+const META_WORLD: [Mjcf; 4] =
+    parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
+const STOCK_ARM: Mjcf = part!("sawyer.xml" in "metaworld");
+const DECOY: Mjcf = part!("decoy.xml" in "metaworld");
 
 /// Physics steps until a hand is at rest at its start: 10 s.
 const SETTLED: usize = 4000;

@@ -38,6 +38,7 @@ mod embodiment;
 mod error;
 pub mod inpainting;
 mod layout;
+mod mjcf;
 mod picture;
 pub mod reward;
 mod scene;

@@ -8,8 +8,9 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::EnvError;
 use crate::camera::Camera;
-use crate::embodiment::{Embodiment, Mjcf};
+use crate::embodiment::Embodiment;
 use crate::layout::{Layout, Settling};
+use crate::mjcf::{Mjcf, part};
 use crate::task::{Placement, TaskGroup};
 
 /// Where the hand's target stands at the start of every episode of the symmetric layout (metres): over the centre, clear of an open drawer.
@@ -17,8 +18,9 @@ pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
-const ARENA: Mjcf = ("arena.xml", include_str!("../../assets/mjcf/arena.xml"));
-const GRIPPER: Mjcf = ("gripper.xml", include_str!("../../assets/mjcf/gripper.xml"));
+const ARENA: Mjcf = part!("arena.xml");
+const GRIPPER: Mjcf = part!("gripper.xml");
+
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
 pub struct Scene {

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, STOCK_X, uniform};
+use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
@@ -26,10 +27,7 @@ const PRESSED: f64 = 0.005;
 const NEAR: f64 = 0.05;
 
 const PARTS: Parts = Parts {
-    scene: Some((
-        "button_press.xml",
-        include_str!("../../../assets/mjcf/button_press.xml"),
-    )),
+    scene: Some(part!("button_press.xml")),
     object_body: Some("button"),
     object_offset: CAP,
     start_joints: &[],

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use crate::mjcf::part;
 use crate::reward::{gaussian, hamacher, long_tail};
 use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
@@ -22,10 +23,7 @@ const SUCCESS: f64 = 0.065;
 const NEAR: f64 = 0.005;
 
 const PARTS: Parts = Parts {
-    scene: Some((
-        "drawer_close.xml",
-        include_str!("../../../assets/mjcf/drawer_close.xml"),
-    )),
+    scene: Some(part!("drawer_close.xml")),
     object_body: Some("drawer"),
     object_offset: HANDLE,
     start_joints: &[("slide", OPEN)],

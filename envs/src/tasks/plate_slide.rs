@@ -4,6 +4,7 @@ use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::scene::HAND_START;
 use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
@@ -22,10 +23,7 @@ const POST: DVec2 = DVec2::new(0.045, 0.17);
 const SLOWLY: f64 = 0.01;
 
 const PARTS: Parts = Parts {
-    scene: Some((
-        "plate_slide.xml",
-        include_str!("../../../assets/mjcf/plate_slide.xml"),
-    )),
+    scene: Some(part!("plate_slide.xml")),
     object_body: Some("puck"),
     object_offset: DVec3::ZERO,
     start_joints: &[],
