@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::EnvError;
+use crate::batch::Batch;
 use crate::picture::{Painter, RGB, stack};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
@@ -46,39 +47,29 @@ pub(crate) struct Reply {
 /// The worker's share of a batch; sent back and forth, so that nothing is allocated per step.
 pub(crate) struct Rows {
     pub actions: Vec<f32>,
-    pub images: Vec<u8>,
-    pub vectors: Vec<f32>,
-    pub final_images: Vec<u8>,
-    pub final_vectors: Vec<f32>,
-    pub rewards: Vec<f32>,
-    pub success: Vec<bool>,
-    pub truncated: Vec<bool>,
+    pub batch: Batch,
     pub failures: Vec<Failure>,
 }
 
 impl Rows {
-    pub(crate) fn new(envs: usize, image_len: usize) -> Self {
+    /// Rows for as many environments as `settings` say.
+    pub(crate) fn new(settings: &VecEnvSettings) -> Self {
         Self {
-            actions: vec![0.0; envs * ACTION_DIM],
-            images: vec![0; envs * image_len],
-            vectors: vec![0.0; envs * VECTOR_DIM],
-            final_images: vec![0; envs * image_len],
-            final_vectors: vec![0.0; envs * VECTOR_DIM],
-            rewards: vec![0.0; envs],
-            success: vec![false; envs],
-            truncated: vec![false; envs],
+            actions: vec![0.0; settings.num_envs * ACTION_DIM],
+            batch: Batch::new(settings),
             failures: Vec::new(),
         }
     }
 
     /// Ends the episode of `row` at its last observation, as a time-out would.
     fn end_early(&mut self, row: usize) {
-        let image = self.images.len() / self.rewards.len();
-        copy_row(&self.images, &mut self.final_images, row, image);
-        copy_row(&self.vectors, &mut self.final_vectors, row, VECTOR_DIM);
-        self.rewards[row] = 0.0;
-        self.success[row] = false;
-        self.truncated[row] = true;
+        let batch = &mut self.batch;
+        let image = batch.images.len() / batch.rewards.len();
+        copy_row(&batch.images, &mut batch.final_images, row, image);
+        copy_row(&batch.vectors, &mut batch.final_vectors, row, VECTOR_DIM);
+        batch.rewards[row] = 0.0;
+        batch.success[row] = false;
+        batch.truncated[row] = true;
     }
 }
 
@@ -182,7 +173,7 @@ impl Share {
             if !self.attempt(row, rows, Self::decide)? {
                 rows.end_early(row);
             }
-            if rows.truncated[row] {
+            if rows.batch.truncated[row] {
                 self.attempt(row, rows, Self::begin)?;
             }
         }
@@ -224,9 +215,9 @@ impl Share {
         table.reset(element, &mut slot.rng)?;
         painter.paint_backdrop(table, &mut slot.backdrop)?;
         painter.paint_over(table, &mut slot.backdrop, &mut slot.first)?;
-        let image = chunk(&mut rows.images, row, self.settings.image_len());
+        let image = chunk(&mut rows.batch.images, row, self.settings.image_len());
         stack(&slot.first, &slot.first, image);
-        chunk(&mut rows.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
+        chunk(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
         Ok(())
     }
 
@@ -244,13 +235,14 @@ impl Share {
         let step = table.step(&action)?;
         let vector = table.observe()?;
         painter.paint_over(table, &mut slot.backdrop, &mut self.picture)?;
-        rows.rewards[row] = step.reward as f32;
-        rows.success[row] = step.success;
-        rows.truncated[row] = step.truncated;
+        let batch = &mut rows.batch;
+        batch.rewards[row] = step.reward as f32;
+        batch.success[row] = step.success;
+        batch.truncated[row] = step.truncated;
         let (images, vectors) = if step.truncated {
-            (&mut rows.final_images, &mut rows.final_vectors)
+            (&mut batch.final_images, &mut batch.final_vectors)
         } else {
-            (&mut rows.images, &mut rows.vectors)
+            (&mut batch.images, &mut batch.vectors)
         };
         let image = chunk(images, row, self.settings.image_len());
         stack(&self.picture, &slot.first, image);

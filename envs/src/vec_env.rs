@@ -158,9 +158,9 @@ impl VecEnv {
         self.copy_finals(out.final_observations);
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let envs = worker.envs.clone();
-            out.rewards[envs.clone()].copy_from_slice(&rows.rewards);
-            out.success[envs.clone()].copy_from_slice(&rows.success);
-            out.truncated[envs].copy_from_slice(&rows.truncated);
+            out.rewards[envs.clone()].copy_from_slice(&rows.batch.rewards);
+            out.success[envs.clone()].copy_from_slice(&rows.batch.success);
+            out.truncated[envs].copy_from_slice(&rows.batch.truncated);
         }
         self.copy_observations(out.observations);
         Ok(&self.failures)
@@ -193,8 +193,12 @@ impl VecEnv {
     /// Makes one set of rows a worker, at first and after a worker was lost.
     fn prepare_rows(&mut self) {
         if self.rows.len() != self.workers.len() {
-            let image = self.settings.image_len();
-            let rows = |worker: &Worker| Rows::new(worker.envs.len(), image);
+            let rows = |worker: &Worker| {
+                Rows::new(&VecEnvSettings {
+                    num_envs: worker.envs.len(),
+                    ..self.settings
+                })
+            };
             self.rows = self.workers.iter().map(rows).collect();
         }
     }
@@ -214,8 +218,8 @@ impl VecEnv {
         let image = self.settings.image_len();
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let (start, end) = (worker.envs.start, worker.envs.end);
-            out.images[start * image..end * image].copy_from_slice(&rows.images);
-            out.vectors[start * VECTOR_DIM..end * VECTOR_DIM].copy_from_slice(&rows.vectors);
+            out.images[start * image..end * image].copy_from_slice(&rows.batch.images);
+            out.vectors[start * VECTOR_DIM..end * VECTOR_DIM].copy_from_slice(&rows.batch.vectors);
         }
     }
 
@@ -223,9 +227,9 @@ impl VecEnv {
         let image = self.settings.image_len();
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             for (row, env) in worker.envs.clone().enumerate() {
-                if rows.truncated[row] {
-                    copy_row(&rows.final_images, row, out.images, env, image);
-                    copy_row(&rows.final_vectors, row, out.vectors, env, VECTOR_DIM);
+                if rows.batch.truncated[row] {
+                    copy_row(&rows.batch.final_images, row, out.images, env, image);
+                    copy_row(&rows.batch.final_vectors, row, out.vectors, env, VECTOR_DIM);
                 }
             }
         }
