@@ -54,13 +54,30 @@ impl Studio {
     }
 }
 
-/// Pixels in which a variant's picture differs from the mirrored canonical one.
-fn differing_pixels(pictures: &[Vec<u8>], element: D2, size: usize) -> usize {
-    let mirrored = element.transform_image(&pictures[0], size, size, RGB);
-    let pixels = pictures[element.bits()]
-        .chunks(RGB)
-        .zip(mirrored.chunks(RGB));
+/// What the four variants should look like: the canonical picture, mirrored.
+fn mirrored(pictures: &[Vec<u8>], size: usize) -> [Vec<u8>; 4] {
+    D2::ALL.map(|element| element.transform_image(&pictures[0], size, size, RGB))
+}
+
+/// Pixels in which two pictures differ.
+fn differing_pixels(a: &[u8], b: &[u8]) -> usize {
+    let pixels = a.chunks(RGB).zip(b.chunks(RGB));
     pixels.filter(|(a, b)| a != b).count()
+}
+
+/// Of the pictures, a few alone may differ, and they by an edge.
+///
+/// OpenGL snaps vertices to 1/256 pixel and gives an edge through a pixel's centre to one side only, so about one placement in
+/// fifteen has an edge whose mirror image falls to the other side.
+fn assert_few_and_off_by_an_edge(differing: &[usize], size: usize) {
+    let (index, most) = differing.iter().enumerate().max_by_key(|d| d.1).unwrap();
+    assert!(*most <= size / 2, "{most} pixels of picture {index}");
+    let pictures = differing.len();
+    let inexact = differing.iter().filter(|&&pixels| pixels > 0).count();
+    assert!(
+        inexact > 0 && inexact * 8 < pictures,
+        "{inexact} of {pictures} pictures"
+    );
 }
 
 #[test]
@@ -71,10 +88,11 @@ fn variants_are_mirror_images_bit_for_bit() {
                 let mut studio = Studio::new(group, embodiment, size);
                 for seed in seeds.clone() {
                     let pictures = studio.pictures(seed);
-                    for element in D2::ALL {
-                        let differing = differing_pixels(&pictures, element, size);
+                    let mirrored = mirrored(&pictures, size);
+                    for (i, element) in D2::ALL.into_iter().enumerate() {
                         assert_eq!(
-                            differing, 0,
+                            differing_pixels(&pictures[i], &mirrored[i]),
+                            0,
                             "{group} {embodiment} {element} at {size} pixels, seed {seed}"
                         );
                     }
@@ -84,31 +102,19 @@ fn variants_are_mirror_images_bit_for_bit() {
     }
 }
 
-/// OpenGL snaps vertices to 1/256 pixel and gives an edge through a pixel's centre to one side only, so about one placement in
-/// fifteen has an edge whose mirror image falls to the other side. Nothing but such edges may differ.
 #[test]
 fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edge() {
     let size = 48;
-    let (mut pictures, mut inexact) = (0, 0);
+    let mut differing = Vec::new();
     for group in TaskGroup::ALL {
         let mut studio = Studio::new(group, Embodiment::Sawyer, size);
         for seed in 0..25 {
-            let variants = studio.pictures(seed);
-            for element in D2::ALL {
-                let differing = differing_pixels(&variants, element, size);
-                assert!(
-                    differing <= size / 2,
-                    "{group} {element}, seed {seed}: {differing}"
-                );
-                pictures += 1;
-                inexact += usize::from(differing > 0);
-            }
+            let pictures = studio.pictures(seed);
+            let pairs = pictures.iter().zip(mirrored(&pictures, size));
+            differing.extend(pairs.map(|(a, b)| differing_pixels(a, &b)));
         }
     }
-    assert!(
-        inexact > 0 && inexact * 8 < pictures,
-        "{inexact} of {pictures} pictures"
-    );
+    assert_few_and_off_by_an_edge(&differing, size);
 }
 
 /// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what carries the gripper.
@@ -121,30 +127,17 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
         },
         ..Camera::default()
     };
-    let (mut pictures, mut inexact) = (0, 0);
+    let mut differing = Vec::new();
     for group in TaskGroup::ALL {
-        let [mut mirrored, mut direct] =
+        let [mut direct, mut mirrored] =
             Embodiment::ALL.map(|embodiment| Studio::seen_by(group, embodiment, camera));
         for seed in 0..25 {
-            for (a, b) in mirrored.pictures(seed).iter().zip(direct.pictures(seed)) {
-                let differing = a
-                    .chunks(RGB)
-                    .zip(b.chunks(RGB))
-                    .filter(|(a, b)| a != b)
-                    .count();
-                assert!(
-                    differing <= camera.size / 2,
-                    "{group}, seed {seed}: {differing}"
-                );
-                pictures += 1;
-                inexact += usize::from(differing > 0);
-            }
+            let pictures = direct.pictures(seed);
+            let pairs = pictures.iter().zip(mirrored.pictures(seed));
+            differing.extend(pairs.map(|(a, b)| differing_pixels(a, &b)));
         }
     }
-    assert!(
-        inexact > 0 && inexact * 8 < pictures,
-        "{inexact} of {pictures} pictures"
-    );
+    assert_few_and_off_by_an_edge(&differing, camera.size);
 }
 
 /// Of a whole episode, in which the expert moves the objects.
