@@ -111,7 +111,7 @@ impl Run {
             pool: thread_pool(envs.threads)?,
             stream,
             evaluator,
-            // last: rows are cut off only where nothing else can fail
+            // last: where anything else fails, no rows are cut off
             logs: folder.logs(marks)?,
             folder,
             covers,
