@@ -42,6 +42,29 @@ pub struct EvaluationPlan {
     pub rounds: usize,
     /// As many after each visit; none where it is 0.
     pub visit_rounds: usize,
+    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the stream, each as after a visit. Without a
+    /// number there are none within visits.
+    #[serde(default)]
+    pub every: Option<usize>,
+}
+
+impl EvaluationPlan {
+    /// After the stream alone.
+    const AT_THE_END: Self = Self {
+        rounds: 1,
+        visit_rounds: 0,
+        every: None,
+    };
+
+    /// Rounds of the evaluation after `rollouts` rollouts within a visit.
+    pub(crate) fn within_visit(&self, rollouts: usize) -> usize {
+        let due = |every| rollouts.is_multiple_of(every);
+        if self.every.is_some_and(due) {
+            self.visit_rounds
+        } else {
+            0
+        }
+    }
 }
 
 impl Experiment {
@@ -53,10 +76,6 @@ impl Experiment {
         experiment.covers.rollout_steps = 8 * 10;
         experiment.covers.ppo.epochs = 1;
         experiment.schedule = Schedule::shuffled(1, [2; 4]);
-        experiment.evaluation = EvaluationPlan {
-            rounds: 1,
-            visit_rounds: 0,
-        };
         experiment.checkpoint_every = 3;
         experiment
     }
@@ -67,10 +86,7 @@ impl Experiment {
             covers: CoversSettings::default(),
             envs: VecEnvSettings::default(),
             schedule: Schedule::shuffled(2, [10, 5, 14, 5]),
-            evaluation: EvaluationPlan {
-                rounds: 1,
-                visit_rounds: 0,
-            },
+            evaluation: EvaluationPlan::AT_THE_END,
             checkpoint_every: 10,
         }
     }
@@ -78,10 +94,11 @@ impl Experiment {
     /// About a quarter of an hour on two cores: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
-            schedule: Schedule::shuffled(3, [8, 30, 12, 50]),
+            schedule: Schedule::shuffled(3, [8, 36, 12, 40]),
             evaluation: EvaluationPlan {
                 rounds: 2,
                 visit_rounds: 1,
+                every: None,
             },
             ..Self::short()
         }
@@ -136,6 +153,7 @@ impl Experiment {
     pub fn check(&self) -> Result<(), CoversError> {
         for (name, value) in [
             ("evaluation.rounds", self.evaluation.rounds),
+            ("evaluation.every", self.evaluation.every.unwrap_or(1)),
             ("checkpoint_every", self.checkpoint_every),
         ] {
             if value == 0 {
@@ -199,9 +217,10 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 4] = [
+        let cases: [Spoil; 5] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
+            |e| e.evaluation.every = Some(0),
             |e| e.checkpoint_every = 0,
             |e| e.envs.threads = 0,
         ];

@@ -156,7 +156,10 @@ impl Run {
         let rounds = match (last, last_of_visit) {
             (true, _) => self.experiment.evaluation.rounds,
             (false, true) => self.experiment.evaluation.visit_rounds,
-            (false, false) => 0,
+            (false, false) => self
+                .experiment
+                .evaluation
+                .within_visit(self.ledger.rollouts),
         };
         if rounds > 0 {
             progress.scores = self.evaluate(rounds)?;

@@ -59,10 +59,11 @@ const FILES: [&str; 4] = [
     "contact_sheet.png",
 ];
 
-/// A run over all four groups, evaluated after each visit.
+/// A run over all four groups with visits of 2 rollouts, evaluated after each visit and after every third rollout.
 fn experiment(seed: u64, threads: usize) -> Experiment {
     let mut experiment = Experiment::smoke().with_seed(seed).with_threads(threads);
     experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.every = Some(3);
     experiment
 }
 
@@ -77,6 +78,10 @@ fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
     (run.summary().unwrap(), bytes.to_vec())
 }
 
+fn lines(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|&&byte| byte == b'\n').count()
+}
+
 #[test]
 fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let scratch = Scratch::new("bytes");
@@ -89,7 +94,6 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let (summary, reference) = whole(3, 1);
     assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
-    let lines = |bytes: &[u8]| bytes.iter().filter(|&&byte| byte == b'\n').count();
     assert_eq!(lines(&reference[1]), 1 + 8, "a header and a line a rollout");
     assert_eq!(
         lines(&reference[2]),
@@ -105,6 +109,8 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
+    let evaluated = [2, 3, 4, 6, 8];
+    assert_eq!(lines(&reference[2]), 1 + 16 * evaluated.len());
     let mut run = start(&scratch.0, experiment(3, 2));
     // checkpoints are written after 3 and 6 rollouts: the rows behind are written twice
     for _ in 0..5 {
