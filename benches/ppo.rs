@@ -61,7 +61,7 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
         let update = |fresh: Result<(Ppo, ActorCriticPolicy, ChaCha8Rng), RlError>| {
             let stats =
                 fresh.and_then(|(mut ppo, mut p, mut rng)| ppo.update(&mut p, &buffer, &mut rng));
-            assert!(stats.is_ok_and(|stats| stats.epochs == 8));
+            assert!(stats.is_ok_and(|stats| stats.epochs == PpoSettings::default().epochs));
         };
         b.iter_batched(fresh, update, BatchSize::PerIteration);
     });

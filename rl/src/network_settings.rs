@@ -30,7 +30,7 @@ pub struct NetworkSettings {
     ///     ActorCritic::<f32>::new(&settings, &spec).map(|network| network.num_params())
     /// };
     /// let counts = [parameters(Group::D2)?, parameters(Group::C2)?, parameters(Group::C1)?];
-    /// assert_eq!(counts, [58_193, 116_253, 232_375]);
+    /// assert_eq!(counts, [62_225, 124_445, 248_887]);
     /// # Ok::<(), rl::RlError>(())
     /// ```
     ///
@@ -92,7 +92,7 @@ impl Default for NetworkSettings {
             top_fields: 32,
             vector_fields: 32,
             actor_fields: 32,
-            critic: Critic::Pooled { width: 64 },
+            critic: Critic::Joint { fields: 32 },
             action_gain: 0.01,
             value_gain: 1.0,
             log_std: -0.5,
@@ -101,7 +101,7 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`]; heads as in the default.
+    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`], and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
             encoder: Encoder::Pooled {
@@ -109,6 +109,7 @@ impl NetworkSettings {
                 inner: [128, 64],
             },
             top_fields: 64,
+            critic: Critic::Pooled { width: 64 },
             ..Self::default()
         }
     }

@@ -42,13 +42,13 @@ fn networks() -> [NetworkSettings; 4] {
         NetworkSettings::default(),
         pooled,
         NetworkSettings::keypoints(),
-        with_joint_critic(),
+        with_pooled_critic(),
     ]
 }
 
-fn with_joint_critic() -> NetworkSettings {
+fn with_pooled_critic() -> NetworkSettings {
     NetworkSettings {
-        critic: Critic::Joint { fields: 32 },
+        critic: Critic::Pooled { width: 64 },
         ..NetworkSettings::default()
     }
 }
@@ -238,9 +238,9 @@ fn the_check_of_the_mean_fails_for_a_wrong_group_action() {
 fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
     for g in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
         let of = |settings| errors_of(&mut policy_of(&settings), D2::Identity, g, g);
-        let [_, papers, features] = of(NetworkSettings::default());
+        let [_, papers, features] = of(with_pooled_critic());
         assert!(papers < TOLERANCE && features < TOLERANCE, "{g}");
-        let [_, joint, features] = of(with_joint_critic());
+        let [_, joint, features] = of(NetworkSettings::default());
         assert!(
             joint > 100.0 * TOLERANCE && features < TOLERANCE,
             "{g}: {joint}"
