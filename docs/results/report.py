@@ -63,6 +63,15 @@ class Run:
                 yield visit, home[group]
             home.setdefault(group, visit[-1]["policy"])
 
+    def learning_curve(self, group):
+        """Rollouts that `group` had had, and its success, in each evaluation while it ran."""
+        had = 0
+        for row in self.metrics:
+            if row["group"] == group:
+                had += 1
+                if figures := self.evaluation(row["rollout"], group):
+                    yield had, figures[0]
+
     def evaluation(self, rollout, group):
         """Success and reward of `group` in the evaluation after `rollout`, variants alike; none where there was none."""
         rows = [s for s in self.scores if s["rollout"] == rollout and s["group"] == group]
@@ -109,6 +118,10 @@ class Run:
         pyplot.close(figure)
 
 
+def groups_of(runs):
+    return [group for group in GROUPS if any(s["group"] == group for run in runs for s in run.final)]
+
+
 def interval(runs, group, key, draws=10000):
     """Percentile interval (95 %) of the mean: seeds are resampled, then variants within each."""
     rng = np.random.default_rng(0)
@@ -130,7 +143,7 @@ def result_table(runs):
     print("| group | episodes | success | 95 % | IQM | at end | reward of 500 | 95 % | paper: success, reward |")
     print("|---|---|---|---|---|---|---|---|---|")
     total = []
-    for group in GROUPS:
+    for group in groups_of(runs):
         rows = [s for run in runs for s in run.final if s["group"] == group]
         success, at_end, reward = (np.mean([s[key] for s in rows]) for key in ("success", "success_at_end", "reward"))
         low, high = interval(runs, group, "success")
@@ -156,7 +169,7 @@ def seed_table(runs):
         right = [row["policy"] == home for visit, home in returns for row in visit]
         noticed = [visit[0]["policy"] == home for visit, home in returns]
         losses = []
-        for group in GROUPS:
+        for group in groups_of(runs):
             ends = [v[-1]["rollout"] for v in run.visits if v[0]["group"] == group]
             after, final = run.evaluation(ends[-1], group), run.evaluation(run.final[0]["rollout"], group)
             if after:
@@ -184,13 +197,22 @@ def time_table(runs):
 
 def variant_table(runs):
     print("| group | identity | flip x | flip y | half turn |\n|---|---|---|---|---|")
-    for group in GROUPS:
+    for group in groups_of(runs):
         cells = []
         for element in ["identity", "flip x", "flip y", "half turn"]:
             rows = [s for run in runs for s in run.final if s["group"] == group and s["element"] == element]
             text = f"{np.mean([s['success'] for s in rows]):.3f}"
             cells.append(text if rows[0]["seen"] == "true" else f"({text})")
         print(f"| {group} | {' | '.join(cells)} |")
+    print()
+
+
+def efficiency_table(runs):
+    groups = groups_of(runs)
+    print(f"| run | {' | '.join(groups)} |\n|---|{'---|' * len(groups)}")
+    for run in runs:
+        cells = [", ".join(f"{had}: {success:.2f}" for had, success in run.learning_curve(group)) for group in groups]
+        print(f"| {run.folder.name} | {' | '.join(cells)} |")
     print()
 
 
@@ -201,4 +223,5 @@ if __name__ == "__main__":
     result_table(runs)
     variant_table(runs)
     seed_table(runs)
+    efficiency_table(runs)
     time_table(runs)
