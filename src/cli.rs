@@ -18,7 +18,7 @@ pub enum Preset {
     /// About a quarter of an hour; every group three times.
     #[value(alias = "full")]
     Covers,
-    /// As `covers`, but only one variant of each group is learnt; the others appear in evaluations.
+    /// As `covers`, but every group twice, and only one variant of each is learnt; the others appear in evaluations.
     ZeroShot,
 }
 

@@ -104,9 +104,10 @@ impl Experiment {
         }
     }
 
-    /// The full run with one variant of each group: the others are met in evaluations alone.
+    /// The full run with one variant of each group, which comes twice: the others are met in evaluations alone.
     pub fn zero_shot() -> Self {
         let mut experiment = Self::full();
+        experiment.schedule.cycles = 2;
         for plan in &mut experiment.schedule.groups {
             plan.variants = vec![D2::Identity];
         }
