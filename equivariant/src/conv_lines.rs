@@ -4,13 +4,9 @@
 //! k - 1 - t of a window share their weights up to the signs of the lanes. So one sum goes over the columns of each half, a and b,
 //! and a + b and a - b are the two parities along x. A mirrored image swaps a and b: the symmetry stays exact.
 
-#![expect(
-    clippy::needless_range_loop,
-    reason = "loops over constants that index several arrays of registers"
-)]
-
 use symmetry::D2;
 
+use crate::columns::Columns;
 use crate::conv_backward::{Backward, Loader};
 use crate::conv_forward::{Finish, Forward};
 use crate::gather::narrow;
@@ -23,7 +19,7 @@ use crate::tiles::load_all;
 use crate::{Kernel, Scalar};
 
 /// Lanes of a group.
-const G: usize = 4;
+pub(crate) const G: usize = 4;
 /// Output pixels of a line that a backward pass handles at a time.
 pub(crate) const LINE: usize = 64;
 /// Output pixels of a tile of a forward pass.
@@ -311,7 +307,9 @@ impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
             let mut first = 0;
             while first < self.width {
                 let tile = Columns {
-                    line: self,
+                    lanes: self.lanes,
+                    width: self.width,
+                    step: self.step,
                     x,
                     dy,
                     first,
@@ -358,55 +356,4 @@ fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
     [y * k + x, y * k + k - 1 - x]
         .into_iter()
         .take(orbit.taps.len())
-}
-
-/// The operands of the weight gradient of a line.
-struct Columns<'a, T: Scalar, L: Lanes<T>> {
-    line: &'a Line<'a, T, L>,
-    x: &'a [T],
-    dy: &'a [Block<T>],
-    /// The first block of dy.
-    first: usize,
-}
-
-impl<T: Scalar, L: Lanes<T>> Columns<'_, T, L> {
-    /// V blocks of all columns, K of them at a time.
-    #[inline(always)]
-    fn all<const K: usize, const V: usize>(&self, columns: usize, dw: &mut [Block<T>]) {
-        let whole = columns / K * K;
-        for column in (0..whole).step_by(K) {
-            self.sum::<K, V>(column, dw);
-        }
-        for column in whole..columns {
-            self.sum::<1, V>(column, dw);
-        }
-    }
-
-    #[inline(always)]
-    fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
-        let Line {
-            lanes, width, step, ..
-        } = *self.line;
-        let rows = self.dy.len() / width;
-        let mut dy = [&self.dy[..rows]; V];
-        for v in 0..V {
-            dy[v] = &self.dy[(self.first + v) * rows..][..rows];
-        }
-        let mut sums = [[lanes.splat(T::ZERO); V]; K];
-        for r in 0..rows {
-            let x: &[[T; G]; K] = head(self.x[r * step + column * G..].as_chunks().0);
-            for v in 0..V {
-                let d = lanes.load(&dy[v][r]);
-                for k in 0..K {
-                    sums[k][v] = lanes.mul_add(lanes.quad(&x[k]), d, sums[k][v]);
-                }
-            }
-        }
-        for k in 0..K {
-            for v in 0..V {
-                let dw = &mut dw[(column + k) * width + self.first + v];
-                lanes.store(dw, lanes.add(lanes.load(dw), sums[k][v]));
-            }
-        }
-    }
 }
