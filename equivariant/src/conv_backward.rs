@@ -10,7 +10,7 @@ use crate::tiles::{input, weights};
 use crate::{R2Conv, Scalar};
 
 /// Rows that are gathered at a time.
-const ROWS: usize = 24;
+const ROWS: usize = 48;
 /// Rows of a tile of the input gradient.
 const TILE: usize = 6;
 
@@ -32,13 +32,17 @@ pub struct Backward<'a, T> {
 pub(crate) struct Buffers<'a, T> {
     /// Transposed weights.
     w: &'a [Block<T>],
+    /// The gradient of the packed weights.
     pub dw: &'a mut [Block<T>],
+    /// That of the parameters, unless they are packed already and `dw` is the same.
+    dweights: Option<&'a mut [T]>,
     dbias: &'a mut [Block<T>],
+    dbiases: &'a mut [T],
     /// The output gradient of some rows, `[block][row]`.
     pub dy: &'a mut [Block<T>],
-    /// One row of it.
-    pixel: &'a mut [Block<T>],
-    /// One orbit of the folded patches of some rows, `[block][row]`.
+    /// Room for the same, `[row][block]`.
+    pixels: &'a mut [Block<T>],
+    /// The folds of one orbit and one block of channels for some rows, `[fold][row]`.
     panel: &'a mut [Block<T>],
 }
 
@@ -47,8 +51,8 @@ impl<T: Scalar> Backward<'_, T> {
     pub fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
         let (patches, weights) = (conv.patches(), conv.weights());
         let images = if staged { 0 } else { 2 * conv.group(samples) };
-        let panels = 4 * ROWS * patches.blocks() + LINE.max(ROWS) * weights.width();
-        let rest = 3 * weights.packed() + 2 * weights.width() + panels;
+        let panels = 4 * ROWS + 2 * LINE.max(ROWS) * weights.width();
+        let rest = 3 * weights.blocks() + weights.width() + panels;
         let of_lines = |lines: &Lines| lines.staged() + lines.columns() * weights.width() * LANES;
         let line = patches.lines().map_or(0, of_lines);
         Scratch::<T>::len(rest) + images * patches.staged() + line
@@ -71,7 +75,7 @@ impl<T: Scalar> Kernel<T> for Backward<'_, T> {
     }
 }
 
-impl<T: Scalar> Backward<'_, T> {
+impl<'a, T: Scalar> Backward<'a, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, self.conv.patches());
@@ -105,20 +109,22 @@ impl<T: Scalar> Backward<'_, T> {
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
-                for (r, window) in windows[..count].iter_mut().enumerate() {
+                for window in &mut windows[..count] {
                     *window = cursor.at(patches.windows(), patches.staged());
-                    let place = (first + cursor.image, cursor.pixel);
-                    loader.run(place, r, count, &mut buffers);
                     cursor.advance();
                 }
-                loader.bias(count, &mut buffers);
-                for orbit in 0..patches.orbits() {
-                    let rows = Rows {
-                        conv,
-                        orbit,
-                        windows: &windows[..count],
-                    };
-                    rows.run::<T, L, G>(lanes, staged, &mut buffers, gradient.as_deref_mut());
+                loader.run(first * loader.pixels + row, count, &mut buffers);
+                for c in 0..patches.blocks() {
+                    // what one orbit reads of a block of channels the next reads from the first-level cache
+                    for orbit in 0..patches.orbits() {
+                        let rows = Rows {
+                            conv,
+                            orbit,
+                            c,
+                            windows: &windows[..count],
+                        };
+                        rows.run::<T, L, G>(lanes, staged, &mut buffers, gradient.as_deref_mut());
+                    }
                 }
             }
             if let Some(MapsMut::Channels(dx)) = &mut self.dx {
@@ -129,44 +135,52 @@ impl<T: Scalar> Backward<'_, T> {
                 }
             }
         }
-        add_gradients::<T, G>(conv, &buffers, self.dparams);
+        buffers.finish::<G>(conv);
     }
 
     #[inline(always)]
-    pub(crate) fn buffers<'b, const G: usize>(
-        &self,
-        scratch: &mut Scratch<'b, T>,
+    pub(crate) fn buffers<const G: usize>(
+        &mut self,
+        scratch: &mut Scratch<'a, T>,
         rows: usize,
-    ) -> Buffers<'b, T> {
-        let (patches, layout) = (self.conv.patches(), self.conv.weights());
+    ) -> Buffers<'a, T> {
+        let (conv, layout) = (self.conv, self.conv.weights());
         let width = layout.width();
-        let w = scratch.take(layout.packed());
+        let w = scratch.take(layout.blocks());
         if self.dx.is_some() {
-            let packed = scratch.take(layout.packed());
-            layout.pack(self.params, packed);
-            layout.transpose::<T, G>(patches, packed, w);
+            let packed = layout.packed(self.params, scratch, true);
+            layout.transpose::<T, G>(conv.patches(), packed, w);
         }
+        let dparams = std::mem::take(&mut self.dparams);
+        let (dweights, dbiases) = dparams.split_at_mut(conv.blocks().bias().start);
+        let (dw, dweights) = if layout.in_place() {
+            (&mut dweights.as_chunks_mut().0[..layout.blocks()], None)
+        } else {
+            (scratch.zeros(layout.blocks()), Some(dweights))
+        };
         Buffers {
             w,
-            dw: scratch.zeros(layout.packed()),
+            dw,
+            dweights,
             dbias: scratch.zeros(width),
-            pixel: scratch.zeros(width),
+            dbiases,
+            pixels: scratch.zeros(rows * width),
             dy: scratch.take(rows * width),
-            panel: scratch.take(ROWS * 4 * patches.blocks()),
+            panel: scratch.take(ROWS * 4),
         }
     }
 }
 
-/// Adds the gradients of the weights and of the bias to those of the parameters.
-pub(crate) fn add_gradients<T: Scalar, const G: usize>(
-    conv: &R2Conv,
-    buffers: &Buffers<T>,
-    dparams: &mut [T],
-) {
-    conv.weights().add_unpacked(buffers.dw, dparams);
-    let dbias = buffers.dbias.as_flattened().chunks_exact(G);
-    for (d, group) in dparams[conv.blocks().bias()].iter_mut().zip(dbias) {
-        *d += group[0];
+impl<T: Scalar> Buffers<'_, T> {
+    /// Adds the gradients of the weights and of the bias to those of the parameters.
+    pub fn finish<const G: usize>(self, conv: &R2Conv) {
+        if let Some(dweights) = self.dweights {
+            conv.weights().add_unpacked(self.dw, dweights);
+        }
+        let dbias = self.dbias.as_flattened().chunks_exact(G);
+        for (d, group) in self.dbiases.iter_mut().zip(dbias) {
+            *d += group[0];
+        }
     }
 }
 
@@ -197,76 +211,98 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
         }
     }
 
-    /// Loads one pixel into row `r` of the panel of `rows` rows, back through the ReLU if there is one.
+    /// Loads `count` pixels into a panel, back through the ReLU if there is one, and adds them to the gradient of the bias.
     #[inline(always)]
-    pub fn run(
-        &self,
-        (image, pixel): (usize, usize),
-        r: usize,
-        rows: usize,
-        buffers: &mut Buffers<T>,
-    ) {
-        let Buffers {
-            dy: panel,
-            pixel: channels,
-            ..
-        } = buffers;
+    pub fn run(&self, first: usize, count: usize, buffers: &mut Buffers<T>) {
+        let width = self.width;
+        let masks = self
+            .masks
+            .map(|masks| &masks[first * width..][..count * width]);
+        let mut places = [0; LINE];
+        let places = &mut places[..count];
         let (from, scale) = match self.dy {
             Maps::Channels(dy) => {
-                let first = (image * self.pixels + pixel) * self.channels;
-                let dy = &dy[first..][..self.channels];
-                self.join
-                    .run::<T, G>(T::from_f64(1.0), dy, channels.as_flattened_mut());
-                (&**channels, 1.0)
+                let pixels = dy[first * self.channels..].chunks_exact(self.channels.max(1));
+                let joined = buffers.pixels.chunks_exact_mut(width.max(1));
+                for (r, ((place, to), dy)) in places.iter_mut().zip(joined).zip(pixels).enumerate()
+                {
+                    *place = r * width;
+                    self.join
+                        .run::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+                }
+                (&*buffers.pixels, 1.0)
             }
             Maps::Staged(patches, dy) => {
-                let at = image * patches.staged() + patches.pixels()[pixel];
-                (
-                    dy[at..][..self.width * LANES].as_chunks().0,
-                    patches.scale(),
-                )
+                patches.places(first, places);
+                (dy.as_chunks().0, patches.scale())
             }
         };
-        let first = (image * self.pixels + pixel) * self.width;
-        let masks = self.masks.map(|masks| &masks[first..][..self.width]);
-        for c in 0..self.width {
-            let v = self.lanes.load(&from[c]);
-            let v = match masks {
-                None => self.lanes.mul(v, self.lanes.splat(T::from_f64(scale))),
-                Some(masks) if self.regular => gate::<T, L, G>(self.lanes, v, masks[c], scale),
-                Some(masks) => gate::<T, L, 1>(self.lanes, v, masks[c], scale),
-            };
-            self.lanes.store(&mut panel[c * rows + r], v);
+        let rows = Pixels {
+            lanes: self.lanes,
+            from,
+            places,
+            dbias: buffers.dbias,
+        };
+        match masks {
+            None => rows.copy(scale, buffers.dy),
+            Some(masks) if self.regular => rows.gate::<G>(masks, scale, buffers.dy),
+            Some(masks) => rows.gate::<1>(masks, scale, buffers.dy),
         }
     }
+}
 
-    /// Adds a panel of `rows` rows to the gradient of the bias.
+/// Some pixels of the output gradient.
+struct Pixels<'a, T, L> {
+    lanes: L,
+    from: &'a [Block<T>],
+    /// Where the first block of every pixel lies.
+    places: &'a [usize],
+    dbias: &'a mut [Block<T>],
+}
+
+impl<T: Scalar, L: Lanes<T>> Pixels<'_, T, L> {
     #[inline(always)]
-    pub fn bias(&self, rows: usize, buffers: &mut Buffers<T>) {
-        let panels = buffers.dy.chunks_exact(rows);
-        for (sum, panel) in buffers.dbias.iter_mut().zip(panels) {
-            let mut v = self.lanes.load(sum);
-            for row in panel {
-                v = self.lanes.add(v, self.lanes.load(row));
+    fn copy(self, scale: f64, panel: &mut [Block<T>]) {
+        let (lanes, rows) = (self.lanes, self.places.len());
+        let scale = lanes.splat(T::from_f64(scale));
+        for (c, dbias) in self.dbias.iter_mut().enumerate() {
+            let mut sum = lanes.load(dbias);
+            let panel = &mut panel[c * rows..][..rows];
+            for (to, place) in panel.iter_mut().zip(self.places) {
+                let v = lanes.mul(lanes.load(&self.from[place + c]), scale);
+                sum = lanes.add(sum, v);
+                lanes.store(to, v);
             }
-            self.lanes.store(sum, v);
+            lanes.store(dbias, sum);
+        }
+    }
+
+    /// Lets through what the ReLU let through, in the basis that the group permutes.
+    #[inline(always)]
+    fn gate<const G: usize>(self, masks: &[T], scale: f64, panel: &mut [Block<T>]) {
+        let (lanes, rows, width) = (self.lanes, self.places.len(), self.dbias.len());
+        let masks = &masks[..rows * width];
+        let scale = lanes.splat(T::from_f64(scale / G as f64));
+        for (c, dbias) in self.dbias.iter_mut().enumerate() {
+            let mut sum = lanes.load(dbias);
+            let panel = &mut panel[c * rows..][..rows];
+            for (r, (to, place)) in panel.iter_mut().zip(self.places).enumerate() {
+                let v = transform::<T, L, G>(lanes, lanes.load(&self.from[place + c]));
+                let v = lanes.keep(v, masks[r * width + c].to_mask());
+                let v = lanes.mul(transform::<T, L, G>(lanes, v), scale);
+                sum = lanes.add(sum, v);
+                lanes.store(to, v);
+            }
+            lanes.store(dbias, sum);
         }
     }
 }
 
-/// Lets through what the ReLU let through, in the basis that the group permutes.
-#[inline(always)]
-fn gate<T: Scalar, L: Lanes<T>, const G: usize>(lanes: L, v: L::V, mask: T, scale: f64) -> L::V {
-    let bits = mask.to_mask();
-    let v = lanes.keep(transform::<T, L, G>(lanes, v), bits);
-    let scale = lanes.splat(T::from_f64(scale / G as f64));
-    lanes.mul(transform::<T, L, G>(lanes, v), scale)
-}
-
-/// One orbit of taps of the windows of some rows.
+/// One orbit of taps of one block of channels of the windows of some rows.
 struct Rows<'a> {
     conv: &'a R2Conv,
     orbit: usize,
+    c: usize,
     windows: &'a [usize],
 }
 
@@ -281,17 +317,26 @@ impl Rows<'_> {
         gradient: Option<&mut [T]>,
     ) {
         let (patches, rows) = (self.conv.patches(), self.windows.len());
-        let width = self.conv.weights().width();
+        let (blocks, width) = (patches.blocks(), self.conv.weights().width());
         let range = patches.folded_of(self.orbit);
+        let folds = range.len() / blocks.max(1);
         let per_block = LANES / G * width;
-        let panel = &mut buffers.panel[..range.len() * rows];
-        patches.gather(lanes, self.orbit, staged, self.windows, panel);
-        let packed = range.start * per_block..range.end * per_block;
         let dy = &buffers.dy[..width * rows];
-        weights::<T, L, G>(lanes, panel, dy, rows, &mut buffers.dw[packed.clone()]);
+        let panel = &mut buffers.panel[..folds * rows];
+        patches.gather(
+            lanes,
+            (self.orbit, self.c),
+            staged,
+            self.windows,
+            panel,
+            rows,
+        );
+        let dw = &mut buffers.dw[(range.start + self.c) * per_block..];
+        weights::<T, L, G>(lanes, panel, dy, rows, dw, blocks * per_block);
         let Some(gradient) = gradient else { return };
-        let w = &buffers.w[packed];
-        match (patches.replicated(), patches.orbit_len(self.orbit)) {
+        let w = &buffers.w[range.start * per_block..][self.c * folds * per_block..];
+        let w = &w[..folds * per_block];
+        match (patches.replicated(), folds) {
             (true, _) => self.replicated::<T, L, G>(lanes, w, dy, gradient),
             (false, 1) => self.input::<T, L, G, 1>(lanes, w, dy, gradient),
             (false, 2) => self.input::<T, L, G, 2>(lanes, w, dy, gradient),
@@ -307,20 +352,17 @@ impl Rows<'_> {
         dy: &[Block<T>],
         gradient: &mut [T],
     ) {
-        let blocks = self.conv.patches().blocks();
-        for (c, w) in w.chunks_exact((w.len() / blocks).max(1)).enumerate() {
-            let mut row = 0;
-            while row < self.windows.len() {
-                if self.windows.len() - row >= TILE && L::REGISTERS >= 32 {
-                    self.tile::<T, L, G, TILE, N>(lanes, (row, c), w, dy, gradient);
-                    row += TILE;
-                } else if self.windows.len() - row >= 2 && L::REGISTERS >= 32 {
-                    self.tile::<T, L, G, 2, N>(lanes, (row, c), w, dy, gradient);
-                    row += 2;
-                } else {
-                    self.tile::<T, L, G, 1, N>(lanes, (row, c), w, dy, gradient);
-                    row += 1;
-                }
+        let mut row = 0;
+        while row < self.windows.len() {
+            if self.windows.len() - row >= TILE && L::REGISTERS >= 32 {
+                self.tile::<T, L, G, TILE, N>(lanes, row, w, dy, gradient);
+                row += TILE;
+            } else if self.windows.len() - row >= 2 && L::REGISTERS >= 32 {
+                self.tile::<T, L, G, 2, N>(lanes, row, w, dy, gradient);
+                row += 2;
+            } else {
+                self.tile::<T, L, G, 1, N>(lanes, row, w, dy, gradient);
+                row += 1;
             }
         }
     }
@@ -329,7 +371,7 @@ impl Rows<'_> {
     fn tile<T: Scalar, L: Lanes<T>, const G: usize, const R: usize, const N: usize>(
         &self,
         lanes: L,
-        (row, c): (usize, usize),
+        row: usize,
         w: &[Block<T>],
         dy: &[Block<T>],
         gradient: &mut [T],
@@ -337,7 +379,7 @@ impl Rows<'_> {
         let folds = input::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
         let windows = &self.windows[row..];
         let patches = self.conv.patches();
-        patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, c);
+        patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, self.c);
     }
 
     #[inline(always)]
@@ -348,13 +390,10 @@ impl Rows<'_> {
         dy: &[Block<T>],
         gradient: &mut [T],
     ) {
-        let blocks = self.conv.patches().blocks();
-        for (c, w) in w.chunks_exact((w.len() / blocks).max(1)).enumerate() {
-            for (row, &window) in self.windows.iter().enumerate() {
-                let [[fold]] = input::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
-                let patches = self.conv.patches();
-                patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + c * LANES);
-            }
+        let patches = self.conv.patches();
+        for (row, &window) in self.windows.iter().enumerate() {
+            let [[fold]] = input::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
+            patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + self.c * LANES);
         }
     }
 }

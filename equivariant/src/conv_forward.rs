@@ -7,6 +7,9 @@ use crate::maps::{Cursor, Maps, MapsMut, Scratch, zeros};
 use crate::tiles::{ROWS, forward};
 use crate::{R2Conv, Scalar};
 
+/// Rows up to which a forward pass reads parameters in place: to copy them to cache lines pays when they are read often.
+const IN_PLACE: usize = 2 * ROWS;
+
 /// Everything that a forward pass reads and writes.
 pub struct Forward<'a, T> {
     pub(crate) conv: &'a R2Conv,
@@ -25,7 +28,7 @@ impl<T: Scalar> Forward<'_, T> {
         let (patches, weights) = (conv.patches(), conv.weights());
         let images = if staged { 0 } else { conv.group(samples) };
         let per_row = patches.folded() + weights.width();
-        let rest = weights.packed() + 2 * weights.width() + ROWS * per_row;
+        let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
         let line = patches.lines().map_or(0, Lines::staged);
         Scratch::<T>::len(rest) + images * patches.staged() + line
     }
@@ -50,8 +53,8 @@ impl<T: Scalar> Forward<'_, T> {
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, self.conv.patches(), self.conv.weights());
         let mut scratch = Scratch::new(self.scratch);
-        let w = scratch.take(weights.packed());
-        weights.pack(self.params, w);
+        let few = self.samples * conv.shape_out().pixels() <= IN_PLACE;
+        let w = weights.packed(self.params, &mut scratch, few);
         let biases = &self.params[conv.blocks().bias()];
         let mut finish =
             Finish::<T, L, G>::new(lanes, conv, biases, &mut scratch, self.masks, self.y);
@@ -73,25 +76,25 @@ impl<T: Scalar> Forward<'_, T> {
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
-                let mut places = [(0, 0); ROWS];
-                for r in 0..ROWS {
+                for (r, window) in windows.iter_mut().enumerate() {
                     // an incomplete block ends with copies of its last row
-                    windows[r] = cursor.at(patches.windows(), patches.staged());
-                    places[r] = (first + cursor.image, cursor.pixel);
+                    *window = cursor.at(patches.windows(), patches.staged());
                     if r + 1 < count {
                         cursor.advance();
                     }
                 }
                 cursor.advance();
-                for orbit in 0..patches.orbits() {
-                    let range = patches.folded_of(orbit);
-                    let panel = &mut panel[range.start * ROWS..range.end * ROWS];
-                    patches.gather(lanes, orbit, staged, &windows, panel);
+                for c in 0..patches.blocks() {
+                    // what one orbit reads of a block of channels the next reads from the first-level cache
+                    for orbit in 0..patches.orbits() {
+                        let first = patches.folded_of(orbit).start + c;
+                        let panel = &mut panel[first * ROWS..];
+                        let step = patches.blocks() * ROWS;
+                        patches.gather(lanes, (orbit, c), staged, &windows, panel, step);
+                    }
                 }
                 forward::<T, L, G>(lanes, panel.as_chunks().0, w, sums, count);
-                for (sums, &place) in sums.chunks_exact(finish.width.max(1)).zip(&places[..count]) {
-                    finish.run(sums, place);
-                }
+                finish.run(sums, first * finish.pixels + row, count);
             }
         }
     }
@@ -106,7 +109,7 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
-    /// Room for a pixel.
+    /// Room for ROWS pixels.
     own: &'a mut [Block<T>],
     masks: Option<&'a mut [T]>,
     y: MapsMut<'a, T>,
@@ -136,72 +139,92 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             channels: shape.fields.dim(),
             regular: shape.fields.regular_fields().is_some(),
             bias,
-            own: scratch.take(width),
+            own: scratch.take(ROWS * width),
             masks,
             y,
         }
     }
 
-    /// Adds the bias, rectifies if there are masks, and writes the pixel of the image.
+    /// Adds the bias, rectifies if there are masks, and writes `count` output pixels, at most ROWS.
     #[inline(always)]
-    pub fn run(&mut self, sums: &[Block<T>], (image, pixel): (usize, usize)) {
+    pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
+        let width = self.width;
+        let mut places = [0; ROWS];
         let (to, scale) = match &mut self.y {
-            MapsMut::Channels(_) => (&mut *self.own, 1.0),
+            MapsMut::Channels(_) => {
+                for (r, place) in places.iter_mut().enumerate() {
+                    *place = r * width;
+                }
+                (&mut *self.own, 1.0)
+            }
             MapsMut::Staged(patches, y) => {
-                let at = image * patches.staged() + patches.pixels()[pixel];
-                let y = y[at..][..self.width * LANES].as_chunks_mut().0;
-                (y, patches.scale())
+                patches.places(first, &mut places[..count]);
+                (y.as_chunks_mut().0, patches.scale())
             }
         };
-        let first = (image * self.pixels + pixel) * self.width;
+        let rows = Rows {
+            lanes: self.lanes,
+            sums: &sums[..count * width],
+            bias: self.bias,
+            places: &places[..count],
+        };
         let masks = self.masks.as_deref_mut();
-        let masks = masks.map(|masks| &mut masks[first..][..self.width]);
+        let masks = masks.map(|masks| &mut masks[first * width..][..count * width]);
         match masks {
-            Some(masks) if self.regular => {
-                rectify::<T, L, G>(self.lanes, sums, self.bias, masks, scale, to)
-            }
-            Some(masks) => rectify::<T, L, 1>(self.lanes, sums, self.bias, masks, scale, to),
-            None => add_bias(self.lanes, sums, self.bias, scale, to),
+            Some(masks) if self.regular => rows.rectify::<G>(masks, scale, to),
+            Some(masks) => rows.rectify::<1>(masks, scale, to),
+            None => rows.add_bias(scale, to),
         }
         if let MapsMut::Channels(y) = &mut self.y {
-            let y = &mut y[(image * self.pixels + pixel) * self.channels..][..self.channels];
-            self.join
-                .undo::<T, G>(T::from_f64(1.0), self.own.as_flattened(), y);
+            let pixels = y[first * self.channels..].chunks_exact_mut(self.channels.max(1));
+            let own = self.own.chunks_exact(width.max(1));
+            for (own, y) in own.take(count).zip(pixels) {
+                self.join
+                    .undo::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+            }
         }
     }
 }
 
-#[inline(always)]
-fn add_bias<T: Scalar, L: Lanes<T>>(
+/// The sums `[row][block]` of some output pixels.
+struct Rows<'a, T, L> {
     lanes: L,
-    sums: &[Block<T>],
-    bias: &[Block<T>],
-    scale: f64,
-    to: &mut [Block<T>],
-) {
-    let scale = lanes.splat(T::from_f64(scale));
-    for ((sum, bias), to) in sums.iter().zip(bias).zip(to) {
-        let v = lanes.add(lanes.load(sum), lanes.load(bias));
-        lanes.store(to, lanes.mul(v, scale));
-    }
+    sums: &'a [Block<T>],
+    bias: &'a [Block<T>],
+    /// Where the first block of every row goes.
+    places: &'a [usize],
 }
 
-/// Adds the bias and rectifies in the basis that the group permutes.
-#[inline(always)]
-fn rectify<T: Scalar, L: Lanes<T>, const G: usize>(
-    lanes: L,
-    sums: &[Block<T>],
-    bias: &[Block<T>],
-    masks: &mut [T],
-    scale: f64,
-    to: &mut [Block<T>],
-) {
-    let scale = lanes.splat(T::from_f64(scale / G as f64));
-    for (((sum, bias), mask), to) in sums.iter().zip(bias).zip(masks).zip(to) {
-        let v = lanes.add(lanes.load(sum), lanes.load(bias));
-        let (v, bits) = lanes.rectify(transform::<T, L, G>(lanes, v));
-        *mask = T::from_mask(bits);
-        lanes.store(to, lanes.mul(transform::<T, L, G>(lanes, v), scale));
+impl<T: Scalar, L: Lanes<T>> Rows<'_, T, L> {
+    #[inline(always)]
+    fn add_bias(&self, scale: f64, to: &mut [Block<T>]) {
+        let (lanes, width) = (self.lanes, self.bias.len());
+        let scale = lanes.splat(T::from_f64(scale));
+        for (c, bias) in self.bias.iter().enumerate() {
+            let bias = lanes.load(bias);
+            for (r, place) in self.places.iter().enumerate() {
+                let v = lanes.add(lanes.load(&self.sums[r * width + c]), bias);
+                lanes.store(&mut to[place + c], lanes.mul(v, scale));
+            }
+        }
+    }
+
+    /// Adds the bias and rectifies in the basis that the group permutes.
+    #[inline(always)]
+    fn rectify<const G: usize>(&self, masks: &mut [T], scale: f64, to: &mut [Block<T>]) {
+        let (lanes, width) = (self.lanes, self.bias.len());
+        let masks = &mut masks[..self.sums.len()];
+        let scale = lanes.splat(T::from_f64(scale / G as f64));
+        for (c, bias) in self.bias.iter().enumerate() {
+            let bias = lanes.load(bias);
+            for (r, place) in self.places.iter().enumerate() {
+                let v = lanes.add(lanes.load(&self.sums[r * width + c]), bias);
+                let (v, bits) = lanes.rectify(transform::<T, L, G>(lanes, v));
+                masks[r * width + c] = T::from_mask(bits);
+                let v = lanes.mul(transform::<T, L, G>(lanes, v), scale);
+                lanes.store(&mut to[place + c], v);
+            }
+        }
     }
 }
 

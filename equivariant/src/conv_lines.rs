@@ -4,15 +4,10 @@
 //! k - 1 - t of a window share their weights up to the signs of the lanes. So one sum goes over the columns of each half, a and b,
 //! and a + b and a - b are the two parities along x. A mirrored image swaps a and b: the symmetry stays exact.
 
-#![expect(
-    clippy::needless_range_loop,
-    reason = "loops over constants that index several arrays of registers"
-)]
-
 use symmetry::D2;
 
-use crate::Scalar;
-use crate::conv_backward::{Backward, Loader, add_gradients};
+use crate::columns::Columns;
+use crate::conv_backward::{Backward, Loader};
 use crate::conv_forward::{Finish, Forward};
 use crate::gather::narrow;
 use crate::join::head;
@@ -21,13 +16,16 @@ use crate::lines::Lines;
 use crate::maps::{Scratch, zeros};
 use crate::patches::{Orbit, Patches};
 use crate::tiles::load_all;
+use crate::{Kernel, Scalar};
 
 /// Lanes of a group.
-const G: usize = 4;
+pub(crate) const G: usize = 4;
 /// Output pixels of a line that a backward pass handles at a time.
 pub(crate) const LINE: usize = 64;
 /// Output pixels of a tile of a forward pass.
-const TILE: usize = 4;
+const TILE: usize = 8;
+/// Channels of the pictures of this project, for which the sums of a tile have code of their own.
+const CHANNELS: usize = 6;
 
 impl<T: Scalar> Forward<'_, T> {
     /// The pass, from lines that are folded one line of output at a time.
@@ -35,7 +33,7 @@ impl<T: Scalar> Forward<'_, T> {
     pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &Lines, x: &[T]) {
         let (conv, patches, weights) = (self.conv, self.conv.patches(), self.conv.weights());
         let mut scratch = Scratch::new(self.scratch);
-        let w = scratch.take(weights.packed());
+        let w = scratch.take(weights.blocks());
         weights.pack(self.params, w);
         scale(lanes, patches, w);
         let biases = &self.params[conv.blocks().bias()];
@@ -51,10 +49,11 @@ impl<T: Scalar> Forward<'_, T> {
             for first in (0..out.width).step_by(TILE) {
                 let rows = first..out.width.min(first + TILE);
                 line.forward(&own[line.start(lines, first)..], w, sums, rows.len());
-                let sums = sums.chunks_exact(weights.width().max(1));
-                for (ox, sums) in rows.zip(sums) {
-                    finish.run(sums, (image, oy * out.width + ox));
-                }
+                finish.run(
+                    sums,
+                    (image * out.height + oy) * out.width + first,
+                    rows.len(),
+                );
             }
         }
     }
@@ -79,16 +78,14 @@ impl<T: Scalar> Backward<'_, T> {
             for first in (0..out.width).step_by(LINE) {
                 let rows = first..out.width.min(first + LINE);
                 let count = rows.len();
-                for (r, ox) in rows.enumerate() {
-                    loader.run((image, oy * out.width + ox), r, count, &mut buffers);
-                }
-                loader.bias(count, &mut buffers);
+                let row = (image * out.height + oy) * out.width + first;
+                loader.run(row, count, &mut buffers);
                 let dy = &buffers.dy[..count * width];
                 line.weights(lines, &own[line.start(lines, first)..], dy, columns);
             }
         }
         line.fold(lines, columns, buffers.dw);
-        add_gradients::<T, G>(conv, &buffers, self.dparams);
+        buffers.finish::<G>(conv);
     }
 }
 
@@ -122,6 +119,8 @@ struct Line<'a, T: Scalar, L: Lanes<T>> {
     step: usize,
     /// The signs of the lanes under a flip of x.
     signs: L::V,
+    /// Whether the windows are those of [`halving_tile`](Line::halving_tile).
+    halves: bool,
 }
 
 impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
@@ -133,10 +132,12 @@ impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
         for (lane, sign) in signs.iter_mut().enumerate() {
             *sign = T::from_f64(irreps[lane % irreps.len()].sign(D2::FlipX).into());
         }
+        let Kernel { size, stride, .. } = patches.kernel();
         Line {
             lanes,
             patches,
             channels: fields.dim(),
+            halves: size == 4 && stride == 2 && fields.dim() == CHANNELS,
             width,
             step: patches.kernel().stride * fields.dim() * G,
             signs: lanes.load(&signs),
@@ -155,7 +156,17 @@ impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
         while first < self.width {
             let wide = L::REGISTERS >= 32;
             first += match (rows, self.width - first) {
-                (TILE, 2..) if wide => self.tile::<TILE, 2>(x, w, first, 0, sums),
+                (TILE, 2..) if wide && self.halves => {
+                    self.halving_tile::<4, 2>(x, w, first, 0, sums);
+                    self.halving_tile::<4, 2>(x, w, first, 4, sums)
+                }
+                (TILE, _) if wide && self.halves => {
+                    self.halving_tile::<TILE, 1>(x, w, first, 0, sums)
+                }
+                (TILE, 2..) if wide => {
+                    self.tile::<4, 2>(x, w, first, 0, sums);
+                    self.tile::<4, 2>(x, w, first, 4, sums)
+                }
                 (TILE, _) if wide => self.tile::<TILE, 1>(x, w, first, 0, sums),
                 _ => {
                     for row in 0..rows {
@@ -210,10 +221,65 @@ impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
                 }
             }
         }
+        self.combine(a, b, first, row, sums)
+    }
+
+    /// The same for 4 x 4 windows of stride 2, two of which see every column: it is loaded once for both.
+    #[inline(always)]
+    fn halving_tile<const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        let lanes = self.lanes;
+        let mut a = [[lanes.splat(T::ZERO); V]; R];
+        let mut b = a;
+        // the orbits of a line are that of the outer columns of a window and that of the inner ones
+        for [outer, inner] in self.patches.orbits.as_chunks().0 {
+            let of = |orbit: &Orbit| &w[orbit.first * (LANES / G) * self.width + first..];
+            let (outer_w, inner_w) = (of(outer), of(inner));
+            let x: &[[T; G]] = x[row * self.step + outer.taps[0]..].as_chunks().0;
+            let x = &x[..(2 * R + 2) * CHANNELS];
+            for c in 0..CHANNELS {
+                let outer: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
+                let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
+                let mut left = [lanes.quad(&x[c]), lanes.quad(&x[CHANNELS + c])];
+                for r in 0..R {
+                    let right = [
+                        lanes.quad(&x[(2 * r + 2) * CHANNELS + c]),
+                        lanes.quad(&x[(2 * r + 3) * CHANNELS + c]),
+                    ];
+                    for v in 0..V {
+                        a[r][v] = lanes.mul_add(left[0], outer[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[1], outer[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[1], inner[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[0], inner[v], b[r][v]);
+                    }
+                    left = right;
+                }
+            }
+        }
+        self.combine(a, b, first, row, sums)
+    }
+
+    /// Writes the sums over both halves of the windows.
+    #[inline(always)]
+    fn combine<const R: usize, const V: usize>(
+        &self,
+        a: [[L::V; V]; R],
+        b: [[L::V; V]; R],
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
         for r in 0..R {
             for v in 0..V {
-                let sum = lanes.mul_add(b[r][v], self.signs, a[r][v]);
-                lanes.store(&mut sums[(row + r) * self.width + first + v], sum);
+                let sum = self.lanes.mul_add(b[r][v], self.signs, a[r][v]);
+                let to = &mut sums[(row + r) * self.width + first + v];
+                self.lanes.store(to, sum);
             }
         }
         V
@@ -241,7 +307,9 @@ impl<'a, T: Scalar, L: Lanes<T>> Line<'a, T, L> {
             let mut first = 0;
             while first < self.width {
                 let tile = Columns {
-                    line: self,
+                    lanes: self.lanes,
+                    width: self.width,
+                    step: self.step,
                     x,
                     dy,
                     first,
@@ -288,55 +356,4 @@ fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
     [y * k + x, y * k + k - 1 - x]
         .into_iter()
         .take(orbit.taps.len())
-}
-
-/// The operands of the weight gradient of a line.
-struct Columns<'a, T: Scalar, L: Lanes<T>> {
-    line: &'a Line<'a, T, L>,
-    x: &'a [T],
-    dy: &'a [Block<T>],
-    /// The first block of dy.
-    first: usize,
-}
-
-impl<T: Scalar, L: Lanes<T>> Columns<'_, T, L> {
-    /// V blocks of all columns, K of them at a time.
-    #[inline(always)]
-    fn all<const K: usize, const V: usize>(&self, columns: usize, dw: &mut [Block<T>]) {
-        let whole = columns / K * K;
-        for column in (0..whole).step_by(K) {
-            self.sum::<K, V>(column, dw);
-        }
-        for column in whole..columns {
-            self.sum::<1, V>(column, dw);
-        }
-    }
-
-    #[inline(always)]
-    fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
-        let Line {
-            lanes, width, step, ..
-        } = *self.line;
-        let rows = self.dy.len() / width;
-        let mut dy = [&self.dy[..rows]; V];
-        for v in 0..V {
-            dy[v] = &self.dy[(self.first + v) * rows..][..rows];
-        }
-        let mut sums = [[lanes.splat(T::ZERO); V]; K];
-        for r in 0..rows {
-            let x: &[[T; G]; K] = head(self.x[r * step + column * G..].as_chunks().0);
-            for v in 0..V {
-                let d = lanes.load(&dy[v][r]);
-                for k in 0..K {
-                    sums[k][v] = lanes.mul_add(lanes.quad(&x[k]), d, sums[k][v]);
-                }
-            }
-        }
-        for k in 0..K {
-            for v in 0..V {
-                let dw = &mut dw[(column + k) * width + self.first + v];
-                lanes.store(dw, lanes.add(lanes.load(dw), sums[k][v]));
-            }
-        }
-    }
 }

@@ -8,6 +8,7 @@ use symmetry::{FieldType, Irrep};
 use crate::Scalar;
 use crate::blocks::Blocks;
 use crate::lanes::{Block, LANES};
+use crate::maps::Scratch;
 use crate::patches::Patches;
 use crate::taps::Taps;
 
@@ -76,9 +77,30 @@ impl Weights {
         self.width
     }
 
-    /// Blocks of the packed weights.
-    pub fn packed(&self) -> usize {
+    /// The number of blocks of the packed weights.
+    pub fn blocks(&self) -> usize {
         self.groups * self.width
+    }
+
+    /// Whether the parameters are in packed order already, without gaps.
+    pub fn in_place(&self) -> bool {
+        let all = 0..self.blocks() * LANES;
+        matches!(&self.runs[..], [run] if run.params == all && run.packed == all)
+    }
+
+    /// The packed weights: the parameters themselves where they can be read in place.
+    pub fn packed<'a, T: Scalar>(
+        &self,
+        params: &'a [T],
+        scratch: &mut Scratch<'a, T>,
+        may_read_in_place: bool,
+    ) -> &'a [Block<T>] {
+        if may_read_in_place && self.in_place() {
+            return &params.as_chunks().0[..self.blocks()];
+        }
+        let packed = scratch.take(self.blocks());
+        self.pack(params, packed);
+        packed
     }
 
     /// Writes `[group of a folded patch][block of outputs]`; a group of lanes is an output field.

@@ -6,97 +6,33 @@ use crate::lanes::{Block, LANES, Lanes};
 use crate::patches::{Orbit, Patches};
 
 impl Patches {
-    /// Folds one orbit of the windows that start at `windows` into a panel `[block][row]`.
+    /// Folds a block of one orbit of the windows that start at `windows` into panels of rows, one for each fold, `step`
+    /// rows apart.
     #[inline(always)]
     pub fn gather<T: Scalar, L: Lanes<T>>(
         &self,
         lanes: L,
-        orbit: usize,
+        (orbit, c): (usize, usize),
         staged: &[T],
         windows: &[usize],
-        panel: &mut [Block<T>],
+        panels: &mut [Block<T>],
+        step: usize,
     ) {
         let orbit = &self.orbits[orbit];
-        match (self.replicated(), orbit.taps.len()) {
-            (false, 1) => self.gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panel),
-            (false, 2) => self.gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panel),
-            (false, _) => self.gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panel),
-            (true, 1) => self.gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
-            (true, 2) => self.gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
-            (true, _) => self.gather_replicated::<T, L, 4>(lanes, orbit, staged, windows, panel),
+        if self.replicated() {
+            let staged = &staged[c * LANES..];
+            let panel = &mut panels[..windows.len()];
+            return match orbit.taps.len() {
+                1 => gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
+                2 => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
+                _ => gather_replicated::<T, L, 4>(lanes, orbit, staged, windows, panel),
+            };
         }
-    }
-
-    #[inline(always)]
-    fn gather_orbit<T: Scalar, L: Lanes<T>, const N: usize>(
-        &self,
-        lanes: L,
-        orbit: &Orbit,
-        staged: &[T],
-        windows: &[usize],
-        panel: &mut [Block<T>],
-    ) {
-        let rows = windows.len();
-        let staged: &[Block<T>] = staged.as_chunks().0;
-        let scale = lanes.splat(T::from_f64(orbit.scale));
-        let (taps, parities) = orbit.constants::<N>();
-        for c in 0..self.blocks() {
-            // slices of equal lengths need one bounds check for all of them
-            let len = staged.len() - taps[N - 1] - c;
-            let mut seen = [staged; N];
-            let mut folds: [&mut [Block<T>]; N] = std::array::from_fn(|_| Default::default());
-            let mut parts = panel.chunks_exact_mut(self.blocks() * rows);
-            for i in 0..N {
-                seen[i] = &staged[taps[i] + c..][..len];
-                folds[i] = &mut parts.next().unwrap_or_default()[c * rows..][..rows];
-            }
-            for (row, window) in windows.iter().enumerate() {
-                let at = window / LANES;
-                let mut values = [scale; N];
-                for i in 0..N {
-                    values[i] = lanes.load(&seen[i][at]);
-                    if N < 4 {
-                        values[i] = lanes.mul(values[i], scale);
-                    }
-                }
-                values = butterfly(lanes, values);
-                for i in 0..N {
-                    // four folds have the four parities, and a constant is one instruction
-                    let parity = if N == 4 { i } else { parities[i] };
-                    let fold = swap(lanes, values[i], parity);
-                    lanes.store(&mut folds[i][row], fold);
-                }
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn gather_replicated<T: Scalar, L: Lanes<T>, const N: usize>(
-        &self,
-        lanes: L,
-        orbit: &Orbit,
-        staged: &[T],
-        windows: &[usize],
-        panel: &mut [Block<T>],
-    ) {
-        let rows = windows.len();
-        let mut coefficients = [lanes.splat(T::ZERO); N];
-        let mut taps = [0; N];
-        for i in 0..N {
-            taps[i] = orbit.taps[i];
-            coefficients[i] = lanes.load(&narrow(&orbit.coefficients[i]));
-        }
-        for c in 0..self.blocks() {
-            let panel = &mut panel[c * rows..][..rows];
-            for (block, window) in panel.iter_mut().zip(windows) {
-                let at = window + c * LANES;
-                let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), coefficients[0]);
-                for i in 1..N {
-                    let x = lanes.load(head(&staged[at + taps[i]..]));
-                    sum = lanes.mul_add(x, coefficients[i], sum);
-                }
-                lanes.store(block, sum);
-            }
+        let staged = &staged.as_chunks().0[c..];
+        match orbit.taps.len() {
+            1 => gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panels, step),
+            2 => gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panels, step),
+            _ => gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panels, step),
         }
     }
 
@@ -149,6 +85,70 @@ impl Patches {
             let sum = lanes.mul_add(fold, c, lanes.load(block));
             lanes.store(block, sum);
         }
+    }
+}
+
+#[inline(always)]
+fn gather_orbit<T: Scalar, L: Lanes<T>, const N: usize>(
+    lanes: L,
+    orbit: &Orbit,
+    staged: &[Block<T>],
+    windows: &[usize],
+    panels: &mut [Block<T>],
+    step: usize,
+) {
+    let rows = windows.len();
+    let scale = lanes.splat(T::from_f64(orbit.scale));
+    let (taps, parities) = orbit.constants::<N>();
+    // slices of equal lengths need one bounds check for all of them
+    let len = staged.len() - taps[N - 1];
+    let mut seen = [staged; N];
+    let mut folds: [&mut [Block<T>]; N] = std::array::from_fn(|_| Default::default());
+    let mut parts = panels.chunks_mut(step);
+    for i in 0..N {
+        seen[i] = &staged[taps[i]..][..len];
+        folds[i] = &mut parts.next().unwrap_or_default()[..rows];
+    }
+    for (row, window) in windows.iter().enumerate() {
+        let at = window / LANES;
+        let mut values = [scale; N];
+        for i in 0..N {
+            values[i] = lanes.load(&seen[i][at]);
+            if N < 4 {
+                values[i] = lanes.mul(values[i], scale);
+            }
+        }
+        values = butterfly(lanes, values);
+        for i in 0..N {
+            // four folds have the four parities, and a constant is one instruction
+            let parity = if N == 4 { i } else { parities[i] };
+            let fold = swap(lanes, values[i], parity);
+            lanes.store(&mut folds[i][row], fold);
+        }
+    }
+}
+
+#[inline(always)]
+fn gather_replicated<T: Scalar, L: Lanes<T>, const N: usize>(
+    lanes: L,
+    orbit: &Orbit,
+    staged: &[T],
+    windows: &[usize],
+    panel: &mut [Block<T>],
+) {
+    let mut coefficients = [lanes.splat(T::ZERO); N];
+    let mut taps = [0; N];
+    for i in 0..N {
+        taps[i] = orbit.taps[i];
+        coefficients[i] = lanes.load(&narrow(&orbit.coefficients[i]));
+    }
+    for (block, &at) in panel.iter_mut().zip(windows) {
+        let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), coefficients[0]);
+        for i in 1..N {
+            let x = lanes.load(head(&staged[at + taps[i]..]));
+            sum = lanes.mul_add(x, coefficients[i], sum);
+        }
+        lanes.store(block, sum);
     }
 }
 

@@ -39,6 +39,7 @@ mod blocks;
 mod chain;
 mod check;
 mod chunks;
+mod columns;
 mod concat;
 mod conv;
 mod conv_backward;

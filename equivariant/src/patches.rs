@@ -153,10 +153,6 @@ impl Patches {
         self.replicated
     }
 
-    pub fn orbit_len(&self, orbit: usize) -> usize {
-        self.orbits[orbit].taps.len()
-    }
-
     pub fn orbits(&self) -> usize {
         self.orbits.len()
     }
@@ -211,9 +207,18 @@ impl Patches {
         &self.windows
     }
 
-    /// Where every pixel of the image lies in a staged image.
-    pub fn pixels(&self) -> &[usize] {
-        &self.pixels
+    /// Where consecutive pixels lie in staged images, in blocks.
+    #[inline(always)]
+    pub fn places(&self, first: usize, places: &mut [usize]) {
+        let pixels = self.pixels.len();
+        let (mut start, mut pixel) = (first / pixels * self.staged(), first % pixels);
+        for place in places {
+            *place = (start + self.pixels[pixel]) / LANES;
+            pixel += 1;
+            if pixel == pixels {
+                (start, pixel) = (start + self.staged(), 0);
+            }
+        }
     }
 
     /// The factor of staged values, which orbits of G taps then need no other to be orthonormal.

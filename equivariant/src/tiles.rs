@@ -117,7 +117,8 @@ fn forward_tile<T: Scalar, L: Lanes<T>, const G: usize, const R: usize, const V:
     }
 }
 
-/// dw += x^T dy over all rows; x is a panel `[block][row]`, dy `[block][row]`, dw `[group of x][block of y]`.
+/// dw += x^T dy over all rows; x is a panel `[block][row]`, dy `[block][row]`, dw `[group of x][block of y]`,
+/// `step` blocks from one block of x to the next.
 #[inline(always)]
 pub(crate) fn weights<T: Scalar, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -125,11 +126,13 @@ pub(crate) fn weights<T: Scalar, L: Lanes<T>, const G: usize>(
     dy: &[Block<T>],
     rows: usize,
     dw: &mut [Block<T>],
+    step: usize,
 ) {
     let tile = GradientTile {
         x,
         dy,
         rows,
+        step,
         width: dy.len() / rows,
     };
     let mut first = 0;
@@ -155,6 +158,7 @@ struct GradientTile<'a, T> {
     dy: &'a [Block<T>],
     rows: usize,
     width: usize,
+    step: usize,
 }
 
 impl<T: Scalar> GradientTile<'_, T> {
@@ -190,7 +194,9 @@ impl<T: Scalar> GradientTile<'_, T> {
         first: usize,
         dw: &mut [Block<T>],
     ) {
-        let GradientTile { rows, width, .. } = self;
+        let GradientTile {
+            rows, width, step, ..
+        } = self;
         let (mut x, mut dy) = ([&self.x[..rows]; B], [&self.dy[..rows]; V]);
         for b in 0..B {
             x[b] = &self.x[(block + b) * rows..][..rows];
@@ -198,7 +204,7 @@ impl<T: Scalar> GradientTile<'_, T> {
         for v in 0..V {
             dy[v] = &self.dy[(first + v) * rows..][..rows];
         }
-        let at = |b: usize, k: usize| ((block + b) * (LANES / G) + group + k) * width + first;
+        let at = |b: usize, k: usize| (block + b) * step + (group + k) * width + first;
         let mut sums = [[[lanes.splat(T::ZERO); V]; K]; B];
         for r in 0..rows {
             let mut d = [lanes.splat(T::ZERO); V];
