@@ -24,7 +24,7 @@ fn last_return(encoder: Encoder, learn: bool) -> f64 {
         top_fields: 8,
         vector_fields: 8,
         actor_fields: 8,
-        critic: Critic::Pooled { width: 32 },
+        critic: Critic::Joint { fields: 8 },
         ..NetworkSettings::default()
     };
     let settings = PpoSettings {
