@@ -42,8 +42,8 @@ pub struct EvaluationPlan {
     pub rounds: usize,
     /// As many after each visit; none where it is 0.
     pub visit_rounds: usize,
-    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the stream, each as after a visit. Without a
-    /// number there are none within visits.
+    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the stream, each as after a visit, where
+    /// `visit_rounds` is then at least 1, too. Without a number there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
 }
@@ -165,6 +165,13 @@ impl Experiment {
                 });
             }
         }
+        if self.evaluation.every.is_some() && self.evaluation.visit_rounds == 0 {
+            return Err(CoversError::Setting {
+                name: "evaluation.visit_rounds",
+                value: "0".to_owned(),
+                expected: "at least 1 with `evaluation.every`, whose evaluations have as many rounds",
+            });
+        }
         self.schedule.check()?;
         Ok(self.envs.check()?)
     }
@@ -218,10 +225,11 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 5] = [
+        let cases: [Spoil; 6] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
             |e| e.evaluation.every = Some(0),
+            |e| e.evaluation.every = Some(3),
             |e| e.checkpoint_every = 0,
             |e| e.envs.threads = 0,
         ];
