@@ -139,6 +139,7 @@ impl<T: Scalar> Layer<T> for Chain {
             let mut pass = Forward {
                 conv: &link.conv,
                 samples,
+                lines: 0..link.conv.shape_out().height,
                 params: &params[link.params.clone()],
                 x,
                 y: MapsMut::Channels(&mut []),
@@ -147,7 +148,7 @@ impl<T: Scalar> Layer<T> for Chain {
             };
             let Some(next) = self.links.get(i + 1) else {
                 pass.y = MapsMut::Channels(y.take().unwrap_or_default());
-                return T::forward(pass);
+                return pass.run_on_threads();
             };
             let patches = next.conv.patches();
             let staged = kept.take_flat(self.staged(i + 1, samples));
@@ -155,7 +156,7 @@ impl<T: Scalar> Layer<T> for Chain {
                 .chunks_exact_mut(patches.staged().max(1))
                 .for_each(|image| patches.clear_border(image));
             pass.y = MapsMut::Staged(patches, staged);
-            T::forward(pass);
+            pass.run_on_threads();
             x = Maps::Staged(patches, staged);
         }
     }

@@ -1,5 +1,6 @@
 //! Minibatches in fixed chunks, in parallel, with the same bits for any number of threads.
 
+use std::cell::Cell;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
@@ -11,6 +12,16 @@ use crate::Scalar;
 const WAVE: usize = 64;
 /// Parameters that one task of the reduction adds up: a piece that stays in the first-level cache.
 const PIECE: usize = 2048;
+
+thread_local! {
+    /// Whether this thread runs a chunk, while other chunks wait for a thread.
+    static BUSY: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether another thread is better left to other chunks.
+pub(crate) fn in_one_of_many_chunks() -> bool {
+    BUSY.get()
+}
 
 /// Runs a minibatch in chunks of samples on the threads of the current rayon pool.
 ///
@@ -105,7 +116,7 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
             let one = |(chunk, buffer): (usize, &mut Vec<T>)| {
                 buffer.fill(T::ZERO);
                 let range = self.range(chunk, num_samples);
-                self.lend(|workspace| f(range, workspace, buffer))
+                self.lend(count, |workspace| f(range, workspace, buffer))
             };
             results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(one));
             add_in_order(gradient, buffers);
@@ -121,9 +132,10 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
         f: impl Fn(Range<usize>, &mut W) -> S + Sync,
     ) -> Vec<S> {
         let range = |chunk| self.range(chunk, num_samples);
-        (0..self.prepare(num_samples))
+        let count = self.prepare(num_samples);
+        (0..count)
             .into_par_iter()
-            .map(|chunk| self.lend(|workspace| f(range(chunk), workspace)))
+            .map(|chunk| self.lend(count, |workspace| f(range(chunk), workspace)))
             .collect()
     }
 
@@ -146,10 +158,11 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
         );
         let num_samples = out.len() / width;
         let range = |chunk| self.range(chunk, num_samples);
-        (0..self.prepare(num_samples))
+        let count = self.prepare(num_samples);
+        (0..count)
             .into_par_iter()
             .zip(out.par_chunks_mut(width * self.chunk_size))
-            .map(|(chunk, rows)| self.lend(|workspace| f(range(chunk), workspace, rows)))
+            .map(|(chunk, rows)| self.lend(count, |workspace| f(range(chunk), workspace, rows)))
             .collect()
     }
 
@@ -168,10 +181,13 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
         start..num_samples.min(start + self.chunk_size)
     }
 
-    fn lend<S>(&self, f: impl FnOnce(&mut W) -> S) -> S {
+    /// Runs one of `count` chunks.
+    fn lend<S>(&self, count: usize, f: impl FnOnce(&mut W) -> S) -> S {
         let idle = self.lock().pop();
         let mut workspace = idle.unwrap_or_else(|| (self.new_workspace)());
+        let outer = BUSY.replace(count > 1);
         let result = f(&mut workspace);
+        BUSY.set(outer);
         self.lock().push(workspace);
         result
     }

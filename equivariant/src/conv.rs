@@ -161,15 +161,17 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        T::forward(Forward {
+        let pass = Forward {
             conv: self,
             samples: self.shape_in().samples(x.len()),
+            lines: 0..self.shape_out.height,
             params,
             x: Maps::Channels(x),
             y: MapsMut::Channels(y),
             masks: None,
             scratch,
-        });
+        };
+        pass.run_on_threads();
     }
 
     fn backward(

@@ -1,5 +1,8 @@
 //! The forward pass of a convolution.
 
+use std::ops::Range;
+
+use crate::chunks::in_one_of_many_chunks;
 use crate::join::Join;
 use crate::lanes::{Block, Kernel, LANES, Lanes};
 use crate::lines::Lines;
@@ -10,10 +13,15 @@ use crate::{R2Conv, Scalar};
 /// Rows up to which a forward pass reads parameters in place: to copy them to cache lines pays when they are read often.
 const IN_PLACE: usize = 2 * ROWS;
 
+/// Multiplications from which on half of them are worth another thread, which takes microseconds to get.
+const SPLIT: usize = 1 << 18;
+
 /// Everything that a forward pass reads and writes.
 pub struct Forward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
+    /// Which lines of the output it makes; all of them unless there is one sample. `y` and `masks` begin with the first.
+    pub(crate) lines: Range<usize>,
     pub(crate) params: &'a [T],
     pub(crate) x: Maps<'a, T>,
     pub(crate) y: MapsMut<'a, T>,
@@ -23,14 +31,59 @@ pub struct Forward<'a, T> {
 }
 
 impl<T: Scalar> Forward<'_, T> {
-    /// The length of the scratch; `staged` says whether the input is.
+    /// The length of the scratch, of both halves; `staged` says whether the input is.
     pub fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
         let (patches, weights) = (conv.patches(), conv.weights());
         let images = if staged { 0 } else { conv.group(samples) };
         let per_row = patches.folded() + weights.width();
         let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
         let line = patches.lines().map_or(0, Lines::staged);
-        Scratch::<T>::len(rest) + images * patches.staged() + line
+        2 * (Scratch::<T>::len(rest) + images * patches.staged() + line)
+    }
+}
+
+impl<T: Scalar> Forward<'_, T> {
+    /// Runs the pass: that of a single image in two halves, which have the same bits, if a thread of the current rayon pool may be
+    /// free for one of them.
+    pub fn run_on_threads(self) {
+        let products = self.conv.shape_out().pixels() * self.conv.weights().blocks() * LANES;
+        let worth = self.samples == 1 && self.conv.shape_out().height > 1 && products >= SPLIT;
+        let threads = match rayon::current_thread_index() {
+            Some(_) if !in_one_of_many_chunks() => rayon::current_num_threads(),
+            _ => 1,
+        };
+        if worth && threads > 1 {
+            let (above, below) = self.halves();
+            rayon::join(|| T::forward(above), || T::forward(below));
+        } else {
+            T::forward(self);
+        }
+    }
+
+    /// The upper and the lower lines of the output of a single image.
+    fn halves(self) -> (Self, Self) {
+        let shape = self.conv.shape_out();
+        let middle = shape.height / 2;
+        let pixels = middle * shape.width;
+        let (y, y_below) = self.y.split(pixels, shape.fields.dim());
+        let at = pixels * self.conv.weights().width();
+        let (masks, masks_below) = self.masks.map(|masks| masks.split_at_mut(at)).unzip();
+        let (scratch, scratch_below) = self.scratch.split_at_mut(self.scratch.len() / 2);
+        let below = Forward {
+            lines: middle..shape.height,
+            y: y_below,
+            masks: masks_below,
+            scratch: scratch_below,
+            ..self
+        };
+        let above = Forward {
+            lines: 0..middle,
+            y,
+            masks,
+            scratch,
+            ..below
+        };
+        (above, below)
     }
 }
 
@@ -53,11 +106,20 @@ impl<T: Scalar> Forward<'_, T> {
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, self.conv.patches(), self.conv.weights());
         let mut scratch = Scratch::new(self.scratch);
-        let few = self.samples * conv.shape_out().pixels() <= IN_PLACE;
+        let width = conv.shape_out().width;
+        let start = self.lines.start * width;
+        let pixels = &patches.windows()[start..self.lines.end * width];
+        let few = self.samples * pixels.len() <= IN_PLACE;
         let w = weights.packed(self.params, &mut scratch, few);
         let biases = &self.params[conv.blocks().bias()];
-        let mut finish =
-            Finish::<T, L, G>::new(lanes, conv, biases, &mut scratch, self.masks, self.y);
+        let mut finish = Finish::<T, L, G>::new(
+            lanes,
+            conv,
+            biases,
+            &mut scratch,
+            self.masks,
+            (self.y, start),
+        );
         let panel = scratch.take(ROWS * patches.folded());
         let sums = scratch.take(ROWS * weights.width());
         let together = match self.x {
@@ -70,15 +132,15 @@ impl<T: Scalar> Forward<'_, T> {
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let rows = images * finish.pixels;
+            let rows = images * pixels.len();
             let staged = self.x.stage(lanes, patches, (first, images), own);
-            let mut cursor = Cursor::new(finish.pixels);
+            let mut cursor = Cursor::new(pixels.len());
             for row in (0..rows).step_by(ROWS) {
                 let count = ROWS.min(rows - row);
                 let mut windows = [0; ROWS];
                 for (r, window) in windows.iter_mut().enumerate() {
                     // an incomplete block ends with copies of its last row
-                    *window = cursor.at(patches.windows(), patches.staged());
+                    *window = cursor.at(pixels, patches.staged());
                     if r + 1 < count {
                         cursor.advance();
                     }
@@ -94,7 +156,7 @@ impl<T: Scalar> Forward<'_, T> {
                     }
                 }
                 forward::<T, L, G>(lanes, panel.as_chunks().0, w, sums, count);
-                finish.run(sums, first * finish.pixels + row, count);
+                finish.run(sums, first * pixels.len() + row, count);
             }
         }
     }
@@ -105,7 +167,6 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     lanes: L,
     width: usize,
     join: Join,
-    pixels: usize,
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
@@ -113,6 +174,8 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     own: &'a mut [Block<T>],
     masks: Option<&'a mut [T]>,
     y: MapsMut<'a, T>,
+    /// The pixel of the output that `y` and `masks` begin with.
+    start: usize,
 }
 
 impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
@@ -123,7 +186,7 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         biases: &[T],
         scratch: &mut Scratch<'a, T>,
         masks: Option<&'a mut [T]>,
-        y: MapsMut<'a, T>,
+        (y, start): (MapsMut<'a, T>, usize),
     ) -> Self {
         let shape = conv.shape_out();
         let width = conv.weights().width();
@@ -135,17 +198,17 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             lanes,
             width,
             join: Join::new(shape.fields),
-            pixels: shape.pixels(),
             channels: shape.fields.dim(),
             regular: shape.fields.regular_fields().is_some(),
             bias,
             own: scratch.take(ROWS * width),
             masks,
             y,
+            start,
         }
     }
 
-    /// Adds the bias, rectifies if there are masks, and writes `count` output pixels, at most ROWS.
+    /// Adds the bias, rectifies if there are masks, and writes `count` output pixels, at most ROWS, from pixel `first` of `y`.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
@@ -158,7 +221,10 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
                 (&mut *self.own, 1.0)
             }
             MapsMut::Staged(patches, y) => {
-                patches.places(first, &mut places[..count]);
+                let places = &mut places[..count];
+                patches.places(self.start + first, places);
+                let skipped = patches.before(self.start);
+                places.iter_mut().for_each(|place| *place -= skipped);
                 (y.as_chunks_mut().0, patches.scale())
             }
         };

@@ -4,6 +4,8 @@
 //! k - 1 - t of a window share their weights up to the signs of the lanes. So one sum goes over the columns of each half, a and b,
 //! and a + b and a - b are the two parities along x. A mirrored image swaps a and b: the symmetry stays exact.
 
+use std::ops::Range;
+
 use symmetry::D2;
 
 use crate::columns::Columns;
@@ -37,23 +39,26 @@ impl<T: Scalar> Forward<'_, T> {
         weights.pack(self.params, w);
         scale(lanes, patches, w);
         let biases = &self.params[conv.blocks().bias()];
-        let mut finish =
-            Finish::<T, L, G>::new(lanes, conv, biases, &mut scratch, self.masks, self.y);
+        let start = self.lines.start * conv.shape_out().width;
+        let mut finish = Finish::<T, L, G>::new(
+            lanes,
+            conv,
+            biases,
+            &mut scratch,
+            self.masks,
+            (self.y, start),
+        );
         let sums = scratch.take(TILE * weights.width());
         let own = zeros(scratch.take_flat(lines.staged()));
         let line = Line::new(lanes, patches, weights.width());
         let out = conv.shape_out();
-        for (image, oy) in lines_of(self.samples, out.height) {
+        for (i, (image, oy)) in lines_of(self.samples, self.lines).enumerate() {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..out.width).step_by(TILE) {
-                let rows = first..out.width.min(first + TILE);
-                line.forward(&own[line.start(lines, first)..], w, sums, rows.len());
-                finish.run(
-                    sums,
-                    (image * out.height + oy) * out.width + first,
-                    rows.len(),
-                );
+                let rows = TILE.min(out.width - first);
+                line.forward(&own[line.start(lines, first)..], w, sums, rows);
+                finish.run(sums, i * out.width + first, rows);
             }
         }
     }
@@ -72,7 +77,7 @@ impl<T: Scalar> Backward<'_, T> {
         let own = zeros(scratch.take_flat(lines.staged()));
         let line = Line::new(lanes, patches, width);
         let out = conv.shape_out();
-        for (image, oy) in lines_of(self.samples, out.height) {
+        for (image, oy) in lines_of(self.samples, 0..out.height) {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..out.width).step_by(LINE) {
@@ -89,9 +94,9 @@ impl<T: Scalar> Backward<'_, T> {
     }
 }
 
-/// Every line of output of every image.
-fn lines_of(samples: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..samples).flat_map(move |image| (0..height).map(move |oy| (image, oy)))
+/// These lines of output of every image.
+fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
+    (0..samples).flat_map(move |image| lines.clone().map(move |oy| (image, oy)))
 }
 
 /// Brings the coefficients of the folds to the weights.

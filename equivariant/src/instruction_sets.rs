@@ -25,6 +25,7 @@ fn run(conv: &R2Conv, widest: InstructionSet, with_dx: bool) -> Vec<f32> {
     let forward = Forward {
         conv,
         samples: SAMPLES,
+        lines: 0..conv.shape_out().height,
         params: &params,
         x: Maps::Channels(&x),
         y: MapsMut::Channels(&mut y),

@@ -12,7 +12,8 @@
 //! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw, and all
 //!   buffers belong to the caller, so a training step allocates nothing after the first.
 //! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current
-//!   rayon pool, with the same bits for any number of threads.
+//!   rayon pool, with the same bits for any number of threads. Large convolutions of a single image use two
+//!   threads of the pool that they run in.
 //!
 //! ```
 //! use equivariant::{Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, equivariance_error};

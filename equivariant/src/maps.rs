@@ -44,6 +44,25 @@ impl<T: Scalar> Maps<'_, T> {
     }
 }
 
+impl<'a, T: Scalar> MapsMut<'a, T> {
+    /// The maps of a single image before this pixel, and from it on; it must be the first of a line. `channels` of a pixel.
+    pub fn split(self, pixel: usize, channels: usize) -> (MapsMut<'a, T>, MapsMut<'a, T>) {
+        match self {
+            MapsMut::Channels(y) => {
+                let (above, below) = y.split_at_mut(pixel * channels);
+                (MapsMut::Channels(above), MapsMut::Channels(below))
+            }
+            MapsMut::Staged(patches, y) => {
+                let (above, below) = y.split_at_mut(patches.before(pixel) * LANES);
+                (
+                    MapsMut::Staged(patches, above),
+                    MapsMut::Staged(patches, below),
+                )
+            }
+        }
+    }
+}
+
 /// Counts the pixels of images.
 pub(crate) struct Cursor {
     pub image: usize,

@@ -221,6 +221,14 @@ impl Patches {
         }
     }
 
+    /// Blocks of a staged image before this pixel, without those of the padding above the first.
+    pub fn before(&self, pixel: usize) -> usize {
+        match pixel {
+            0 => 0,
+            _ => self.pixels[pixel] / LANES,
+        }
+    }
+
     /// The factor of staged values, which orbits of G taps then need no other to be orthonormal.
     pub fn scale(&self) -> f64 {
         (self.image.fields.group().order() as f64).sqrt().recip()

@@ -4,8 +4,8 @@
 
 mod common;
 
-use common::{forward, network, normal, params};
-use equivariant::{Chunks, Group, Layer, Sequential};
+use common::{boxed, conv, forward, network, normal, params};
+use equivariant::{Chunks, FieldType, Group, Layer, Relu, Scalar, Sequential, Shape};
 
 const SAMPLES: usize = 150;
 const CHUNK: usize = 2;
@@ -21,6 +21,11 @@ fn engine(net: &Sequential<f32>) -> Chunks<f32, Workspace> {
         y: vec![0.0; out],
         scratch: vec![0.0; scratch],
     })
+}
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+    pool.build().unwrap()
 }
 
 /// Gradient and losses of half the squared output, after `rounds` calls.
@@ -41,10 +46,7 @@ fn gradient(threads: usize, rounds: usize) -> (Vec<f32>, Vec<f32>) {
         });
         (gradient, losses)
     };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .unwrap();
+    let pool = pool(threads);
     pool.install(|| (1..rounds).for_each(|_| drop(run())));
     pool.install(run)
 }
@@ -62,6 +64,56 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
             );
         }
     }
+}
+
+/// Layers with enough to do for a second thread: fused and alone, odd numbers of lines, types that fill no block.
+fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 4] {
+    let mixed = FieldType::new(group, [5, 4, 3, 2]);
+    let [trivial, regular] = [group.trivial(6), group.regular(16)];
+    let fused = Sequential::new(vec![
+        conv(trivial, regular, [4, 2, 1], [54, 50]),
+        boxed(Relu::new(Shape::image(27, 25, regular))),
+        conv(regular, regular, [3, 1, 1], [27, 25]),
+    ]);
+    [
+        boxed(fused),
+        conv(trivial, regular, [5, 1, 2], [19, 17]),
+        conv(mixed, mixed, [5, 1, 2], [31, 37]),
+        conv(regular, mixed, [3, 2, 1], [65, 33]),
+    ]
+}
+
+/// The output for one image, then the gradients that are computed from what the pass left behind.
+fn one_image<T: Scalar>(layer: &dyn Layer<T>, threads: usize) -> [Vec<T>; 3] {
+    let params = params(layer, 1);
+    let x = normal::<T>(layer.in_shape().len(), 2);
+    let mut y = vec![T::ZERO; layer.out_shape().len()];
+    let (mut dx, mut dparams) = (vec![T::ZERO; x.len()], vec![T::ZERO; params.len()]);
+    let mut scratch = vec![T::from_f64(f64::NAN); layer.scratch_len(1)];
+    pool(threads).install(|| {
+        layer.forward(&params, &x, &mut y, &mut scratch);
+        let dx = Some(&mut dx[..]);
+        layer.backward(&params, &x, &y, &y, dx, &mut dparams, &mut scratch);
+    });
+    [y, dx, dparams]
+}
+
+#[test]
+fn one_image_has_the_same_bits_on_one_thread_and_on_several() {
+    for group in Group::ALL {
+        for (i, layer) in large_layers::<f32>(group).iter().enumerate() {
+            let expected = one_image(layer.as_ref(), 1);
+            assert!(expected.iter().flatten().all(|v| v.is_finite()));
+            for threads in [2, 3] {
+                assert!(
+                    one_image(layer.as_ref(), threads) == expected,
+                    "layer {i} of {group}"
+                );
+            }
+        }
+    }
+    let layer = &large_layers::<f64>(Group::D2)[0];
+    assert!(one_image(layer.as_ref(), 2) == one_image(layer.as_ref(), 1));
 }
 
 #[test]
