@@ -1,0 +1,88 @@
+//! Why Button Press is slow to learn: what Meta-World's reward says of a claw that presses.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+use std::sync::Arc;
+
+use envs::{Camera, Dynamics, Embodiment, Scene, TableTop, TaskGroup};
+use glam::DVec3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+/// Travel of the cap from rest to its goal (metres); success begins 0.02 before.
+const TRAVEL: f64 = 0.0935;
+const SUCCESS: f64 = 0.02;
+
+/// One decision of a press.
+#[derive(Debug)]
+struct Press {
+    /// The way that is left (metres).
+    remaining: f64,
+    reward: f64,
+    success: bool,
+}
+
+/// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger` is the gripper's action. The decisions
+/// in which the cap is off its rest.
+fn presses(finger: f32, seed: u64) -> Vec<Press> {
+    let scene = Scene::new(
+        TaskGroup::ButtonPress,
+        Embodiment::Sawyer,
+        Camera::default(),
+    );
+    let mut env = TableTop::new(Arc::new(scene.unwrap()), Dynamics::default()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    env.reset(D2::Identity, &mut rng).unwrap();
+    let rest = env.measurement().unwrap().object;
+    let (mut pushing, mut presses) = (false, Vec::new());
+    for _ in 0..50 {
+        let now = env.measurement().unwrap();
+        let to = rest + (now.hand - now.tcp) - DVec3::Y * 0.08 - now.hand;
+        pushing |= to.x.abs().max(to.z.abs()) < 0.006;
+        let move_by = if pushing {
+            DVec3::Y / 2.0
+        } else {
+            (to / 0.04).clamp(DVec3::NEG_ONE, DVec3::ONE)
+        };
+        let [x, y, z] = move_by.as_vec3().to_array();
+        let outcome = env.step(&[x, y, z, finger]).unwrap();
+        let way = (env.measurement().unwrap().object.y - rest.y).abs();
+        if way > 0.002 {
+            presses.push(Press {
+                remaining: TRAVEL - way,
+                reward: outcome.reward,
+                success: outcome.success,
+            });
+        }
+    }
+    presses
+}
+
+#[test]
+fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
+    for seed in 0..5 {
+        let presses = presses(0.5, seed);
+        let rising = presses.is_sorted_by(|a, b| a.reward < b.reward + 1e-3);
+        assert!(rising && presses[0].reward < 0.18, "{seed}: {presses:?}");
+        let last = &presses[presses.len() - 1];
+        assert!((0.66..0.69).contains(&last.reward), "{seed}: {last:?}");
+        assert!(
+            (SUCCESS..SUCCESS + 0.002).contains(&last.remaining),
+            "{seed}: {last:?}"
+        );
+        assert!(presses.iter().all(|press| !press.success), "{seed}");
+    }
+}
+
+#[test]
+fn an_open_claw_is_paid_at_the_very_end() {
+    for seed in 0..5 {
+        let presses = presses(-0.2, seed);
+        for press in presses.iter().filter(|press| press.remaining > 0.025) {
+            assert!((0.1..0.25).contains(&press.reward), "{seed}: {press:?}");
+        }
+        let last = &presses[presses.len() - 1];
+        assert!(last.success && last.reward > 0.9, "{seed}: {last:?}");
+    }
+}
