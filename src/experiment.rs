@@ -97,7 +97,8 @@ impl Experiment {
             schedule: Schedule::shuffled(3, [8, 36, 12, 40]),
             evaluation: EvaluationPlan {
                 rounds: 2,
-                visit_rounds: 1,
+                // as many, so that what is forgotten by the end shows on the same episodes
+                visit_rounds: 2,
                 every: None,
             },
             ..Self::short()
