@@ -176,6 +176,8 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     y: MapsMut<'a, T>,
     /// The pixel of the output that `y` and `masks` begin with.
     start: usize,
+    /// Blocks of a staged image before that pixel.
+    skipped: usize,
 }
 
 impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
@@ -190,6 +192,10 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
     ) -> Self {
         let shape = conv.shape_out();
         let width = conv.weights().width();
+        let skipped = match &y {
+            MapsMut::Channels(_) => 0,
+            MapsMut::Staged(patches, _) => patches.before(start),
+        };
         let bias = scratch.zeros(width);
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
@@ -205,6 +211,7 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             masks,
             y,
             start,
+            skipped,
         }
     }
 
@@ -223,8 +230,9 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             MapsMut::Staged(patches, y) => {
                 let places = &mut places[..count];
                 patches.places(self.start + first, places);
-                let skipped = patches.before(self.start);
-                places.iter_mut().for_each(|place| *place -= skipped);
+                for place in places {
+                    *place -= self.skipped;
+                }
                 (y.as_chunks_mut().0, patches.scale())
             }
         };

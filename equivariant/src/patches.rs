@@ -221,7 +221,7 @@ impl Patches {
         }
     }
 
-    /// Blocks of a staged image before this pixel, without those of the padding above the first.
+    /// Blocks of a staged image before this pixel; the padding above the first pixel belongs to it.
     pub fn before(&self, pixel: usize) -> usize {
         match pixel {
             0 => 0,
