@@ -15,7 +15,7 @@ pub enum Preset {
     Smoke,
     /// Minutes; learns the two easy groups and tells all four apart.
     Short,
-    /// About a quarter of an hour; every group three times.
+    /// About half an hour on two busy cores; every group three times.
     #[value(alias = "full")]
     Covers,
     /// As `covers`, but every group twice, and only one variant of each is learnt; the others appear in evaluations.

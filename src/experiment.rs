@@ -40,7 +40,7 @@ pub struct Experiment {
 pub struct EvaluationPlan {
     /// Episodes in each environment and variant after the stream, at least 1.
     pub rounds: usize,
-    /// As many after each visit; none where it is 0.
+    /// The same after each visit; none where it is 0.
     pub visit_rounds: usize,
     /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the stream, each as after a visit, where
     /// `visit_rounds` is then at least 1, too. Without a number there are none within visits.
@@ -91,7 +91,7 @@ impl Experiment {
         }
     }
 
-    /// About a quarter of an hour on two cores: every group three times, and more of the two that take longer.
+    /// About half an hour on two busy cores: every group three times, and more of the two that take longer.
     pub fn full() -> Self {
         Self {
             schedule: Schedule::shuffled(3, [8, 36, 12, 40]),
