@@ -8,7 +8,7 @@ use std::fmt;
 use std::ops::Range;
 
 use crate::conv_backward::Backward;
-use crate::conv_forward::Forward;
+use crate::conv_forward::{Forward, Output};
 use crate::lanes::LANES;
 use crate::layer::Fusible;
 use crate::maps::{Maps, MapsMut, Scratch};
@@ -139,15 +139,17 @@ impl<T: Scalar> Layer<T> for Chain {
             let mut pass = Forward {
                 conv: &link.conv,
                 samples,
-                lines: 0..link.conv.shape_out().height,
                 params: &params[link.params.clone()],
                 x,
-                y: MapsMut::Channels(&mut []),
-                masks: link.rectified.then_some(masks),
+                to: Output {
+                    lines: 0..link.conv.shape_out().height,
+                    y: MapsMut::Channels(&mut []),
+                    masks: link.rectified.then_some(masks),
+                },
                 scratch,
             };
             let Some(next) = self.links.get(i + 1) else {
-                pass.y = MapsMut::Channels(y.take().unwrap_or_default());
+                pass.to.y = MapsMut::Channels(y.take().unwrap_or_default());
                 return pass.run_on_threads();
             };
             let patches = next.conv.patches();
@@ -155,7 +157,7 @@ impl<T: Scalar> Layer<T> for Chain {
             staged
                 .chunks_exact_mut(patches.staged().max(1))
                 .for_each(|image| patches.clear_border(image));
-            pass.y = MapsMut::Staged(patches, staged);
+            pass.to.y = MapsMut::Staged(patches, staged);
             pass.run_on_threads();
             x = Maps::Staged(patches, staged);
         }

@@ -14,7 +14,7 @@ const WAVE: usize = 64;
 const PIECE: usize = 2048;
 
 thread_local! {
-    /// Whether this thread runs a chunk, while other chunks wait for a thread.
+    /// Whether this thread runs a chunk, while other chunks wait for a thread. A chunk that panics leaves it set, which costs speed alone.
     static BUSY: Cell<bool> = const { Cell::new(false) };
 }
 

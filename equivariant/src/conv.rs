@@ -7,7 +7,7 @@ use symmetry::{FieldType, Irrep};
 
 use crate::blocks::Blocks;
 use crate::conv_backward::Backward;
-use crate::conv_forward::Forward;
+use crate::conv_forward::{Forward, Output};
 use crate::conv_weights::Weights;
 use crate::layer::Fusible;
 use crate::maps::{Maps, MapsMut};
@@ -164,11 +164,13 @@ impl<T: Scalar> Layer<T> for R2Conv {
         let pass = Forward {
             conv: self,
             samples: self.shape_in().samples(x.len()),
-            lines: 0..self.shape_out.height,
             params,
             x: Maps::Channels(x),
-            y: MapsMut::Channels(y),
-            masks: None,
+            to: Output {
+                lines: 0..self.shape_out.height,
+                y: MapsMut::Channels(y),
+                masks: None,
+            },
             scratch,
         };
         pass.run_on_threads();

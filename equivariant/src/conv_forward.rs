@@ -20,29 +20,35 @@ const SPLIT: usize = 1 << 18;
 pub struct Forward<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
-    /// Which lines of the output it makes; all of them unless there is one sample. `y` and `masks` begin with the first.
-    pub(crate) lines: Range<usize>,
     pub(crate) params: &'a [T],
     pub(crate) x: Maps<'a, T>,
-    pub(crate) y: MapsMut<'a, T>,
-    /// Where to keep which values a ReLU passes, a number for every block of outputs; none for no ReLU.
-    pub(crate) masks: Option<&'a mut [T]>,
+    pub(crate) to: Output<'a, T>,
     pub(crate) scratch: &'a mut [T],
 }
 
-impl<T: Scalar> Forward<'_, T> {
-    /// The length of the scratch, of both halves; `staged` says whether the input is.
-    pub fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
-        let (patches, weights) = (conv.patches(), conv.weights());
-        let images = if staged { 0 } else { conv.group(samples) };
-        let per_row = patches.folded() + weights.width();
-        let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
-        let line = patches.lines().map_or(0, Lines::staged);
-        2 * (Scratch::<T>::len(rest) + images * patches.staged() + line)
-    }
+/// What a forward pass writes.
+pub(crate) struct Output<'a, T> {
+    /// Which lines of the output; all of them unless there is one sample. `y` and `masks` begin with the first.
+    pub lines: Range<usize>,
+    pub y: MapsMut<'a, T>,
+    /// Where to keep which values a ReLU passes, a number for every block of outputs; none for no ReLU.
+    pub masks: Option<&'a mut [T]>,
 }
 
 impl<T: Scalar> Forward<'_, T> {
+    /// The length of the scratch, also of two halves of a single image; `staged` says whether the input is.
+    pub fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
+        let (patches, weights) = (conv.patches(), conv.weights());
+        let per_row = patches.folded() + weights.width();
+        let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
+        let line = patches.lines().map_or(0, Lines::staged);
+        let with = |images| Scratch::<T>::len(rest) + images * patches.staged() + line;
+        match staged {
+            true => 2 * with(0),
+            false => with(conv.group(samples)).max(2 * with(1)),
+        }
+    }
+
     /// Runs the pass: that of a single image in two halves, which have the same bits, if a thread of the current rayon pool may be
     /// free for one of them.
     pub fn run_on_threads(self) {
@@ -60,28 +66,42 @@ impl<T: Scalar> Forward<'_, T> {
         }
     }
 
-    /// The upper and the lower lines of the output of a single image.
+    /// The pass over the upper and that over the lower lines of a single image.
     fn halves(self) -> (Self, Self) {
-        let shape = self.conv.shape_out();
+        let (above, below) = self.to.halves(self.conv);
+        let (scratch, scratch_below) = self.scratch.split_at_mut(self.scratch.len() / 2);
+        let above = Forward {
+            to: above,
+            scratch,
+            ..self
+        };
+        let below = Forward {
+            to: below,
+            scratch: scratch_below,
+            ..above
+        };
+        (above, below)
+    }
+}
+
+impl<T: Scalar> Output<'_, T> {
+    /// The upper and the lower lines of a single image.
+    fn halves(self, conv: &R2Conv) -> (Self, Self) {
+        let shape = conv.shape_out();
         let middle = shape.height / 2;
         let pixels = middle * shape.width;
         let (y, y_below) = self.y.split(pixels, shape.fields.dim());
-        let at = pixels * self.conv.weights().width();
+        let at = pixels * conv.weights().width();
         let (masks, masks_below) = self.masks.map(|masks| masks.split_at_mut(at)).unzip();
-        let (scratch, scratch_below) = self.scratch.split_at_mut(self.scratch.len() / 2);
-        let below = Forward {
-            lines: middle..shape.height,
-            y: y_below,
-            masks: masks_below,
-            scratch: scratch_below,
-            ..self
-        };
-        let above = Forward {
+        let above = Output {
             lines: 0..middle,
             y,
             masks,
-            scratch,
-            ..below
+        };
+        let below = Output {
+            lines: middle..shape.height,
+            y: y_below,
+            masks: masks_below,
         };
         (above, below)
     }
@@ -107,19 +127,11 @@ impl<T: Scalar> Forward<'_, T> {
         let (conv, patches, weights) = (self.conv, self.conv.patches(), self.conv.weights());
         let mut scratch = Scratch::new(self.scratch);
         let width = conv.shape_out().width;
-        let start = self.lines.start * width;
-        let pixels = &patches.windows()[start..self.lines.end * width];
+        let lines = &self.to.lines;
+        let pixels = &patches.windows()[lines.start * width..lines.end * width];
         let few = self.samples * pixels.len() <= IN_PLACE;
         let w = weights.packed(self.params, &mut scratch, few);
-        let biases = &self.params[conv.blocks().bias()];
-        let mut finish = Finish::<T, L, G>::new(
-            lanes,
-            conv,
-            biases,
-            &mut scratch,
-            self.masks,
-            (self.y, start),
-        );
+        let mut finish = Finish::<T, L, G>::new(lanes, conv, self.params, &mut scratch, self.to);
         let panel = scratch.take(ROWS * patches.folded());
         let sums = scratch.take(ROWS * weights.width());
         let together = match self.x {
@@ -172,9 +184,8 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     bias: &'a [Block<T>],
     /// Room for ROWS pixels.
     own: &'a mut [Block<T>],
-    masks: Option<&'a mut [T]>,
-    y: MapsMut<'a, T>,
-    /// The pixel of the output that `y` and `masks` begin with.
+    to: Output<'a, T>,
+    /// The pixel of the output that it begins with.
     start: usize,
     /// Blocks of a staged image before that pixel.
     skipped: usize,
@@ -185,17 +196,18 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
     pub fn new(
         lanes: L,
         conv: &R2Conv,
-        biases: &[T],
+        params: &[T],
         scratch: &mut Scratch<'a, T>,
-        masks: Option<&'a mut [T]>,
-        (y, start): (MapsMut<'a, T>, usize),
+        to: Output<'a, T>,
     ) -> Self {
         let shape = conv.shape_out();
         let width = conv.weights().width();
-        let skipped = match &y {
+        let start = to.lines.start * shape.width;
+        let skipped = match &to.y {
             MapsMut::Channels(_) => 0,
             MapsMut::Staged(patches, _) => patches.before(start),
         };
+        let biases = &params[conv.blocks().bias()];
         let bias = scratch.zeros(width);
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
@@ -208,19 +220,18 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             regular: shape.fields.regular_fields().is_some(),
             bias,
             own: scratch.take(ROWS * width),
-            masks,
-            y,
+            to,
             start,
             skipped,
         }
     }
 
-    /// Adds the bias, rectifies if there are masks, and writes `count` output pixels, at most ROWS, from pixel `first` of `y`.
+    /// Adds the bias, rectifies if there are masks, and writes `count` output pixels, at most ROWS, from pixel `first` of those it has.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
         let mut places = [0; ROWS];
-        let (to, scale) = match &mut self.y {
+        let (to, scale) = match &mut self.to.y {
             MapsMut::Channels(_) => {
                 for (r, place) in places.iter_mut().enumerate() {
                     *place = r * width;
@@ -242,14 +253,14 @@ impl<'a, T: Scalar, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             bias: self.bias,
             places: &places[..count],
         };
-        let masks = self.masks.as_deref_mut();
+        let masks = self.to.masks.as_deref_mut();
         let masks = masks.map(|masks| &mut masks[first * width..][..count * width]);
         match masks {
             Some(masks) if self.regular => rows.rectify::<G>(masks, scale, to),
             Some(masks) => rows.rectify::<1>(masks, scale, to),
             None => rows.add_bias(scale, to),
         }
-        if let MapsMut::Channels(y) = &mut self.y {
+        if let MapsMut::Channels(y) = &mut self.to.y {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels.max(1));
             let own = self.own.chunks_exact(width.max(1));
             for (own, y) in own.take(count).zip(pixels) {

@@ -38,21 +38,13 @@ impl<T: Scalar> Forward<'_, T> {
         let w = scratch.take(weights.blocks());
         weights.pack(self.params, w);
         scale(lanes, patches, w);
-        let biases = &self.params[conv.blocks().bias()];
-        let start = self.lines.start * conv.shape_out().width;
-        let mut finish = Finish::<T, L, G>::new(
-            lanes,
-            conv,
-            biases,
-            &mut scratch,
-            self.masks,
-            (self.y, start),
-        );
+        let of_output = self.to.lines.clone();
+        let mut finish = Finish::<T, L, G>::new(lanes, conv, self.params, &mut scratch, self.to);
         let sums = scratch.take(TILE * weights.width());
         let own = zeros(scratch.take_flat(lines.staged()));
         let line = Line::new(lanes, patches, weights.width());
         let out = conv.shape_out();
-        for (i, (image, oy)) in lines_of(self.samples, self.lines).enumerate() {
+        for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
             let x = &x[image * patches.image().len()..][..patches.image().len()];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..out.width).step_by(TILE) {

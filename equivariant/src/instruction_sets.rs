@@ -4,7 +4,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use symmetry::{FieldType, Group};
 
 use crate::conv_backward::Backward;
-use crate::conv_forward::Forward;
+use crate::conv_forward::{Forward, Output};
 use crate::lanes::{InstructionSet, run_f32};
 use crate::maps::{Maps, MapsMut};
 use crate::{Kernel, Layer, R2Conv};
@@ -25,11 +25,13 @@ fn run(conv: &R2Conv, widest: InstructionSet, with_dx: bool) -> Vec<f32> {
     let forward = Forward {
         conv,
         samples: SAMPLES,
-        lines: 0..conv.shape_out().height,
         params: &params,
         x: Maps::Channels(&x),
-        y: MapsMut::Channels(&mut y),
-        masks: Some(&mut masks),
+        to: Output {
+            lines: 0..conv.shape_out().height,
+            y: MapsMut::Channels(&mut y),
+            masks: Some(&mut masks),
+        },
         scratch: &mut scratch,
     };
     run_f32(forward, widest);
