@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
-use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::D2;
 
 /// Return of a perfect episode on the paper's scale.
@@ -85,13 +85,11 @@ impl Stream {
 }
 
 impl VectorEnv for Stream {
-    type Error = EnvError;
-
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), EnvError> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         let clock = Instant::now();
         self.failures += self.env.reset(borrow(out))?.len();
         self.seconds += clock.elapsed().as_secs_f64();
@@ -99,7 +97,7 @@ impl VectorEnv for Stream {
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), EnvError> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
         let clock = Instant::now();
         let failures = self.env.step(
             actions,
@@ -113,6 +111,7 @@ impl VectorEnv for Stream {
         )?;
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
+        out.success_at_end.copy_from_slice(&out.success);
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated
