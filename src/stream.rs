@@ -115,7 +115,6 @@ impl VectorEnv for Stream {
         )?;
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
-        out.success_at_end.copy_from_slice(&out.success);
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated
