@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use envs::{
     ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, HAND_START, RGB, Scene,
-    SceneRenderer, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    SceneRenderer, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -32,7 +32,7 @@ const ENVS: usize = 16;
 /// Environments whose memory is asked for.
 const MANY: usize = 64;
 /// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as in Meta-World.
-const DYNAMICS: Control = Control {
+const CONTROL: Control = Control {
     action_repeat: 1,
     displacement: 0.01,
     horizon: 500,
@@ -49,7 +49,7 @@ impl Subject {
     fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
         Ok(Self {
             embodiment: embodiment.parse()?,
-            group: group.parse()?,
+            group: TaskRegistry::standard().get(group)?,
             camera: Camera {
                 size: 64,
                 ..Camera::default()
@@ -61,7 +61,7 @@ impl Subject {
     fn table(self) -> Result<(TableTop, ChaCha8Rng), Failure> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let scene = Scene::new(self.group, self.embodiment, self.camera)?;
-        let mut table = TableTop::new(Arc::new(scene), DYNAMICS)?;
+        let mut table = TableTop::new(Arc::new(scene), CONTROL)?;
         table.reset(D2::Identity, &mut rng)?;
         Ok((table, rng))
     }
@@ -71,7 +71,7 @@ impl Subject {
         let scene = Arc::clone(table.scene());
         let mut tables = vec![table];
         for _ in 1..ENVS {
-            let mut table = TableTop::new(Arc::clone(&scene), DYNAMICS)?;
+            let mut table = TableTop::new(Arc::clone(&scene), CONTROL)?;
             table.reset(D2::Identity, &mut rng)?;
             tables.push(table);
         }
@@ -107,13 +107,13 @@ impl Subject {
         rate(|| {
             let (data, target, steps) = &mut simulations[turns.next().unwrap_or(0)];
             *steps += 1;
-            if *steps % DYNAMICS.horizon == 0 {
+            if *steps % CONTROL.horizon == 0 {
                 data.restore(&begin)?;
                 *target = HAND_START;
             }
             let [x, y, z, finger] = action(&mut rng).map(f64::from);
             let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
-            *target = (*target + DYNAMICS.displacement * DVec3::new(x, y, z)).clamp(low, high);
+            *target = (*target + CONTROL.displacement * DVec3::new(x, y, z)).clamp(low, high);
             data.set_mocap_position(hand_target, target.to_array())?;
             data.set_ctrl(&[finger, -finger])?;
             Ok(data.step(5)?)
@@ -195,7 +195,7 @@ impl Driven {
             threads,
             embodiment: subject.embodiment,
             camera: subject.camera,
-            control: DYNAMICS,
+            control: CONTROL,
             ..VecEnvSettings::default()
         };
         let mut driven = Self {

@@ -162,7 +162,7 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
             loop {
                 renderer.render(&mut table, &mut expected).unwrap();
                 renderer
-                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .render_over(&mut table, &mut backdrop, &mut rgb)
                     .unwrap();
                 assert!(rgb == expected, "{group} {embodiment} {element}");
                 let action = table.expert_action().unwrap();

@@ -138,7 +138,7 @@ impl Twin {
         let element = D2::ALL[self.rng.random_range(0..4)];
         self.table.reset(element, &mut self.rng).unwrap();
         self.renderer
-            .paint(&mut self.table, &mut self.first)
+            .render(&mut self.table, &mut self.first)
             .unwrap();
         self.observe()
     }
