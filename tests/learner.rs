@@ -60,19 +60,17 @@ impl Bars {
 }
 
 impl VectorEnv for Bars {
-    type Error = std::convert::Infallible;
-
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), Self::Error> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), rl::BoxError> {
         self.time = 0;
         self.draw(out);
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Self::Error> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), rl::BoxError> {
         self.time += 1;
         out.rewards.copy_from_slice(actions);
         self.draw(&mut out.observations);

@@ -2,7 +2,7 @@
 
 use symmetry::Irrep;
 
-use crate::error::{RlError, check_len};
+use crate::error::{BoxError, RlError, check_len};
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -131,8 +131,12 @@ pub struct Transition {
     pub rewards: Vec<f32>,
     /// Outcomes `[N]`.
     pub outcomes: Vec<Outcome>,
-    /// Whether the success condition held at this step, `[N]`.
+    /// Whether the success condition held at any time within this step, `[N]`. A step may be
+    /// several control steps of a simulation.
     pub success: Vec<bool>,
+    /// Whether the success condition holds at the end of this step, `[N]`: where an episode ended,
+    /// in its final state.
+    pub success_at_end: Vec<bool>,
 }
 
 impl Transition {
@@ -144,6 +148,7 @@ impl Transition {
             rewards: vec![0.0; spec.num_envs],
             outcomes: vec![Outcome::Running; spec.num_envs],
             success: vec![false; spec.num_envs],
+            success_at_end: vec![false; spec.num_envs],
         }
     }
 
@@ -156,15 +161,18 @@ impl Transition {
         self.final_observations.check(spec, spec.num_envs)?;
         check_len("rewards", "[N]", self.rewards.len(), spec.num_envs)?;
         check_len("outcomes", "[N]", self.outcomes.len(), spec.num_envs)?;
-        check_len("success", "[N]", self.success.len(), spec.num_envs)
+        check_len("success", "[N]", self.success.len(), spec.num_envs)?;
+        check_len(
+            "success_at_end",
+            "[N]",
+            self.success_at_end.len(),
+            spec.num_envs,
+        )
     }
 }
 
 /// N environments that step together and restart by themselves.
 pub trait VectorEnv {
-    /// What the environment fails with.
-    type Error: std::error::Error + Send + Sync + 'static;
-
     /// Sizes and types, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
 
@@ -172,14 +180,14 @@ pub trait VectorEnv {
     ///
     /// # Errors
     /// Whatever the environment cannot do.
-    fn reset(&mut self, out: &mut Observations) -> Result<(), Self::Error>;
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError>;
 
-    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not clipped: an environment
-    /// with bounds clips them itself.
+    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not
+    /// clipped: an environment with bounds clips them itself. Every field of `out` is written.
     ///
     /// # Errors
     /// Whatever the environment cannot do.
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Self::Error>;
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError>;
 }
 
 #[cfg(test)]

@@ -3,6 +3,9 @@
 use equivariant::LayerError;
 use thiserror::Error;
 
+/// Whatever an environment fails with. `?` turns every error type that is `Send` and `Sync` into it.
+pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
+
 /// What can go wrong while networks are built, rollouts are collected and policies are updated.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -114,7 +117,7 @@ pub enum RlError {
     },
     /// The environment failed.
     #[error("the environment failed: {0}")]
-    Environment(#[source] Box<dyn std::error::Error + Send + Sync + 'static>),
+    Environment(#[source] BoxError),
 }
 
 impl From<LayerError> for RlError {

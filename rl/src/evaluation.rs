@@ -12,8 +12,8 @@ use crate::rollout::{RolloutState, RolloutStats};
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and policy differ in size.
-pub fn evaluate<E: VectorEnv, P: Policy>(
-    env: &mut E,
+pub fn evaluate<P: Policy>(
+    env: &mut dyn VectorEnv,
     policy: &mut P,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
@@ -26,7 +26,7 @@ pub fn evaluate<E: VectorEnv, P: Policy>(
     while left.iter().any(|&rounds| rounds > 0) {
         policy.mean_actions(&state.observations, &mut actions)?;
         env.step(&actions, &mut transition)
-            .map_err(|e| RlError::Environment(Box::new(e)))?;
+            .map_err(RlError::Environment)?;
         stats.decisions += spec.num_envs;
         let mut ended = Vec::new();
         state.advance(&mut transition, &mut ended);

@@ -14,10 +14,8 @@
 //! `docs/ppo.md` lists every detail of the algorithm with its value, its source and the function that implements it.
 //!
 //! ```
-//! use std::convert::Infallible;
-//!
 //! use rl::{
-//!     ActorCriticPolicy, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
+//!     ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
 //!     RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -27,18 +25,16 @@
 //! struct Line(EnvSpec, Vec<f32>);
 //!
 //! impl VectorEnv for Line {
-//!     type Error = Infallible;
-//!
 //!     fn spec(&self) -> &EnvSpec {
 //!         &self.0
 //!     }
 //!
-//!     fn reset(&mut self, out: &mut Observations) -> Result<(), Infallible> {
+//!     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
 //!         out.vectors.copy_from_slice(&self.1);
 //!         Ok(())
 //!     }
 //!
-//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Infallible> {
+//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
 //!         for (i, x) in self.1.iter_mut().enumerate() {
 //!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
 //!             out.rewards[i] = 1.0 - x.abs();
@@ -80,6 +76,7 @@ mod evaluation;
 mod gae;
 mod gaussian;
 mod loss;
+mod metrics;
 mod minibatch;
 mod network;
 mod network_settings;
@@ -94,9 +91,10 @@ pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use buffer::RolloutBuffer;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
-pub use error::RlError;
+pub use error::{BoxError, RlError};
 pub use evaluation::evaluate;
 pub use gae::{GaeInputs, gae};
+pub use metrics::Metrics;
 pub use network::ActorCritic;
 pub use network_settings::{Critic, NetworkSettings};
 pub use pass::Workspace;

@@ -11,6 +11,7 @@ use crate::adam::{Adam, ParamGroup, clip_global_norm};
 use crate::buffer::RolloutBuffer;
 use crate::error::{RlError, check_finite};
 use crate::loss::{LossSums, LossWeights};
+use crate::metrics::Metrics;
 use crate::minibatch::{Minibatch, normalised_advantages};
 use crate::pass::Workspace;
 use crate::ppo_settings::PpoSettings;
@@ -19,7 +20,7 @@ use crate::ppo_settings::PpoSettings;
 const TRAINING_CHUNK: usize = 8;
 
 /// What an update did. Losses and diagnostics are means over all decisions of all minibatches that were run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct UpdateStats {
     /// The clipped surrogate, negated: what the actor minimises.
     pub policy_loss: f64,
@@ -39,6 +40,29 @@ pub struct UpdateStats {
     pub steps: usize,
     /// Complete passes over the rollout; fewer than set when the KL divergence stopped the update.
     pub epochs: usize,
+    /// Logarithm of every action component's standard deviation after the update, `[A]`.
+    pub log_std: Vec<f32>,
+}
+
+impl Metrics for UpdateStats {
+    /// The fields in their order; the components of `log_std` are `log_std_0`, `log_std_1`, ...
+    fn metrics(&self) -> Vec<(String, f64)> {
+        let scalars = [
+            ("policy_loss", self.policy_loss),
+            ("value_loss", self.value_loss),
+            ("entropy", self.entropy),
+            ("approx_kl", self.approx_kl),
+            ("clip_fraction", self.clip_fraction),
+            ("explained_variance", self.explained_variance),
+            ("grad_norm", self.grad_norm),
+            ("steps", self.steps as f64),
+            ("epochs", self.epochs as f64),
+        ];
+        let scalars = scalars.map(|(name, value)| (name.to_owned(), value));
+        let components = self.log_std.iter().enumerate();
+        let components = components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s)));
+        scalars.into_iter().chain(components).collect()
+    }
 }
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser state of one
@@ -135,14 +159,14 @@ impl Ppo {
                 let sums = self.minibatch_gradient(policy, buffer, start)?;
                 totals.losses.add(&sums);
                 if sums.kl / sums.samples > self.settings.kl_stop() {
-                    return Ok(totals.stats(&self.rollout, buffer));
+                    return Ok(totals.stats(&self.rollout, buffer, policy));
                 }
                 totals.grad_norms += self.descend(policy, &groups)?;
                 totals.steps += 1;
             }
             totals.epochs += 1;
         }
-        Ok(totals.stats(&self.rollout, buffer))
+        Ok(totals.stats(&self.rollout, buffer, policy))
     }
 
     /// The encoder is trained at a rate of its own: its drift under the critic's loss moves the actor, too.
@@ -241,7 +265,12 @@ struct Totals {
 }
 
 impl Totals {
-    fn stats(&self, rollout: &Rollout, buffer: &RolloutBuffer) -> UpdateStats {
+    fn stats(
+        &self,
+        rollout: &Rollout,
+        buffer: &RolloutBuffer,
+        policy: &ActorCriticPolicy,
+    ) -> UpdateStats {
         let mean = |sum: f64| sum / self.losses.samples;
         UpdateStats {
             policy_loss: mean(self.losses.policy),
@@ -253,6 +282,7 @@ impl Totals {
             grad_norm: self.grad_norms / self.steps.max(1) as f64,
             steps: self.steps,
             epochs: self.epochs,
+            log_std: policy.log_std().to_vec(),
         }
     }
 }

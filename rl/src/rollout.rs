@@ -25,9 +25,9 @@ pub struct Episode {
     pub length: usize,
     /// Undiscounted sum of rewards.
     pub total_reward: f64,
-    /// Whether the success condition held at any step.
+    /// Whether the success condition held at any time of the episode.
     pub success: bool,
-    /// Whether the success condition held at the last step.
+    /// Whether the success condition held at the end of the last step.
     pub success_at_end: bool,
 }
 
@@ -46,12 +46,13 @@ impl RolloutStats {
         self.mean(|e| e.total_reward)
     }
 
-    /// Share in [0, 1] of episodes with success at any step; `None` when no episode ended.
+    /// Share in [0, 1] of episodes with success at any time; `None` when no episode ended.
     pub fn success_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success)))
     }
 
-    /// Share in [0, 1] of episodes with success at their last step; `None` when no episode ended.
+    /// Share in [0, 1] of episodes with success at the end of their last step;
+    /// `None` when no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
@@ -67,12 +68,11 @@ impl RolloutState {
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes of its output.
-    pub fn reset<E: VectorEnv>(env: &mut E) -> Result<Self, RlError> {
+    pub fn reset(env: &mut dyn VectorEnv) -> Result<Self, RlError> {
         let spec = env.spec().clone();
         spec.check()?;
         let mut observations = Observations::new(&spec);
-        env.reset(&mut observations)
-            .map_err(|e| RlError::Environment(Box::new(e)))?;
+        env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
         Ok(Self {
             observations,
@@ -87,7 +87,7 @@ impl RolloutState {
             episode.length += 1;
             episode.total_reward += f64::from(transition.rewards[n]);
             episode.success |= transition.success[n];
-            episode.success_at_end = transition.success[n];
+            episode.success_at_end = transition.success_at_end[n];
             if transition.outcomes[n].ended() {
                 ended.push(std::mem::replace(episode, fresh(n)));
             }
@@ -108,8 +108,8 @@ fn fresh(env: usize) -> Episode {
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when the sizes of environment, policy, state and
 /// buffer differ, [`RlError::NotFinite`] for a reward that is not a number.
-pub fn collect<E: VectorEnv, P: Policy>(
-    env: &mut E,
+pub fn collect<P: Policy>(
+    env: &mut dyn VectorEnv,
     policy: &mut P,
     buffer: &mut RolloutBuffer,
     state: &mut RolloutState,
@@ -123,7 +123,7 @@ pub fn collect<E: VectorEnv, P: Policy>(
     for _ in 0..buffer.steps() {
         policy.act(&state.observations, rng, &mut scratch.decisions)?;
         env.step(&scratch.decisions.actions, &mut scratch.transition)
-            .map_err(|e| RlError::Environment(Box::new(e)))?;
+            .map_err(RlError::Environment)?;
         scratch.value_truncated(policy)?;
         buffer.push(
             &state.observations,

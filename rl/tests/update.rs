@@ -8,8 +8,9 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, Encoder, EnvSpec, NetworkSettings, Policy, Ppo, PpoSettings,
-    RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
+    ActorCriticPolicy, Decisions, Encoder, EnvSpec, Metrics, NetworkSettings, Policy, Ppo,
+    PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv,
+    collect, evaluate,
 };
 
 const ENVS: usize = 9;
@@ -125,6 +126,19 @@ fn the_divergence_limit_stops_the_update() {
         patient.approx_kl > 0.075 && patient.clip_fraction > 0.0,
         "{patient:?}"
     );
+}
+
+#[test]
+fn the_figures_of_an_update_have_names() {
+    let (params, stats) = updated(PpoSettings::default());
+    let metrics = stats.metrics();
+    let names: Vec<&str> = metrics.iter().map(|(name, _)| name.as_str()).collect();
+    let expected = "policy_loss value_loss entropy approx_kl clip_fraction explained_variance \
+                    grad_norm steps epochs log_std_0 log_std_1";
+    assert_eq!(names, expected.split(' ').collect::<Vec<_>>());
+    assert_eq!(metrics[3].1, stats.approx_kl);
+    let last = f64::from(params[params.len() - 1]);
+    assert!(metrics[10].1 == last && last != -0.5, "{last}");
 }
 
 #[test]

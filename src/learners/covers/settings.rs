@@ -1,10 +1,11 @@
-//! Settings of the learner. Where the paper leaves a gap or this project departs from it, the paper's reading is a value, too.
+//! Settings of the learner. Where the paper leaves a gap or this project departs from it, the
+//! paper's reading is a value, too.
 
-use cluster::{AssignerSettings, Rule};
 use rl::{EnvSpec, NetworkSettings, PpoSettings};
 use serde::{Deserialize, Serialize};
 
-use crate::CoversError;
+use crate::error::CoversError;
+use crate::groupings::GroupingSettings;
 
 /// Settings of [`Covers`](crate::Covers).
 ///
@@ -16,8 +17,8 @@ pub struct CoversSettings {
     pub network: NetworkSettings,
     /// The policy update.
     pub ppo: PpoSettings,
-    /// The rule of assignment (the paper's threshold `d_epsilon`, or a calibrated test).
-    pub assigner: AssignerSettings,
+    /// Which policy a rollout belongs to.
+    pub grouping: GroupingSettings,
     /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4 there; here a decision holds ten
     /// control steps, and only the very first frame does not depend on the policy that acts.
     pub first_frames: usize,
@@ -76,7 +77,7 @@ impl Default for CoversSettings {
         Self {
             network: NetworkSettings::default(),
             ppo: PpoSettings::default(),
-            assigner: AssignerSettings::default(),
+            grouping: GroupingSettings::default(),
             first_frames: 1,
             rollout_steps: 1000,
             buffer_episodes: Some(100),
@@ -95,7 +96,7 @@ impl CoversSettings {
         Self {
             network: NetworkSettings::so2_128(),
             ppo: PpoSettings::paper(),
-            assigner: AssignerSettings { rule: Rule::PAPER },
+            grouping: GroupingSettings::PAPER,
             first_frames: 4,
             rollout_steps: 1000,
             buffer_episodes: None,
@@ -106,21 +107,18 @@ impl CoversSettings {
         }
     }
 
-    /// Episodes that a rollout must show, and a buffer hold, for an assignment.
-    pub(crate) fn min_episodes(&self) -> usize {
-        match &self.assigner.rule {
-            Rule::Fixed { .. } => 1,
-            Rule::Calibrated(calibrated) => calibrated.min_episodes,
-        }
-    }
-
     /// Episodes that a buffer holds at most.
-    pub(crate) fn buffer_capacity(&self) -> usize {
+    pub(super) fn buffer_capacity(&self) -> usize {
         self.buffer_episodes.unwrap_or(usize::MAX)
     }
 
-    /// Decisions of each environment in a rollout, once the settings are found to fit the environments and each other.
-    pub(crate) fn steps_per_env(&self, spec: &EnvSpec) -> Result<usize, CoversError> {
+    /// Decisions of each environment in a rollout, once the settings are found to fit the
+    /// environments and each other. A policy must keep `min_episodes` for the grouping.
+    pub(super) fn steps_per_env(
+        &self,
+        spec: &EnvSpec,
+        min_episodes: usize,
+    ) -> Result<usize, CoversError> {
         let setting = |name, value: usize, expected| CoversError::Setting {
             name,
             value: value.to_string(),
@@ -130,9 +128,9 @@ impl CoversSettings {
             return Err(setting("first_frames", 0, "at least 1 frame"));
         }
         if let Some(episodes) = self.buffer_episodes
-            && episodes < self.min_episodes()
+            && episodes < min_episodes
         {
-            let expected = "at least the min_episodes of the assigner's rule";
+            let expected = "at least the min_episodes of the grouping";
             return Err(setting("buffer_episodes", episodes, expected));
         }
         if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {

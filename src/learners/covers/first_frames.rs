@@ -1,12 +1,12 @@
 //! The first frames of episodes: what assignment looks at, since later ones depend on the policy.
 
 use cluster::Frames;
-use rl::{Observations, Policy, RolloutBuffer};
+use rl::{Features, Observations, RolloutBuffer};
 
-use crate::CoversError;
+use crate::error::CoversError;
 
 /// The first observations of one episode.
-pub(crate) struct FirstFrames {
+pub(super) struct FirstFrames {
     count: usize,
     observations: Observations,
     /// Features `[k, F]` at arrival, where the settings say that they are kept.
@@ -14,37 +14,38 @@ pub(crate) struct FirstFrames {
 }
 
 impl FirstFrames {
-    /// The first `count` observations of an episode, and their features at arrival where they are kept.
-    pub(crate) fn new(
-        count: usize,
-        observations: Observations,
-        features: Option<Vec<f32>>,
-    ) -> Self {
+    /// The first `count` observations of an episode.
+    pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self {
             count,
             observations,
-            features,
+            features: None,
         }
     }
 
+    /// Keeps features `[k, F]` with the observations.
+    pub(super) fn keep_features(&mut self, features: &[f32]) {
+        self.features = Some(features.to_vec());
+    }
+
     /// The number of observations.
-    pub(crate) fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.count
     }
 
     /// The observations.
-    pub(crate) fn observations(&self) -> &Observations {
+    pub(super) fn observations(&self) -> &Observations {
         &self.observations
     }
 
     /// Features `[k, F]` at arrival, where they were kept.
-    pub(crate) fn features(&self) -> Option<&[f32]> {
+    pub(super) fn features(&self) -> Option<&[f32]> {
         self.features.as_deref()
     }
 }
 
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
-pub(crate) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
+pub(super) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
     let (envs, steps) = (rollout.spec().num_envs, rollout.steps());
     let mut episodes = Vec::new();
     for env in 0..envs {
@@ -82,15 +83,11 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
             .vectors
             .extend(&all.vectors[row * vector..(row + 1) * vector]);
     }
-    FirstFrames {
-        count,
-        observations: frames,
-        features: None,
-    }
+    FirstFrames::new(count, frames)
 }
 
 /// The invariant features of episodes, as `policy` sees them now: features drift while a policy learns, so frames are embedded afresh.
-pub(crate) fn embed<P: Policy>(
+pub(super) fn embed<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, CoversError> {
@@ -110,20 +107,20 @@ pub(crate) fn embed<P: Policy>(
 }
 
 /// Stores with each episode the features that `policy` sees now.
-pub(crate) fn keep_features<P: Policy>(
+pub(super) fn keep_features<P: Features>(
     policy: &mut P,
     episodes: &mut [FirstFrames],
 ) -> Result<(), CoversError> {
     let all = embed(policy, episodes)?;
     let each = all.features().len() / episodes.len().max(1);
     for (episode, features) in episodes.iter_mut().zip(all.features().chunks(each.max(1))) {
-        episode.features = Some(features.to_vec());
+        episode.keep_features(features);
     }
     Ok(())
 }
 
 /// The features of a buffer's episodes: those of their arrival if every episode kept them, else those of now.
-pub(crate) fn recall<P: Policy>(
+pub(super) fn recall<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, CoversError> {

@@ -6,11 +6,11 @@ use crate::evaluation::{Score, by_group};
 use crate::progress::Progress;
 use crate::run::Summary;
 
-/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a second rollout to recall it), mean
-/// reward, success, W1 to each policy.
+/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a
+/// second rollout to recall it), mean reward, success, W1 to each policy that was compared.
 pub fn rollout_line(progress: &Progress) -> String {
-    let report = &progress.report;
-    let distances: Vec<String> = report
+    let turn = &progress.turn;
+    let distances: Vec<String> = turn
         .evidence
         .iter()
         .map(|evidence| match evidence.score() {
@@ -18,7 +18,7 @@ pub fn rollout_line(progress: &Progress) -> String {
             None => format!("{:.2}", evidence.distance),
         })
         .collect();
-    let remark = match (report.created, &report.first_look) {
+    let remark = match (turn.created, &turn.first_look) {
         (true, _) => " new",
         (false, Some(_)) => " 2nd",
         (false, None) => "    ",
@@ -27,7 +27,7 @@ pub fn rollout_line(progress: &Progress) -> String {
         "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
         progress.decisions,
         progress.group.name(),
-        report.policy,
+        turn.policy,
         number(progress.reward, 1),
         number(progress.success, 2),
         distances.join(", "),
@@ -39,7 +39,8 @@ fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// The table of one evaluation: a line a group, with the success of its variants, those that were held out in brackets.
+/// The table of one evaluation: a line a group, with the success of its variants, those that were
+/// held out in brackets.
 pub fn score_table(scores: &[Score]) -> String {
     let mut table = String::from(
         "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
@@ -118,7 +119,7 @@ mod tests {
     #[test]
     fn held_out_variants_stand_in_brackets() {
         let scores = D2::ALL.map(|element| Score {
-            group: TaskGroup::PlateSlide,
+            group: TaskGroup::PLATE_SLIDE,
             element,
             seen: element == D2::Identity,
             policy: 2,
