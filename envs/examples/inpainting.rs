@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::sync::Arc;
 
 use envs::inpainting::{Correction, Inpainter, Inpainting, Skeleton, View};
-use envs::{Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -39,11 +39,11 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
         ..Camera::default()
     };
     let scene = Arc::new(Scene::new(
-        TaskGroup::DrawerClose,
+        TaskGroup::DRAWER_CLOSE,
         Embodiment::Sawyer,
         camera,
     )?);
-    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default())?;
+    let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;
     table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(5))?;
 
     let skeleton = Skeleton::new(&scene);
@@ -55,13 +55,13 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
         mark_depth: camera.height,
     };
     let mut picture = vec![0; SIZE * SIZE * RGB];
-    Painter::of_table(Arc::clone(&scene))?.paint(&mut table, &mut picture)?;
+    SceneRenderer::of_table(Arc::clone(&scene))?.render(&mut table, &mut picture)?;
     let mut inpainter = Inpainter::new(settings, &picture)?;
-    let mut eye = Painter::with_arm(scene)?;
+    let mut eye = SceneRenderer::with_arm(scene)?;
 
     let mut rows = Rows::default();
     for decision in 0..COLUMNS * EVERY {
-        eye.paint(&mut table, &mut picture)?;
+        eye.render(&mut table, &mut picture)?;
         let mut result = picture.clone();
         inpainter.inpaint(
             &picture,

@@ -5,8 +5,8 @@
 use std::sync::{Arc, LazyLock};
 
 use envs::{
-    ACTION_DIM, Camera, Embodiment, EnvError, Layout, ObservationsMut, Painter, RGB, Scene, Step,
-    TableTop, TaskGroup, TaskVariant, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Embodiment, EnvError, Layout, ObservationsMut, RGB, Scene, SceneRenderer,
+    Step, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
     let mut scenes = Vec::new();
     for layout in Layout::ALL {
         for embodiment in Embodiment::ALL {
-            for group in TaskGroup::ALL {
+            for group in TaskGroup::STANDARD {
                 let scene = Scene::in_layout(layout, group, embodiment, Camera::default());
                 scenes.push(Arc::new(scene.unwrap()));
             }
@@ -34,7 +34,7 @@ struct Case {
 
 impl Case {
     fn table(&self) -> TableTop {
-        TableTop::new(Arc::clone(self.scene), self.scene.layout.dynamics()).unwrap()
+        TableTop::new(Arc::clone(self.scene), self.scene.layout.control()).unwrap()
     }
 
     /// A table at the start of the episode of `seed`.
@@ -64,26 +64,25 @@ impl std::fmt::Display for Case {
 
 fn cases() -> impl Iterator<Item = Case> {
     SCENES.iter().flat_map(|scene| {
-        let variants = scene.layout.variants();
-        let own = variants.filter(|variant| variant.group == scene.group);
-        own.map(move |TaskVariant { element, .. }| Case { scene, element })
+        let elements = scene.layout.elements().iter();
+        elements.map(move |&element| Case { scene, element })
     })
 }
 
 /// Random actions, each held for an eighth of a second as the symmetric layout's decisions are; half of the components at their limits.
-struct Drunkard {
+struct RandomActions {
     rng: ChaCha8Rng,
     action: [f32; ACTION_DIM],
     hold: usize,
     step: usize,
 }
 
-impl Drunkard {
+impl RandomActions {
     fn new(case: &Case, seed: u64) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
             action: [0.0; ACTION_DIM],
-            hold: 10 / case.scene.layout.dynamics().action_repeat,
+            hold: 10 / case.scene.layout.control().action_repeat,
             step: 0,
         }
     }
@@ -107,7 +106,7 @@ fn bits(table: &TableTop, step: &Step) -> Bits {
 }
 
 /// Takes `steps` decisions.
-fn run(table: &mut TableTop, drunkard: &mut Drunkard, steps: usize) -> Vec<Bits> {
+fn run(table: &mut TableTop, drunkard: &mut RandomActions, steps: usize) -> Vec<Bits> {
     (0..steps)
         .map(|_| {
             let step = table.step(&drunkard.act()).unwrap();
@@ -126,8 +125,8 @@ fn observations_and_rewards_are_finite_and_in_range_until_the_horizon_and_only_t
  {
     for case in cases() {
         let mut table = case.started(1);
-        let mut drunkard = Drunkard::new(&case, 2);
-        let decisions = case.scene.layout.dynamics().decisions();
+        let mut drunkard = RandomActions::new(&case, 2);
+        let decisions = case.scene.layout.control().decisions();
         for decision in 1..=decisions {
             let step = table.step(&drunkard.act()).unwrap();
             let [x, y, z, aperture, goal @ ..] = table.observe().unwrap();
@@ -146,13 +145,19 @@ fn observations_and_rewards_are_finite_and_in_range_until_the_horizon_and_only_t
 #[test]
 fn a_seed_fixes_an_episode_whatever_came_before_and_another_seed_changes_it() {
     for case in cases() {
-        let fresh = |seed| run(&mut case.started(seed), &mut Drunkard::new(&case, 7), 50);
+        let fresh = |seed| {
+            run(
+                &mut case.started(seed),
+                &mut RandomActions::new(&case, 7),
+                50,
+            )
+        };
         let first = fresh(1);
         assert_eq!(first, fresh(1), "{case}: not deterministic");
         let mut used = case.started(5);
-        run(&mut used, &mut Drunkard::new(&case, 8), 37);
+        run(&mut used, &mut RandomActions::new(&case, 8), 37);
         case.reset(&mut used, 1);
-        let again = run(&mut used, &mut Drunkard::new(&case, 7), 50);
+        let again = run(&mut used, &mut RandomActions::new(&case, 7), 50);
         assert_eq!(first, again, "{case}: the episode before shows");
         assert_ne!(first, fresh(2), "{case}: the seed changes nothing");
     }
@@ -162,13 +167,13 @@ fn a_seed_fixes_an_episode_whatever_came_before_and_another_seed_changes_it() {
 fn tables_of_one_scene_do_not_disturb_one_another() {
     for case in cases() {
         let (mut one, mut other) = (case.started(1), case.started(2));
-        let (mut left, mut right) = (Drunkard::new(&case, 3), Drunkard::new(&case, 4));
+        let (mut left, mut right) = (RandomActions::new(&case, 3), RandomActions::new(&case, 4));
         let mut interleaved = Vec::new();
         for _ in 0..20 {
             interleaved.extend(run(&mut one, &mut left, 1));
             run(&mut other, &mut right, 1);
         }
-        let alone = run(&mut case.started(1), &mut Drunkard::new(&case, 3), 20);
+        let alone = run(&mut case.started(1), &mut RandomActions::new(&case, 3), 20);
         assert_eq!(interleaved, alone, "{case}");
     }
 }
@@ -180,8 +185,8 @@ fn no_observation_is_constant_but_a_goal_that_is_not_told() {
         let mut high = [f32::NEG_INFINITY; VECTOR_DIM];
         for seed in 0..2 {
             let mut table = case.started(seed);
-            let mut drunkard = Drunkard::new(&case, seed);
-            for _ in 0..case.scene.layout.dynamics().decisions() / 2 {
+            let mut drunkard = RandomActions::new(&case, seed);
+            for _ in 0..case.scene.layout.control().decisions() / 2 {
                 for (i, value) in table.observe().unwrap().into_iter().enumerate() {
                     low[i] = low[i].min(value);
                     high[i] = high[i].max(value);
@@ -189,7 +194,7 @@ fn no_observation_is_constant_but_a_goal_that_is_not_told() {
                 table.step(&drunkard.act()).unwrap();
             }
         }
-        let told = case.scene.group == TaskGroup::GoalReach;
+        let told = case.scene.group == TaskGroup::GOAL_REACH;
         for i in 0..VECTOR_DIM {
             let varies = high[i] - low[i] > 1e-3;
             assert_eq!(varies, i < 4 || told, "{case}: component {i} of the vector");
@@ -204,14 +209,14 @@ fn pictures_change_with_what_happens() {
             scene,
             element: D2::Identity,
         };
-        let mut painter = Painter::new(Arc::clone(scene)).unwrap();
+        let mut renderer = SceneRenderer::new(Arc::clone(scene)).unwrap();
         let mut table = case.started(1);
         let size = scene.camera.size;
         let mut pictures = [vec![0; size * size * RGB], vec![0; size * size * RGB]];
-        painter.paint(&mut table, &mut pictures[0]).unwrap();
-        let decisions = 200 / scene.layout.dynamics().action_repeat;
-        run(&mut table, &mut Drunkard::new(&case, 6), decisions);
-        painter.paint(&mut table, &mut pictures[1]).unwrap();
+        renderer.render(&mut table, &mut pictures[0]).unwrap();
+        let decisions = 200 / scene.layout.control().action_repeat;
+        run(&mut table, &mut RandomActions::new(&case, 6), decisions);
+        renderer.render(&mut table, &mut pictures[1]).unwrap();
         assert_ne!(pictures[0], pictures[1], "{case}");
     }
 }
@@ -221,15 +226,15 @@ fn pictures_change_with_what_happens() {
 fn a_saved_episode_continues_to_the_same_bits() {
     for case in cases() {
         let mut table = case.started(1);
-        let mut drunkard = Drunkard::new(&case, 9);
+        let mut drunkard = RandomActions::new(&case, 9);
         run(&mut table, &mut drunkard, 15);
         let snapshot = table.save().unwrap();
         let before = table.observe().unwrap();
-        let straight = run(&mut table, &mut Drunkard::new(&case, 10), 25);
+        let straight = run(&mut table, &mut RandomActions::new(&case, 10), 25);
         let mut elsewhere = case.started(3);
         elsewhere.restore(&snapshot).unwrap();
         assert_eq!(elsewhere.observe().unwrap(), before, "{case}");
-        let resumed = run(&mut elsewhere, &mut Drunkard::new(&case, 10), 25);
+        let resumed = run(&mut elsewhere, &mut RandomActions::new(&case, 10), 25);
         assert_eq!(straight, resumed, "{case}");
     }
 }
@@ -240,8 +245,8 @@ fn a_snapshot_of_another_scene_is_refused() {
         let all = &mut cases();
         all.find(|case| case.scene.group == group).unwrap()
     };
-    let button = case(TaskGroup::ButtonPress).started(0);
-    let mut drawer = case(TaskGroup::DrawerClose).started(0);
+    let button = case(TaskGroup::BUTTON_PRESS).started(0);
+    let mut drawer = case(TaskGroup::DRAWER_CLOSE).started(0);
     let message = drawer
         .restore(&button.save().unwrap())
         .unwrap_err()
@@ -250,7 +255,7 @@ fn a_snapshot_of_another_scene_is_refused() {
         message.contains("button-press") && message.contains("drawer-close"),
         "{message}"
     );
-    let unstarted = case(TaskGroup::GoalReach).table();
+    let unstarted = case(TaskGroup::GOAL_REACH).table();
     assert!(matches!(unstarted.save(), Err(EnvError::NotReset)));
 }
 
@@ -258,7 +263,7 @@ fn a_snapshot_of_another_scene_is_refused() {
 fn doing_nothing_solves_nothing() {
     for case in cases() {
         let mut table = case.started(3);
-        for _ in 0..case.scene.layout.dynamics().decisions() {
+        for _ in 0..case.scene.layout.control().decisions() {
             assert!(!table.step(&[0.0; ACTION_DIM]).unwrap().success, "{case}");
         }
     }
@@ -287,12 +292,12 @@ fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_i
     let settings = VecEnvSettings {
         num_envs: 2,
         layout: Layout::MetaWorld,
-        dynamics: Layout::MetaWorld.dynamics(),
+        control: Layout::MetaWorld.control(),
         ..VecEnvSettings::default()
     };
     let image = 2 * settings.image_len();
     let (mut images, mut vectors) = (vec![0; image], vec![0.0; 2 * VECTOR_DIM]);
-    let mut env = VecEnv::new(settings, TaskGroup::ButtonPress, &[D2::Identity]).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::BUTTON_PRESS, &[D2::Identity]).unwrap();
     let out = ObservationsMut {
         images: &mut images,
         vectors: &mut vectors,
@@ -300,6 +305,8 @@ fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_i
     env.reset(out).unwrap();
     // Meta-World starts the button's hand 0.2 m back
     assert!((vectors[1] + 0.2).abs() < 0.01, "{vectors:?}");
-    let error = env.set_tasks(TaskGroup::ButtonPress, &D2::ALL).unwrap_err();
+    let error = env
+        .set_tasks(TaskGroup::BUTTON_PRESS, &D2::ALL)
+        .unwrap_err();
     assert!(matches!(error, EnvError::NoSuchVariant { .. }), "{error}");
 }

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use envs::inpainting::{Correction, Inpainter, Inpainting, Limb, Skeleton, View};
-use envs::{Camera, Dynamics, Embodiment, Light, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, Light, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -29,9 +29,9 @@ struct Tally {
 
 struct Studio {
     table: TableTop,
-    raw: Painter,
-    alone: Painter,
-    shortcut: Painter,
+    raw: SceneRenderer,
+    alone: SceneRenderer,
+    shortcut: SceneRenderer,
     skeleton: Skeleton,
     /// Factor of the limbs' radii.
     thickness: f64,
@@ -50,18 +50,18 @@ impl Studio {
         };
         let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
         Self {
-            table: TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap(),
-            raw: Painter::with_arm(Arc::clone(&scene)).unwrap(),
-            alone: Painter::of_table(Arc::clone(&scene)).unwrap(),
-            shortcut: Painter::new(Arc::clone(&scene)).unwrap(),
+            table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
+            raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),
+            alone: SceneRenderer::of_table(Arc::clone(&scene)).unwrap(),
+            shortcut: SceneRenderer::new(Arc::clone(&scene)).unwrap(),
             skeleton: Skeleton::new(&scene),
             thickness: 1.0,
         }
     }
 
-    fn paint(painter: &mut Painter, table: &mut TableTop) -> Vec<u8> {
+    fn paint(renderer: &mut SceneRenderer, table: &mut TableTop) -> Vec<u8> {
         let mut rgb = vec![0; SIZE * SIZE * RGB];
-        painter.paint(table, &mut rgb).unwrap();
+        renderer.render(table, &mut rgb).unwrap();
         rgb
     }
 
@@ -138,7 +138,7 @@ fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
 /// seen late by any in-painting; the arm-free picture sees it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::new(group);
         for element in D2::ALL {
             let tally = studio.episode(element, Correction::MeanAndDeviation);
@@ -155,10 +155,10 @@ fn painting_the_arm_out_equals_not_drawing_it() {
                 "{group} {element}: {tally:?}"
             );
             let most = match group {
-                TaskGroup::GoalReach => 0.0,
-                TaskGroup::PlateSlide => 0.005,
-                TaskGroup::ButtonPress => 0.01,
-                TaskGroup::DrawerClose => 0.015,
+                TaskGroup::GOAL_REACH => 0.0,
+                TaskGroup::PLATE_SLIDE => 0.005,
+                TaskGroup::BUTTON_PRESS => 0.01,
+                TaskGroup::DRAWER_CLOSE => 0.015,
             };
             assert!(late <= most, "{group} {element}: {tally:?}");
         }
@@ -167,7 +167,7 @@ fn painting_the_arm_out_equals_not_drawing_it() {
 
 #[test]
 fn a_mask_that_is_too_thin_is_noticed() {
-    let mut studio = Studio::new(TaskGroup::GoalReach);
+    let mut studio = Studio::new(TaskGroup::GOAL_REACH);
     studio.thickness = 0.7;
     let tally = studio.episode(D2::Identity, Correction::MeanAndDeviation);
     assert!(tally.uncovered > 1000, "{tally:?}");
@@ -182,7 +182,7 @@ fn deviation_under_dim_light(correction: Correction) -> f64 {
         camera: 0.25,
         overhead: 0.2,
     };
-    let group = TaskGroup::PlateSlide;
+    let group = TaskGroup::PLATE_SLIDE;
     let (mut full, mut dim) = (Studio::new(group), Studio::lit(group, light));
     for studio in [&mut full, &mut dim] {
         let mut rng = ChaCha8Rng::seed_from_u64(5);

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use mujoco::{Data, GeomId, Shape};
 
 use super::limbs::Limb;
-use crate::picture::ARM;
+use crate::renderer::ARM_GEOM_GROUP;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
@@ -32,7 +32,9 @@ impl Skeleton {
     /// The skeleton of `scene`'s embodiment.
     pub fn new(scene: &Scene) -> Self {
         let model = &scene.model;
-        let arm = model.geoms().filter(|&geom| model.geom_group(geom) == ARM);
+        let arm = model
+            .geoms()
+            .filter(|&geom| model.geom_group(geom) == ARM_GEOM_GROUP);
         let shapes = arm.filter_map(|geom| Some((geom, model.geom_shape(geom)?)));
         let (bones, radii): (Vec<_>, Vec<_>) =
             shapes.flat_map(|(geom, shape)| around(geom, shape)).unzip();

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use zip::ZipArchive;
 
-use super::RecordingError;
+use super::recording_error::RecordingError;
 
 /// Largest array that is read (bytes), so that a small hostile archive cannot fill the memory.
 const LARGEST: u64 = 1 << 28;

@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::EnvError;
+use crate::error::EnvError;
 
 /// How actions become motion and how long an episode lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Dynamics {
+pub struct Control {
     /// Control steps that one action is held for.
     pub action_repeat: usize,
     /// Displacement of the hand's target by a full action, per decision (metres).
@@ -16,7 +16,7 @@ pub struct Dynamics {
     pub horizon: usize,
 }
 
-impl Default for Dynamics {
+impl Default for Control {
     fn default() -> Self {
         Self {
             action_repeat: 10,
@@ -26,7 +26,7 @@ impl Default for Dynamics {
     }
 }
 
-impl Dynamics {
+impl Control {
     /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
     pub fn meta_world() -> Self {
         Self {
@@ -36,12 +36,16 @@ impl Dynamics {
         }
     }
 
-    /// Decisions in an episode.
+    /// Decisions in an episode; 0 for an action repeat of 0, which [`Control::check`] refuses.
     pub fn decisions(&self) -> usize {
-        self.horizon / self.action_repeat
+        self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
 
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`].
+    pub fn check(&self) -> Result<(), EnvError> {
         let setting = |name, value: String, expected| EnvError::Setting {
             name,
             value,

@@ -2,82 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use envs::{Placement, Scene, StepReward, TaskGroup};
 use glam::DVec3;
 
 use super::npz::{Array, Npz};
-use crate::{Placement, Scene, TaskGroup};
+use super::recording_error::RecordingError;
 
 /// From Meta-World's origin, the robot's base, to ours, the centre of the table (metres).
 pub(crate) const CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
 /// Height of the puck's centre on the table (metres); Meta-World's placements give its underside.
 const PUCK_HEIGHT: f64 = 0.015;
-
-/// What is wrong with a recording.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum RecordingError {
-    /// It cannot be read.
-    #[error("it cannot be read: {source}")]
-    Open {
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// It is no zip archive.
-    #[error("it is not an npz archive: {source}")]
-    NotAnArchive {
-        /// The reason.
-        source: zip::result::ZipError,
-    },
-    /// Its name holds no task.
-    #[error(
-        "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of reach, button-press, drawer-close, plate-slide"
-    )]
-    UnknownTask,
-    /// It lacks an array.
-    #[error("the array `{name}` is missing among {known:?}")]
-    Missing {
-        /// The array.
-        name: &'static str,
-        /// What the archive holds.
-        known: Vec<String>,
-    },
-    /// An array that is not what it says.
-    #[error("the array `{name}` is damaged: {reason}")]
-    Damaged {
-        /// The array.
-        name: &'static str,
-        /// What is wrong.
-        reason: &'static str,
-    },
-    /// An array of something else.
-    #[error(
-        "the array `{name}` holds values of kind `{got}`, expected `<f8` (64-bit numbers) or `|b1` (truth values)"
-    )]
-    Kind {
-        /// The array.
-        name: &'static str,
-        /// NumPy's word for what it holds.
-        got: String,
-    },
-    /// An array of another shape.
-    #[error("the array `{name}` has the shape {got:?}, expected {expected:?} (0 stands for any)")]
-    Shape {
-        /// The array.
-        name: &'static str,
-        /// Its shape.
-        got: Vec<usize>,
-        /// The shape that the other arrays or the task ask for.
-        expected: Vec<usize>,
-    },
-    /// An array with something that is not a number.
-    #[error("the array `{name}` is not finite at {index}")]
-    NotFinite {
-        /// The array.
-        name: &'static str,
-        /// Index into its values.
-        index: usize,
-    },
-}
 
 /// E episodes of T control steps of one task. Lengths in metres, world frame of Meta-World.
 pub(crate) struct Recording {
@@ -108,13 +42,9 @@ impl Recording {
     pub(crate) fn task(path: &Path) -> Result<TaskGroup, RecordingError> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
-        match task {
-            "reach" => Ok(TaskGroup::GoalReach),
-            "button-press" => Ok(TaskGroup::ButtonPress),
-            "drawer-close" => Ok(TaskGroup::DrawerClose),
-            "plate-slide" => Ok(TaskGroup::PlateSlide),
-            _ => Err(RecordingError::UnknownTask),
-        }
+        let mut groups = TaskGroup::STANDARD.into_iter();
+        let named = |group: &TaskGroup| group.task().stock().is_some_and(|it| it.name == task);
+        groups.find(named).ok_or(RecordingError::UnknownTask)
     }
 
     /// Reads a recording of `scene`'s task.
@@ -144,14 +74,18 @@ impl Recording {
     /// Where an episode put things, in our frame.
     pub(crate) fn placement(&self, group: TaskGroup, episode: usize) -> Placement {
         let mut object = centred(&self.placement.row(&[episode])[..3]);
-        if group == TaskGroup::PlateSlide {
+        if group == TaskGroup::PLATE_SLIDE {
             object.z = PUCK_HEIGHT;
         }
         Placement {
             object,
-            hand_start: centred(self.hand_start.row(&[episode])),
             goal: centred(self.goal.row(&[episode])),
         }
+    }
+
+    /// Where the hand's target stood at an episode's start, in our frame.
+    pub(crate) fn hand_start(&self, episode: usize) -> DVec3 {
+        centred(self.hand_start.row(&[episode]))
     }
 
     /// The point between the fingertips at an episode's start, in our frame.
@@ -163,6 +97,40 @@ impl Recording {
     pub(crate) fn hand_and_object(&self, episode: usize, step: usize) -> [DVec3; 2] {
         let observation = self.observation.row(&[episode, step]);
         [centred(&observation[..3]), centred(&observation[4..7])]
+    }
+
+    /// The action's finger component, not clipped.
+    pub(crate) fn finger(&self, episode: usize, step: usize) -> f64 {
+        self.action.row(&[episode, step])[3]
+    }
+
+    /// Whether the success condition held after a step.
+    pub(crate) fn success(&self, episode: usize, step: usize) -> bool {
+        self.info.row(&[episode, step])[0] != 0.0
+    }
+
+    /// The largest difference of a step's reward, or of one of its terms, from `ours`.
+    pub(crate) fn reward_deviation(
+        &self,
+        group: TaskGroup,
+        episode: usize,
+        step: usize,
+        ours: &StepReward,
+    ) -> f64 {
+        let info = self.info.row(&[episode, step]);
+        // Meta-World's Reach reports a distance in the place of this term
+        let approach = if group == TaskGroup::GOAL_REACH {
+            0.0
+        } else {
+            ours.approach - info[3]
+        };
+        let terms = [
+            ours.reward - self.reward.row(&[episode, step])[0],
+            ours.in_place - info[4],
+            ours.remaining - info[5],
+            approach,
+        ];
+        terms.into_iter().map(f64::abs).fold(0.0, f64::max)
     }
 
     /// Whether a mesh touched anything during a step.

@@ -7,13 +7,12 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use super::experts::episode;
-use super::parallel;
-use crate::tabletop::ACTION_DIM;
-use crate::{
-    ACTION_IRREPS, Camera, Dynamics, Embodiment, EnvError, Measurement, Painter, Placement, RGB,
-    Scene, TableTop, TaskGroup,
-};
+use super::experts::{check_seeds, episode};
+use crate::error::EnvError;
+use crate::renderer::{RGB, SceneRenderer};
+use crate::scene::Scene;
+use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, OPEN_APERTURE, TableTop};
+use crate::task::{Measurement, Placement};
 
 /// Decisions that a random action is held for.
 const HELD: usize = 5;
@@ -27,7 +26,8 @@ pub struct SymmetryRow {
     pub task: &'static str,
     /// The variant's element of D2.
     pub element: String,
-    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw distance or object before anything touched.
+    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw distance
+    /// or object before anything touched.
     pub free_deviation: f64,
     /// The same from the first contact on.
     pub contact_deviation: f64,
@@ -43,29 +43,19 @@ pub struct SymmetryRow {
     pub return_ratio: f64,
 }
 
-/// Drives every variant but the identities and its canonical twin side by side, on the placements of the seeds `0..seeds`.
+/// Drives the variant `element` and its canonical twin side by side, on the placements of the seeds
+/// `0..seeds`.
 ///
-/// Open loop, the twin's actions are mirrored for the variant: those of the twin's expert, then random ones. Closed loop, each has its own expert.
+/// Open loop, the twin's actions are mirrored for the variant: those of the twin's expert, then
+/// random ones. Closed loop, each has its own expert.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for no seeds, or what MuJoCo or OpenGL says.
-pub fn symmetry(
-    embodiment: Embodiment,
-    camera: Camera,
-    seeds: u64,
-) -> Result<Vec<SymmetryRow>, EnvError> {
-    super::check_seeds(seeds)?;
-    let mut jobs = Vec::new();
-    for group in TaskGroup::ALL {
-        let scene = Arc::new(Scene::new(group, embodiment, camera)?);
-        let others = D2::ALL.into_iter().filter(|&g| g != D2::Identity);
-        jobs.extend(others.map(|element| (Arc::clone(&scene), element)));
-    }
-    parallel::map(&jobs, |(scene, element)| {
-        let mut twins = Twins::new(Arc::clone(scene), *element, *element)?;
-        twins.compare(seeds)?;
-        Ok(twins.row)
-    })
+/// [`EnvError::Setting`] for no seeds, [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
+pub fn symmetry(scene: &Arc<Scene>, element: D2, seeds: u64) -> Result<SymmetryRow, EnvError> {
+    check_seeds(seeds)?;
+    let mut twins = Twins::new(Arc::clone(scene), element, element)?;
+    twins.compare(seeds)?;
+    Ok(twins.row)
 }
 
 /// A canonical table and a variant of it, driven alike.
@@ -75,7 +65,7 @@ struct Twins {
     element: D2,
     /// Maps the canonical actions for the variant; the variant's own element, unless the checker itself is checked.
     of_actions: D2,
-    painter: Painter,
+    renderer: SceneRenderer,
     pictures: [Vec<u8>; 2],
     touched: bool,
     row: SymmetryRow,
@@ -90,7 +80,7 @@ enum Driver {
 
 impl Twins {
     fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
-        let dynamics = Dynamics::default();
+        let control = scene.layout.control();
         let pixels = scene.camera.size * scene.camera.size * RGB;
         let row = SymmetryRow {
             embodiment: scene.embodiment.name(),
@@ -105,11 +95,11 @@ impl Twins {
             return_ratio: 1.0,
         };
         Ok(Self {
-            canonical: TableTop::new(Arc::clone(&scene), dynamics)?,
-            variant: TableTop::new(Arc::clone(&scene), dynamics)?,
+            canonical: TableTop::new(Arc::clone(&scene), control)?,
+            variant: TableTop::new(Arc::clone(&scene), control)?,
             element,
             of_actions,
-            painter: Painter::new(scene)?,
+            renderer: SceneRenderer::new(scene)?,
             pictures: [vec![0; pixels], vec![0; pixels]],
             touched: false,
             row,
@@ -120,7 +110,7 @@ impl Twins {
         let mut returns = [0.0; 2];
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let placement = self.canonical.scene().group.task().place(&mut rng);
+            let placement = self.canonical.scene().place(&mut rng);
             for driver in [Driver::Expert, Driver::Random] {
                 self.open_loop(placement, driver, &mut rng)?;
             }
@@ -147,7 +137,7 @@ impl Twins {
     ) -> Result<(), EnvError> {
         self.reset(placement)?;
         let mut action = [0.0; ACTION_DIM];
-        for decision in 0..Dynamics::default().decisions() {
+        for decision in 0..self.canonical.control().decisions() {
             match driver {
                 Driver::Expert => action = self.canonical.expert_action()?,
                 Driver::Random if decision % HELD == 0 => {
@@ -156,7 +146,7 @@ impl Twins {
                 Driver::Random => {}
             }
             self.decide(&action)?;
-            self.look()?;
+            self.compare_pictures()?;
         }
         Ok(())
     }
@@ -179,12 +169,11 @@ impl Twins {
         Ok(())
     }
 
-    /// Compares the pictures.
-    fn look(&mut self) -> Result<(), EnvError> {
+    fn compare_pictures(&mut self) -> Result<(), EnvError> {
         let size = self.canonical.scene().camera.size;
         let [here, there] = &mut self.pictures;
-        self.painter.paint(&mut self.canonical, here)?;
-        self.painter.paint(&mut self.variant, there)?;
+        self.renderer.render(&mut self.canonical, here)?;
+        self.renderer.render(&mut self.variant, there)?;
         let mirrored = self.element.transform_image(here, size, size, RGB);
         let pixels = mirrored.chunks(RGB).zip(there.chunks(RGB));
         let differing = pixels.filter(|(a, b)| a != b).count();
@@ -201,7 +190,7 @@ fn deviation(a: &Measurement, b: &Measurement) -> f64 {
         a.hand.distance(b.hand),
         a.tcp.distance(b.tcp),
         a.object.distance(b.object),
-        (a.aperture - b.aperture).abs() * crate::tabletop::OPEN_APERTURE,
+        (a.aperture - b.aperture).abs() * OPEN_APERTURE,
     ];
     distances.into_iter().fold(0.0, f64::max)
 }
@@ -209,9 +198,12 @@ fn deviation(a: &Measurement, b: &Measurement) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::Camera;
+    use crate::embodiment::Embodiment;
+    use crate::task::TaskGroup;
 
     fn row(embodiment: Embodiment, element: D2, of_actions: D2) -> SymmetryRow {
-        let scene = Scene::new(TaskGroup::PlateSlide, embodiment, Camera::default()).unwrap();
+        let scene = Scene::new(TaskGroup::PLATE_SLIDE, embodiment, Camera::default()).unwrap();
         let mut twins = Twins::new(Arc::new(scene), element, of_actions).unwrap();
         twins.compare(1).unwrap();
         twins.row

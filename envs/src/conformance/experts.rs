@@ -1,4 +1,4 @@
-//! Does a script solve every variant?
+//! Does the script solve a variant?
 
 use std::sync::Arc;
 
@@ -7,8 +7,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use super::parallel;
-use crate::{Camera, Dynamics, Embodiment, EnvError, Scene, TableTop, TaskGroup};
+use crate::control::Control;
+use crate::error::EnvError;
+use crate::scene::Scene;
+use crate::tabletop::TableTop;
 
 /// How the scripted expert fared on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,7 +25,8 @@ pub struct ExpertRow {
     pub episodes: u64,
     /// Episodes in which the success condition held at any control step.
     pub successes: u64,
-    /// Mean over the episodes of the sum over control steps of Meta-World's reward / 10: in `[0, horizon]`.
+    /// Mean over the episodes of the sum over control steps of the dense reward / 10: in
+    /// `[0, horizon]`.
     pub mean_return: f64,
 }
 
@@ -34,34 +37,19 @@ impl ExpertRow {
     }
 }
 
-/// Runs the scripted experts of all 16 variants on the placements of the seeds `0..seeds`.
+/// Runs the scripted expert of the variant `element` on the placements of the seeds `0..seeds`.
 ///
 /// # Errors
-/// [`EnvError::Setting`] for no seeds or impossible dynamics, or what MuJoCo says.
+/// [`EnvError::Setting`] for no seeds or impossible control settings, [`EnvError::NoSuchVariant`],
+/// or what MuJoCo says.
 pub fn experts(
-    embodiment: Embodiment,
-    dynamics: Dynamics,
-    seeds: u64,
-) -> Result<Vec<ExpertRow>, EnvError> {
-    super::check_seeds(seeds)?;
-    let scenes = TaskGroup::ALL.map(|group| Scene::new(group, embodiment, Camera::default()));
-    let mut jobs = Vec::new();
-    for scene in scenes {
-        let scene = Arc::new(scene?);
-        jobs.extend(D2::ALL.map(|element| (Arc::clone(&scene), element)));
-    }
-    parallel::map(&jobs, |(scene, element)| {
-        variant(scene, *element, dynamics, seeds)
-    })
-}
-
-fn variant(
     scene: &Arc<Scene>,
     element: D2,
-    dynamics: Dynamics,
+    control: Control,
     seeds: u64,
 ) -> Result<ExpertRow, EnvError> {
-    let mut table = TableTop::new(Arc::clone(scene), dynamics)?;
+    check_seeds(seeds)?;
+    let mut table = TableTop::new(Arc::clone(scene), control)?;
     let (mut successes, mut total) = (0, 0.0);
     for seed in 0..seeds {
         table.reset(element, &mut ChaCha8Rng::seed_from_u64(seed))?;
@@ -75,12 +63,13 @@ fn variant(
         element: element.to_string(),
         episodes: seeds,
         successes,
-        mean_return: total * dynamics.action_repeat as f64 / seeds as f64,
+        mean_return: total * control.action_repeat as f64 / seeds as f64,
     })
 }
 
-/// Lets the expert act to the episode's end: the sum of the decisions' rewards, and whether any succeeded.
-pub(crate) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
+/// Lets the expert act to the episode's end: the sum of the decisions' rewards, and whether any
+/// succeeded.
+pub(super) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
     let (mut reward, mut success) = (0.0, false);
     loop {
         let action = table.expert_action()?;
@@ -91,4 +80,15 @@ pub(crate) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
             return Ok((reward, success));
         }
     }
+}
+
+pub(super) fn check_seeds(seeds: u64) -> Result<(), EnvError> {
+    if seeds > 0 {
+        return Ok(());
+    }
+    Err(EnvError::Setting {
+        name: "seeds",
+        value: seeds.to_string(),
+        expected: "at least 1",
+    })
 }

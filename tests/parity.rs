@@ -39,11 +39,11 @@ fn episodes_start_where_meta_worlds_do() {
     let further_back = [
         2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364,
     ];
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
         let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
         let joints = match group {
-            TaskGroup::ButtonPress => further_back,
+            TaskGroup::BUTTON_PRESS => further_back,
             _ => over_the_centre,
         };
         // a state begins with the time

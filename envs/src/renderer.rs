@@ -1,10 +1,12 @@
-//! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
+//! The picture that a learner sees: the table without the arm, a disc at the gripper, and the
+//! episode's first picture behind it.
 
-use mujoco::{Backdrop, Mirror, RenderOptions, Renderer, View};
 use std::sync::Arc;
 
-use crate::EnvError;
+use mujoco::{Backdrop, Mirror, RenderOptions, Renderer, View};
+
 use crate::camera::Mark;
+use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
@@ -14,16 +16,16 @@ pub const RGB: usize = 3;
 pub const IMAGE_CHANNELS: usize = 2 * RGB;
 
 /// Renders one scene from its camera; lives on the thread that made it.
-pub struct Painter {
+pub struct SceneRenderer {
     scene: Arc<Scene>,
     renderer: Renderer,
     mark: Option<Mark>,
 }
 
 /// Geom group of the arm and the gripper.
-pub(crate) const ARM: usize = 3;
+pub const ARM_GEOM_GROUP: usize = 3;
 
-impl Painter {
+impl SceneRenderer {
     /// A renderer of what a learner sees of `scene`: the table without the arm, and a mark at the gripper.
     ///
     /// # Errors
@@ -36,15 +38,15 @@ impl Painter {
     /// A renderer of what a real camera would see: the arm, and no mark.
     ///
     /// # Errors
-    /// As [`Painter::new`].
+    /// As [`SceneRenderer::new`].
     pub fn with_arm(scene: Arc<Scene>) -> Result<Self, EnvError> {
         Self::showing(scene, true, None)
     }
 
-    /// A renderer of the table alone: the background that [in-painting](crate::inpainting) starts from.
+    /// A renderer of the table alone: the background that in-painting starts from.
     ///
     /// # Errors
-    /// As [`Painter::new`].
+    /// As [`SceneRenderer::new`].
     pub fn of_table(scene: Arc<Scene>) -> Result<Self, EnvError> {
         Self::showing(scene, false, None)
     }
@@ -53,7 +55,7 @@ impl Painter {
         let size = scene.camera.size;
         // the default draws tables and objects, not the arm, collision shapes (4) or marks (5)
         let mut options = RenderOptions::default();
-        options.geom_groups[ARM] = arm;
+        options.geom_groups[ARM_GEOM_GROUP] = arm;
         let renderer = Renderer::new(Arc::clone(&scene.model), size, size, options)?;
         Ok(Self {
             scene,
@@ -62,22 +64,24 @@ impl Painter {
         })
     }
 
-    /// Paints what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y, column 0 the smallest x.
+    /// Draws what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y,
+    /// column 0 the smallest x.
     ///
     /// # Errors
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
-    pub fn paint(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
+    pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        self.renderer.render(table.data_mut(), view, rgb)?;
+        self.renderer.render(table.simulation_mut(), view, rgb)?;
         self.add_mark(table, rgb);
         Ok(())
     }
 
-    /// Draws what stands still during the episode that `table` has begun, for [`Painter::paint_over`].
+    /// Draws what stands still during the episode that `table` has begun, for
+    /// [`SceneRenderer::render_over`].
     ///
     /// # Errors
-    /// As [`Painter::paint`].
-    pub fn paint_backdrop(
+    /// As [`SceneRenderer::render`].
+    pub fn draw_backdrop(
         &mut self,
         table: &mut TableTop,
         backdrop: &mut Backdrop,
@@ -85,29 +89,31 @@ impl Painter {
         let view = self.view(table)?;
         let drawn = self
             .renderer
-            .draw_backdrop(table.data_mut(), view, backdrop);
+            .draw_backdrop(table.simulation_mut(), view, backdrop);
         Ok(drawn?)
     }
 
-    /// Paints what [`Painter::paint`] does, to the same bits, over the backdrop of the same episode: in about half the time, and in next to none while no
-    /// object moves.
+    /// Draws what [`SceneRenderer::render`] does, to the same bits, over the backdrop of the same
+    /// episode: in about half the time, and in next to none while no object moves.
     ///
     /// # Errors
-    /// As [`Painter::paint`].
-    pub fn paint_over(
+    /// As [`SceneRenderer::render`].
+    pub fn render_over(
         &mut self,
         table: &mut TableTop,
         backdrop: &mut Backdrop,
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
-        self.renderer.render_over(table.data_mut(), backdrop, rgb)?;
+        self.renderer
+            .render_over(table.simulation_mut(), backdrop, rgb)?;
         self.add_mark(table, rgb);
         Ok(())
     }
 
-    /// The camera; of a scene whose variants are exact mirror images, in the mirror that brings the variant to the canonical one. So all four hand the same numbers
-    /// to OpenGL, and their pictures mirror bit for bit.
+    /// The camera. Where variants are exact mirror images, each is drawn in the mirror that brings it
+    /// to the canonical one. So all four hand the same numbers to OpenGL, and their pictures mirror
+    /// bit for bit.
     fn view(&self, table: &TableTop) -> Result<View, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();
@@ -127,7 +133,8 @@ impl Painter {
     }
 }
 
-/// Interleaves the current and the first picture `[size, size, 3]` to an observation's image `[size, size, 6]`.
+/// Interleaves the current and the first picture `[size, size, 3]` to an observation's image
+/// `[size, size, 6]`.
 pub(crate) fn stack(current: &[u8], first: &[u8], image: &mut [u8]) {
     let pixels = current.chunks_exact(RGB).zip(first.chunks_exact(RGB));
     for (out, (now, before)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
