@@ -429,8 +429,10 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
     let (covers, _) = after(settings(), &[0]);
     covers.save(&path, Extent::Everything, "").unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
-    let end = bytes.len();
-    bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    // arrays of numbers come first, behind the header and its length
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap());
+    let first = 8 + usize::try_from(header).unwrap();
+    bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     std::fs::write(&path, bytes).unwrap();
     let message = Covers::load(&path, covers.spec()).err().unwrap().to_string();
     std::fs::remove_file(path).unwrap();

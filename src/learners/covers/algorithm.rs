@@ -10,7 +10,7 @@ use cluster::{Assignment, Decision, Evidence, PermutationTest, Reservoir};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, EnvSpec, Ppo, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
+    ActorCriticPolicy, EnvSpec, Metrics as _, Ppo, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
     VectorEnv, collect,
 };
 

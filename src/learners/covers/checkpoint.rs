@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use cluster::Reservoir;
-use rl::{ActorCriticPolicy, Adam, EnvSpec, Features, Observations, Ppo, RolloutBuffer};
+use rl::{ActorCriticPolicy, Adam, EnvSpec, Policy, Observations, Ppo, RolloutBuffer};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
