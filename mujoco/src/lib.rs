@@ -43,6 +43,7 @@
 
 use mujoco_sys as raw;
 
+mod backend;
 mod data;
 mod error;
 mod gl;
@@ -50,16 +51,18 @@ pub mod ids;
 mod init;
 mod model;
 mod renderer;
+mod renderer_id;
 mod shape;
 mod state;
 mod vfs;
 
+pub use backend::Backend;
 pub use data::{Contact, Data};
-pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
-pub use gl::Backend;
+pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
 pub use model::Model;
-pub use renderer::{Backdrop, Mirror, RenderOptions, Renderer, View};
+pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
+pub use renderer_id::RendererId;
 pub use shape::Shape;
 pub use state::State;
 

@@ -5,7 +5,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{Backdrop, Data, Mirror, Model, RenderError, RenderOptions, Renderer, View};
+use mujoco::{Backdrop, CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer};
 
 const SIDE: usize = 64;
 const MIRRORS: [Mirror; 4] = [
@@ -99,7 +99,7 @@ fn picture(
     let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
     renderer
-        .render(data, View { camera, mirror }, &mut image)
+        .render(data, CameraView { camera, mirror }, &mut image)
         .map(|()| image)
 }
 
@@ -170,7 +170,7 @@ fn a_backdrop_keeps_its_mirror() {
     for mirror in MIRRORS {
         let mut backdrop = Backdrop::default();
         renderer
-            .draw_backdrop(&mut data, View { camera, mirror }, &mut backdrop)
+            .draw_backdrop(&mut data, CameraView { camera, mirror }, &mut backdrop)
             .unwrap();
         for height in [0.0, 0.2, 0.4] {
             data.qpos_mut()[0] = height;
@@ -181,7 +181,7 @@ fn a_backdrop_keeps_its_mirror() {
                 .render_over(&mut data, &mut backdrop, &mut over)
                 .unwrap();
             renderer
-                .render(&mut data, View { camera, mirror }, &mut whole)
+                .render(&mut data, CameraView { camera, mirror }, &mut whole)
                 .unwrap();
             assert!(over == whole, "{mirror:?} at {height}");
         }
@@ -200,7 +200,7 @@ fn what_is_not_its_own_mirror_image_is_refused() {
         let refused = picture(&mut studio, mirror).unwrap_err();
         assert_eq!(
             refused,
-            RenderError::Handed {
+            RenderError::NotMirrorSymmetric {
                 what: "geom",
                 index: 0
             }
@@ -208,7 +208,7 @@ fn what_is_not_its_own_mirror_image_is_refused() {
         assert!(
             refused
                 .to_string()
-                .contains("geom 0 is not its own mirror image")
+                .contains("geom 0 is not mirror-symmetric")
         );
     }
     let turned = picture(&mut studio, MIRRORS[3]).unwrap();
