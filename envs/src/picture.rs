@@ -1,6 +1,6 @@
 //! The picture that a learner sees: the table without the arm, a disc at the gripper, and the episode's first picture behind it.
 
-use mujoco::{Backdrop, Mirror, RenderOptions, Renderer, View};
+use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 use std::sync::Arc;
 
 use crate::EnvError;
@@ -108,10 +108,10 @@ impl Painter {
 
     /// The camera; of a scene whose variants are exact mirror images, in the mirror that brings the variant to the canonical one. So all four hand the same numbers
     /// to OpenGL, and their pictures mirror bit for bit.
-    fn view(&self, table: &TableTop) -> Result<View, EnvError> {
+    fn view(&self, table: &TableTop) -> Result<CameraView, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();
-        Ok(View {
+        Ok(CameraView {
             camera: self.scene.camera_id,
             mirror: Mirror {
                 columns: mirrors && element.flips_x(),
