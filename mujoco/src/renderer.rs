@@ -219,7 +219,7 @@ impl Renderer {
         camera: CameraId,
         out: &[u8],
     ) -> Result<(), RenderError> {
-        let cameras = self.model.get().ncam as usize;
+        let cameras = self.model.as_raw().ncam as usize;
         if !Arc::ptr_eq(data.model(), &self.model) {
             return Err(RenderError::OtherModel);
         }
@@ -249,8 +249,8 @@ impl Renderer {
         // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
         unsafe {
             raw::mjv_updateScene(
-                self.model.as_ptr(),
-                data.as_ptr(),
+                self.model.as_raw(),
+                data.as_mut_ptr(),
                 &raw const *self.options,
                 std::ptr::null(),
                 &raw mut camera,

@@ -179,3 +179,46 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     let refused = renderer.render_over(&mut data, &mut backdrop, &mut out);
     assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
+
+/// What moves here alters the picture of what stands still, or is no geom.
+#[test]
+fn moving_cameras_lights_and_skins_are_drawn_as_they_are() {
+    let table = r#"<geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>"#;
+    let still = r#"<camera name="top" pos="0 0 2"/>"#;
+    let slide = r#"<joint type="slide" axis="1 0 0"/>"#;
+    let scenes = [
+        format!(
+            r#"<worldbody>{table}<body>{slide}<geom size=".1" pos="0 0 .3"/>
+               <camera name="top" pos="0 0 2"/></body></worldbody>"#
+        ),
+        format!(
+            r#"<worldbody>{table}{still}<body>{slide}<geom size=".1" pos="0 0 .3"/>
+               <light pos="0 0 2" dir="0 0 -1" cutoff="10"/></body></worldbody>"#
+        ),
+        format!(
+            r#"<asset><skin name="cloth" rgba="1 0 0 1" face="0 1 2"
+                 vertex="-.2 -.2 .5  .2 -.2 .5  0 .2 .5">
+                 <bone body="bone" bindpos="0 0 0" bindquat="1 0 0 0"
+                   vertid="0 1 2" vertweight="1 1 1"/></skin></asset>
+               <worldbody>{table}{still}<body name="bone">{slide}
+                 <geom size=".1" group="3"/></body></worldbody>"#
+        ),
+    ];
+    for scene in scenes {
+        let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
+        let mut data = Data::new(Arc::new(model));
+        data.forward().unwrap();
+        let (mut renderer, mut backdrop) = drawn(&mut data, 24, 16);
+        let before = whole(&mut renderer, &mut data);
+        for x in [0.0, 0.3, -0.2] {
+            move_ball(&mut data, x);
+            let mut out = vec![0; renderer.image_len()];
+            renderer
+                .render_over(&mut data, &mut backdrop, &mut out)
+                .unwrap();
+            let expected = whole(&mut renderer, &mut data);
+            assert_eq!(expected == before, x == 0.0, "the motion must show");
+            assert!(out == expected, "{scene} at {x}");
+        }
+    }
+}

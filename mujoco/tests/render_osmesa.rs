@@ -48,31 +48,36 @@ type Destroy = unsafe extern "C" fn(Raw);
 const OSMESA_RGBA: u32 = 0x1908;
 const GL_UNSIGNED_BYTE: u32 = 0x1401;
 
-fn library() -> Library {
-    // SAFETY: loading OSMesa runs no initialisers with preconditions.
-    unsafe { Library::open(Some("libOSMesa.so.8"), RTLD_NOW | RTLD_LOCAL) }.unwrap()
+/// The functions of OSMesa that the program around this crate calls.
+struct Program {
+    create: Symbol<Create>,
+    make_current: Symbol<MakeCurrent>,
+    get_current: Symbol<GetCurrent>,
+    get_buffer: Symbol<GetBuffer>,
+    destroy: Symbol<Destroy>,
+}
+
+impl Program {
+    fn new() -> Self {
+        // SAFETY: loading OSMesa runs no initialisers with preconditions, and its header declares
+        // these functions with these signatures.
+        unsafe {
+            let library = Library::open(Some("libOSMesa.so.8"), RTLD_NOW | RTLD_LOCAL).unwrap();
+            Self {
+                create: library.get(b"OSMesaCreateContext\0").unwrap(),
+                make_current: library.get(b"OSMesaMakeCurrent\0").unwrap(),
+                get_current: library.get(b"OSMesaGetCurrentContext\0").unwrap(),
+                get_buffer: library.get(b"OSMesaGetColorBuffer\0").unwrap(),
+                destroy: library.get(b"OSMesaDestroyContext\0").unwrap(),
+            }
+        }
+    }
 }
 
 /// Two contexts of the program around this crate, with buffers of their own.
 #[test]
 fn the_programs_context_is_current_again_after_every_call() {
-    let library = library();
-    // SAFETY: OSMesa's header declares these functions with these signatures.
-    let (create, make_current, get_current, get_buffer, destroy): (
-        Symbol<Create>,
-        Symbol<MakeCurrent>,
-        Symbol<GetCurrent>,
-        Symbol<GetBuffer>,
-        Symbol<Destroy>,
-    ) = unsafe {
-        (
-            library.get(b"OSMesaCreateContext\0").unwrap(),
-            library.get(b"OSMesaMakeCurrent\0").unwrap(),
-            library.get(b"OSMesaGetCurrentContext\0").unwrap(),
-            library.get(b"OSMesaGetColorBuffer\0").unwrap(),
-            library.get(b"OSMesaDestroyContext\0").unwrap(),
-        )
-    };
+    let program = Program::new();
     let xml = r#"<mujoco><worldbody><camera name="top" pos="0 0 2"/></worldbody></mujoco>"#;
     let model = Arc::new(Model::from_xml(xml).unwrap());
     let camera = model.camera("top").unwrap();
@@ -84,9 +89,9 @@ fn the_programs_context_is_current_again_after_every_call() {
         // SAFETY: valid format, no context to share with; the buffer holds the pixels and outlives
         // the context.
         let context = unsafe {
-            let context = create(OSMESA_RGBA, ptr::null_mut());
+            let context = (program.create)(OSMESA_RGBA, ptr::null_mut());
             assert_ne!(
-                make_current(context, buffer, GL_UNSIGNED_BYTE, width, height),
+                (program.make_current)(context, buffer, GL_UNSIGNED_BYTE, width, height),
                 0
             );
             context
@@ -96,8 +101,8 @@ fn the_programs_context_is_current_again_after_every_call() {
             let [w, h] = &mut got;
             // SAFETY: live context; each pointer is to a local variable.
             let current = unsafe {
-                get_buffer(context, w, h, &raw mut format, &raw mut at);
-                get_current()
+                (program.get_buffer)(context, w, h, &raw mut format, &raw mut at);
+                (program.get_current)()
             };
             assert_eq!(current, context, "after {after}");
             assert_eq!((got, at), ([width, height], buffer), "after {after}");
@@ -113,8 +118,8 @@ fn the_programs_context_is_current_again_after_every_call() {
         assert_current("dropping a renderer");
         // SAFETY: the context is released from this thread first, and not used afterwards.
         unsafe {
-            make_current(ptr::null_mut(), ptr::null_mut(), 0, 0, 0);
-            destroy(context);
+            (program.make_current)(ptr::null_mut(), ptr::null_mut(), 0, 0, 0);
+            (program.destroy)(context);
         }
     }
 }

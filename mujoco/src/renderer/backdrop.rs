@@ -13,6 +13,8 @@ use crate::renderer_id::RendererId;
 pub struct Backdrop {
     /// Who drew it and how; none before that, and while it is being drawn.
     drawn: Option<(RendererId, CameraView)>,
+    /// Where camera and lights were.
+    viewpoint: Viewpoint,
     /// `[H, W, 3]`, bottom row first, in the view's mirror.
     rgb: Vec<u8>,
     /// `[H, W]`, as OpenGL measures it.
@@ -22,6 +24,10 @@ pub struct Backdrop {
     /// Where the moving geoms of the last picture were; none where that picture is not whole.
     last_poses: Option<Vec<Pose>>,
 }
+
+/// Position, direction and upward direction of the two eyes and the lights; lights have no upward
+/// direction.
+type Viewpoint = Vec<[[f32; 3]; 3]>;
 
 /// Position and rotation matrix of a geom, as MuJoCo's scene holds them.
 type Pose = ([f32; 3], [f32; 9]);
@@ -47,6 +53,8 @@ impl Renderer {
         self.check_arguments(data, view.camera, &backdrop.rgb)?;
         self.in_own_context(|renderer| {
             renderer.update_scene(data, view, raw::mjCAT_STATIC)?;
+            backdrop.viewpoint.clear();
+            backdrop.viewpoint.extend(renderer.viewpoint());
             renderer.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
             check_opengl("drawing a backdrop")
         })?;
@@ -59,8 +67,8 @@ impl Renderer {
     /// from the last picture over it where no geom has moved since.
     ///
     /// That holds as long as nothing has moved the other geoms since the backdrop was drawn, as
-    /// setting a mocap body does. Where a moving geom is transparent, or there are shadows,
-    /// everything is drawn.
+    /// setting a mocap body does. Everything is drawn where a moving geom is transparent, where
+    /// there are shadows or skins, and where the camera or a light has moved.
     ///
     /// # Errors
     /// As [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never drawn,
@@ -75,7 +83,7 @@ impl Renderer {
         self.check_arguments(data, view.camera, out)?;
         self.in_own_context(|renderer| {
             renderer.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
-            if renderer.shadows || renderer.is_transparent() {
+            if renderer.must_draw_all(backdrop) {
                 return renderer.draw_all(data, view, out);
             }
             renderer.draw_over(backdrop, view)?;
@@ -127,9 +135,18 @@ impl Renderer {
         self.geoms().iter().map(|geom| (geom.pos, geom.mat))
     }
 
-    /// Whether a geom of the scene lets others shine through.
-    fn is_transparent(&self) -> bool {
-        self.geoms().iter().any(|geom| geom.rgba[3] < 1.0)
+    /// Whether what moves changes the picture of what stands still.
+    fn must_draw_all(&self, backdrop: &Backdrop) -> bool {
+        let transparent = || self.geoms().iter().any(|geom| geom.rgba[3] < 1.0);
+        let has_moved = || !backdrop.viewpoint.iter().copied().eq(self.viewpoint());
+        self.shadows || self.scene.nskin > 0 || transparent() || has_moved()
+    }
+
+    fn viewpoint(&self) -> impl Iterator<Item = [[f32; 3]; 3]> {
+        let eyes = self.scene.camera.iter();
+        let eyes = eyes.map(|eye| [eye.pos, eye.forward, eye.up]);
+        let lights = self.scene.lights[..self.scene.nlight as usize].iter();
+        eyes.chain(lights.map(|light| [light.pos, light.dir, [0.0; 3]]))
     }
 
     pub(super) fn geoms(&self) -> &[raw::mjvGeom] {
