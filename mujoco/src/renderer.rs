@@ -328,7 +328,7 @@ mod tests {
         let model = Arc::new(Model::from_xml(xml).unwrap());
         let backends = [Backend::EglSurfaceless];
         let options = RenderOptions::default();
-        let renderer = Renderer::with_backends(Arc::clone(&model), 8, 8, options, &backends);
+        let renderer = Renderer::with_backends(Arc::clone(&model), 12, 8, options, &backends);
         (Data::new(model), renderer.unwrap())
     }
 
