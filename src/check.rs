@@ -123,9 +123,15 @@ fn of_variants<R: Send>(
     let mut jobs = Vec::new();
     for group in TaskGroup::STANDARD {
         let scene = Arc::new(Scene::new(group, embodiment, Camera::default())?);
-        jobs.extend(elements.iter().map(|&element| (Arc::clone(&scene), element)));
+        jobs.extend(
+            elements
+                .iter()
+                .map(|&element| (Arc::clone(&scene), element)),
+        );
     }
-    let rows = jobs.par_iter().map(|(scene, element)| check(scene, *element));
+    let rows = jobs
+        .par_iter()
+        .map(|(scene, element)| check(scene, *element));
     rows.collect()
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Mark, Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
+use envs::{Mark, SceneRenderer, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -51,7 +51,7 @@ fn group_pictures(
 ) -> Result<Vec<Vec<u8>>, CoversError> {
     let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
     let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
-    let mut painter = Painter::new(scene)?;
+    let mut renderer = SceneRenderer::new(scene)?;
     let placement = group
         .task()
         .place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
@@ -60,8 +60,8 @@ fn group_pictures(
         .map(|element| {
             let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
             table.reset_to(element, placement)?;
-            painter.paint(&mut table, &mut rgb)?;
-            if let Some(goal) = table.told_goal() {
+            renderer.render(&mut table, &mut rgb)?;
+            if let Some(goal) = table.observable_goal() {
                 let mark = Mark {
                     color: TOLD_GOAL,
                     ..settings.camera.mark

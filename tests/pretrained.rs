@@ -22,7 +22,7 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
     assert_eq!(covers.policies(), 4);
     let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, 5).unwrap();
     let mut chosen = Vec::new();
-    for (group, element) in TaskGroup::ALL.into_iter().zip(D2::ALL) {
+    for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
         let score = evaluator.variant(&mut covers, variant, 1).unwrap();
         assert!(score.success >= 0.9, "{score:?}");
