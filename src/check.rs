@@ -22,17 +22,10 @@ use crate::error::CoversError;
 
 pub use parity::{ParityRow, parity};
 
-/// Share of the seeds that a scripted expert must solve.
-const EXPERT_SUCCESS: f64 = 0.98;
-/// Closed loop, an expert's return may differ by this share between the variants of a group.
-const RETURN_SPREAD: f64 = 0.03;
-/// Open loop, `hand` may stray from the mirror image by this much (metres): before anything touches, and after.
-const FREE_DEVIATION: f64 = 1e-9;
-const CONTACT_DEVIATION: f64 = 1e-6;
-
 /// Rewards and their terms may differ from Meta-World's by this much.
 const REWARD_DEVIATION: f64 = 1e-9;
-/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians): what the solver's tolerance leaves of a jammed button.
+/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians):
+/// what the solver's tolerance leaves of a jammed button.
 const STEP_DEVIATION: f64 = 5e-12;
 /// Of a replayed episode the hand may end this far from Meta-World's (metres).
 const REPLAY_DEVIATION: f64 = 1e-4;
@@ -110,7 +103,7 @@ fn check_experts(
         })?);
     }
     print(&rows, json, out, expert_line)?;
-    Ok(rows.iter().all(|row| row.success_rate() >= EXPERT_SUCCESS))
+    Ok(rows.iter().all(ExpertRow::passes))
 }
 
 /// Applies `check` to the variants `elements` of the standard groups, in that order, on all
@@ -123,9 +116,15 @@ fn of_variants<R: Send>(
     let mut jobs = Vec::new();
     for group in TaskGroup::STANDARD {
         let scene = Arc::new(Scene::new(group, embodiment, Camera::default())?);
-        jobs.extend(elements.iter().map(|&element| (Arc::clone(&scene), element)));
+        jobs.extend(
+            elements
+                .iter()
+                .map(|&element| (Arc::clone(&scene), element)),
+        );
     }
-    let rows = jobs.par_iter().map(|(scene, element)| check(scene, *element));
+    let rows = jobs
+        .par_iter()
+        .map(|(scene, element)| check(scene, *element));
     rows.collect()
 }
 
@@ -147,15 +146,7 @@ fn check_symmetry(
         symmetry(scene, element, seeds)
     })?;
     print(&rows, json, out, symmetry_line)?;
-    let mirrors = |row: &SymmetryRow| {
-        row.free_deviation <= FREE_DEVIATION
-            && row.contact_deviation <= CONTACT_DEVIATION
-            && row.frames_differing == 0
-    };
-    let fair = |row: &SymmetryRow| (row.return_ratio - 1.0).abs() <= RETURN_SPREAD;
-    Ok(rows
-        .iter()
-        .all(|row| fair(row) && (embodiment == Embodiment::Sawyer || mirrors(row))))
+    Ok(rows.iter().all(SymmetryRow::passes))
 }
 
 fn symmetry_line(row: &SymmetryRow) -> String {

@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use envs::check::{ParityRow, parity};
+use covers::check::{ParityRow, parity};
 use envs::{Camera, Embodiment, Layout, Scene, TaskGroup};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -42,8 +42,8 @@ fn episodes_start_where_meta_worlds_do() {
     for group in TaskGroup::STANDARD {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
         let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
-        let joints = match group {
-            TaskGroup::BUTTON_PRESS => further_back,
+        let joints = match group.name() {
+            "button-press" => further_back,
             _ => over_the_centre,
         };
         // a state begins with the time
@@ -190,7 +190,7 @@ fn damaged_recordings_are_refused_by_name() {
 #[test]
 fn what_is_no_recording_is_refused_by_name() {
     let to = folder("garbage");
-    assert!(message(&to).contains("no recording in"));
+    assert!(message(&to).contains("no recording in it"));
     fs::write(to.join(REACH), b"not a zip").unwrap();
     let text = message(&to);
     assert!(
@@ -203,5 +203,5 @@ fn what_is_no_recording_is_refused_by_name() {
         text.contains("basketball") && text.contains("plate-slide"),
         "{text}"
     );
-    assert!(message(&to.join("nowhere")).contains("cannot be read"));
+    assert!(message(&to.join("nowhere")).contains("cannot read"));
 }

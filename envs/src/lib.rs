@@ -36,7 +36,6 @@ pub mod conformance;
 mod control;
 mod embodiment;
 mod error;
-pub mod inpainting;
 mod layout;
 mod mjcf;
 mod registry;

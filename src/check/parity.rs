@@ -162,10 +162,7 @@ impl Replica {
             measured,
         };
         self.table.reset_to(D2::Identity, placement)?;
-        let bodies = [
-            (self.object, placement.object),
-            (self.goal, placement.goal),
-        ];
+        let bodies = [(self.object, placement.object), (self.goal, placement.goal)];
         let data = self.table.simulation_mut();
         data.reset();
         for (body, position) in bodies {

@@ -12,6 +12,9 @@ use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
+/// Share of the episodes that a scripted expert must solve.
+const SUCCESS_RATE: f64 = 0.98;
+
 /// How the scripted expert fared on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExpertRow {
@@ -34,6 +37,11 @@ impl ExpertRow {
     /// Share of the episodes that succeeded, in `[0, 1]`.
     pub fn success_rate(&self) -> f64 {
         self.successes as f64 / self.episodes as f64
+    }
+
+    /// Whether at least 98 in 100 episodes succeeded.
+    pub fn passes(&self) -> bool {
+        self.success_rate() >= SUCCESS_RATE
     }
 }
 

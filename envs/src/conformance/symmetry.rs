@@ -14,6 +14,13 @@ use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, OPEN_APERTURE, TableTop};
 use crate::task::{Measurement, Placement};
 
+/// Closed loop, an expert's return may differ by this share between the variants of a group.
+const RETURN_SPREAD: f64 = 0.03;
+/// Open loop, a variant with an embodiment that mirrors exactly may stray from its twin by this much
+/// (metres): before anything touches, and after.
+const FREE_DEVIATION: f64 = 1e-9;
+const CONTACT_DEVIATION: f64 = 1e-6;
+
 /// Decisions that a random action is held for.
 const HELD: usize = 5;
 
@@ -26,6 +33,9 @@ pub struct SymmetryRow {
     pub task: &'static str,
     /// The variant's element of D2.
     pub element: String,
+    /// Whether the embodiment mirrors exactly.
+    #[serde(skip)]
+    exact: bool,
     /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw distance
     /// or object before anything touched.
     pub free_deviation: f64,
@@ -41,6 +51,18 @@ pub struct SymmetryRow {
     pub pixels_differing: usize,
     /// Closed loop: the expert's mean return here over its mean return on the canonical twin.
     pub return_ratio: f64,
+}
+
+impl SymmetryRow {
+    /// Whether the returns agree within 3 %, and with an embodiment that mirrors exactly pictures
+    /// to the bit and motion within 1e-9 m, or 1e-6 m from the first contact on.
+    pub fn passes(&self) -> bool {
+        let fair = (self.return_ratio - 1.0).abs() <= RETURN_SPREAD;
+        let mirrors = self.free_deviation <= FREE_DEVIATION
+            && self.contact_deviation <= CONTACT_DEVIATION
+            && self.frames_differing == 0;
+        fair && (mirrors || !self.exact)
+    }
 }
 
 /// Drives the variant `element` and its canonical twin side by side, on the placements of the seeds
@@ -86,6 +108,7 @@ impl Twins {
             embodiment: scene.embodiment.name(),
             task: scene.group.name(),
             element: element.to_string(),
+            exact: scene.embodiment.mirrors_exactly(),
             free_deviation: 0.0,
             contact_deviation: 0.0,
             reward_deviation: 0.0,
@@ -163,9 +186,9 @@ impl Twins {
         } else {
             &mut self.row.free_deviation
         };
-        *worst = worst.max(deviation);
+        *worst = larger(*worst, deviation);
         let of_reward = (here.reward - there.reward).abs();
-        self.row.reward_deviation = self.row.reward_deviation.max(of_reward);
+        self.row.reward_deviation = larger(self.row.reward_deviation, of_reward);
         Ok(())
     }
 
@@ -192,7 +215,12 @@ fn deviation(a: &Measurement, b: &Measurement) -> f64 {
         a.object.distance(b.object),
         (a.aperture - b.aperture).abs() * OPEN_APERTURE,
     ];
-    distances.into_iter().fold(0.0, f64::max)
+    distances.into_iter().fold(0.0, larger)
+}
+
+/// The larger of two deviations; what is not a number is larger than any.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
 }
 
 #[cfg(test)]

@@ -1,12 +1,16 @@
-//! Paints the arm out of an episode and writes a strip of raw pictures, masks and results: `inpainting [FILE.png]`.
+//! Paints the arm out of an episode and writes a strip of raw pictures, masks and results:
+//! `inpainting [FILE.png]`.
+
+mod arm;
 
 use std::error::Error;
 use std::fs::File;
 use std::io::BufWriter;
 use std::sync::Arc;
 
-use envs::inpainting::{Correction, Inpainter, Inpainting, Skeleton, View};
+use arm::Arm;
 use envs::{Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use inpainting::{ColorCorrection, Inpainter, InpainterSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -46,29 +50,23 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
     let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;
     table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(5))?;
 
-    let skeleton = Skeleton::new(&scene);
-    let settings = Inpainting {
-        view: View::from(&camera),
-        limbs: skeleton.limbs().to_vec(),
-        correction: Correction::MeanAndDeviation,
-        mark: camera.mark,
-        mark_depth: camera.height,
+    let arm = Arm::new(&scene.model)?;
+    let settings = InpainterSettings {
+        camera: arm::pinhole(&camera),
+        links: arm.links().to_vec(),
+        correction: ColorCorrection::MeanAndDeviation,
+        mark: arm::mark(&camera),
     };
     let mut picture = vec![0; SIZE * SIZE * RGB];
     SceneRenderer::of_table(Arc::clone(&scene))?.render(&mut table, &mut picture)?;
     let mut inpainter = Inpainter::new(settings, &picture)?;
-    let mut eye = SceneRenderer::with_arm(scene)?;
+    let mut with_arm = SceneRenderer::with_arm(scene)?;
 
     let mut rows = Rows::default();
     for decision in 0..COLUMNS * EVERY {
-        eye.render(&mut table, &mut picture)?;
+        with_arm.render(&mut table, &mut picture)?;
         let mut result = picture.clone();
-        inpainter.inpaint(
-            &picture,
-            &skeleton.joints(&table),
-            table.hand(),
-            &mut result,
-        )?;
+        inpainter.inpaint(&picture, &arm.joints(&table), table.hand(), &mut result)?;
         if decision % EVERY == 0 {
             let mask = inpainter.mask().iter();
             let mask = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; RGB]);

@@ -4,33 +4,37 @@ use glam::{DMat3, DVec3};
 
 /// How the colours of a picture are brought to those of the reference, from the pixels that both show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Correction {
+pub enum ColorCorrection {
     /// Left as they are.
     None,
-    /// Mean and standard deviation of each channel of the decorrelated space l, alpha, beta become the reference's (Reinhard,
-    /// Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE CG&A 21(5), 2001).
+    /// Mean and standard deviation of each channel of the decorrelated space l, alpha, beta become
+    /// the reference's (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE
+    /// CG&A 21(5), 2001).
     #[default]
     MeanAndDeviation,
-    /// Each of red, green and blue is scaled: both pictures are taken to show the same grey on average (grey world, von Kries).
+    /// Each of red, green and blue is scaled: both pictures are taken to show the same grey on
+    /// average (grey world, von Kries).
     GreyWorld,
 }
 
-/// After each correction, pixels that still differ by more than this (levels) are taken to show something that moved, and are left out of the next.
+/// After each correction, pixels that still differ by more than this (levels) are taken to show
+/// something that moved, and are left out of the next.
 const MOVED: [f64; 3] = [24.0, 6.0, 2.0];
 
 /// An affine map of each channel of the space that a correction works in.
 #[derive(Clone, Copy, Debug)]
 struct Map {
-    correction: Correction,
+    correction: ColorCorrection,
     from: DVec3,
     gain: DVec3,
     to: DVec3,
 }
 
-impl Correction {
-    /// Corrects the picture `rgb` `[H, W, 3]` to `reference` of the same shape, in place. `mask` `[H, W]` tells which pixels to leave out of
-    /// account; what moved between the two is found and left out as well.
-    pub(super) fn apply(self, reference: &[u8], mask: &[bool], rgb: &mut [u8]) {
+impl ColorCorrection {
+    /// Corrects the picture `rgb` `[H, W, 3]` to `reference` of the same shape, in place. `mask`
+    /// `[H, W]` tells which pixels to leave out of account; what moved between the two is found and
+    /// left out as well.
+    pub(crate) fn apply(self, reference: &[u8], mask: &[bool], rgb: &mut [u8]) {
         if self == Self::None {
             return;
         }
@@ -74,7 +78,7 @@ impl Correction {
 impl Map {
     /// From the pixels of a picture to those of the reference; none without pixels.
     fn fit<'a>(
-        correction: Correction,
+        correction: ColorCorrection,
         pairs: impl Iterator<Item = (&'a [u8], &'a [u8])>,
     ) -> Option<Self> {
         let (mut now, mut reference) = (Moments::default(), Moments::default());
@@ -87,7 +91,7 @@ impl Map {
         }
         let (from, to) = (now.mean(), reference.mean());
         let (from, gain, to) = match correction {
-            Correction::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
+            ColorCorrection::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
             _ => (from, ratio(reference.deviation(), now.deviation()), to),
         };
         Some(Self {
@@ -153,7 +157,8 @@ const LMS: DMat3 = DMat3::from_cols_array_2d(&[
     [0.0402, 0.0782, 0.8444],
 ]);
 
-/// Reinhard et al., equation 6: their logarithms to decorrelated axes, less the scaling of each axis, which a gain per axis undoes.
+/// Reinhard et al., equation 6: their logarithms to decorrelated axes, less the scaling of each
+/// axis, which a gain per axis undoes.
 const AXES: DMat3 =
     DMat3::from_cols_array_2d(&[[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -2.0, 0.0]]);
 
@@ -192,7 +197,10 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
     }
 
-    const BOTH: [Correction; 2] = [Correction::MeanAndDeviation, Correction::GreyWorld];
+    const BOTH: [ColorCorrection; 2] = [
+        ColorCorrection::MeanAndDeviation,
+        ColorCorrection::GreyWorld,
+    ];
 
     #[test]
     fn a_picture_under_the_same_light_stays_as_it_is_to_the_bit() {
@@ -216,7 +224,7 @@ mod tests {
             assert!(worst <= tolerance, "{correction:?}: {worst}");
         }
         let mut rgb = dim.clone();
-        Correction::None.apply(&reference, &vec![false; 1600], &mut rgb);
+        ColorCorrection::None.apply(&reference, &vec![false; 1600], &mut rgb);
         assert!(rgb == dim);
     }
 
@@ -239,7 +247,7 @@ mod tests {
             assert!(corrected[1500..] == reference[1500..], "{correction:?}");
         }
         let mut all_hidden = rgb.clone();
-        Correction::GreyWorld.apply(&reference, &vec![true; 1600], &mut all_hidden);
+        ColorCorrection::GreyWorld.apply(&reference, &vec![true; 1600], &mut all_hidden);
         assert!(all_hidden == rgb);
     }
 }

@@ -4,42 +4,44 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use super::view::View;
+use crate::camera::PinholeCamera;
 
 /// A link of an arm: everything within `radius` of the line between two joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limb {
+pub struct Link {
     /// Indices of the joints at its ends.
     pub joints: [usize; 2],
     /// Radius (metres).
     pub radius: f64,
 }
 
-/// A limb in the camera's frame.
+/// A link in the camera's frame.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Capsule {
+pub(crate) struct Capsule {
     pub ends: [DVec3; 2],
     pub radius: f64,
 }
 
 impl Capsule {
     /// Marks the pixels of `mask` `[H, W]` whose ray meets the capsule.
-    pub(super) fn mark(&self, view: &View, mask: &mut [bool]) {
-        let [rows, columns] = self.window(view);
+    pub(crate) fn mark(&self, camera: &PinholeCamera, mask: &mut [bool]) {
+        let [rows, columns] = self.window(camera);
         for row in rows {
             for column in columns.clone() {
-                if self.meets(view.ray(row, column)) {
-                    mask[row * view.intrinsics.width + column] = true;
+                if self.meets(camera.ray(row, column)) {
+                    mask[row * camera.intrinsics.width + column] = true;
                 }
             }
         }
     }
 
-    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the axis, in front of the camera.
-    pub(super) fn meets(&self, ray: DVec3) -> bool {
+    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the axis,
+    /// in front of the camera.
+    pub(crate) fn meets(&self, ray: DVec3) -> bool {
         let [from, to] = self.ends;
         let axis = to - from;
-        // the point of the axis next to the ray's line: both squared distances are convex, so clamping is exact
+        // the point of the axis next to the ray's line: both squared distances are convex, so
+        // clamping is exact
         let (along, across) = (axis.dot(ray), axis.cross(ray).length_squared());
         let share = if across > 0.0 {
             ((along * from.dot(ray) - axis.dot(from)) / across).clamp(0.0, 1.0)
@@ -52,8 +54,8 @@ impl Capsule {
     }
 
     /// Rows and columns outside of which no ray meets the capsule.
-    fn window(&self, view: &View) -> [Range<usize>; 2] {
-        let intrinsics = &view.intrinsics;
+    fn window(&self, camera: &PinholeCamera) -> [Range<usize>; 2] {
+        let intrinsics = &camera.intrinsics;
         let whole = [0..intrinsics.height, 0..intrinsics.width];
         let low = self.ends[0].min(self.ends[1]) - self.radius;
         let high = self.ends[0].max(self.ends[1]) + self.radius;

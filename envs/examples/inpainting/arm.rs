@@ -1,22 +1,49 @@
-//! The arm of this crate's scenes, as in-painting wants it.
+//! The arm and the camera of a scene, as in-painting wants them.
 
+use envs::{ARM_GEOM_GROUP, Camera, TableTop};
 use glam::{DMat3, DVec3};
-use mujoco::{Data, GeomId, Shape};
+use inpainting::{Extrinsics, Intrinsics, Link, Mark, PinholeCamera};
+use mujoco::{Data, GeomId, Model, Shape};
 
-use super::limbs::Limb;
-use crate::renderer::ARM_GEOM_GROUP;
-use crate::scene::Scene;
-use crate::tabletop::TableTop;
-
-/// The links of a scene's arm as it is drawn: a capsule around each of its shapes, between two points of the link, and bundles of thin ones around boxes, which one
-/// capsule would overhang by centimetres.
-#[derive(Clone, Debug)]
-pub struct Skeleton {
-    bones: Vec<Bone>,
-    limbs: Vec<Limb>,
+/// The camera over the table.
+pub fn pinhole(camera: &Camera) -> PinholeCamera {
+    let middle = camera.size as f64 / 2.0;
+    let focal = middle * camera.height / camera.half_extent;
+    PinholeCamera {
+        intrinsics: Intrinsics {
+            width: camera.size,
+            height: camera.size,
+            focal: [focal; 2],
+            centre: [middle; 2],
+        },
+        extrinsics: Extrinsics {
+            rotation: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+            translation: DVec3::new(0.0, 0.0, camera.height),
+        },
+    }
 }
 
-/// The middle line of a capsule in its geom's frame: its middle, its direction and how far it reaches to either side (metres).
+/// The mark that learners see over the gripper.
+pub fn mark(camera: &Camera) -> Mark {
+    Mark {
+        radius: camera.mark.radius,
+        hole: camera.mark.hole,
+        color: camera.mark.color,
+        depth: camera.height,
+    }
+}
+
+/// The links of a model's arm as it is drawn: a capsule around each of its shapes, between two
+/// points of the link, and bundles of thin ones around boxes, which one capsule would overhang by
+/// centimetres.
+#[derive(Clone, Debug)]
+pub struct Arm {
+    bones: Vec<Bone>,
+    links: Vec<Link>,
+}
+
+/// The middle line of a capsule in its geom's frame: its middle, its direction and how far it
+/// reaches to either side (metres).
 #[derive(Clone, Copy, Debug)]
 struct Bone {
     geom: GeomId,
@@ -25,32 +52,34 @@ struct Bone {
     half_length: f64,
 }
 
-/// Largest half width of the strips that a box is cut into, along its longest side (metres): half a pixel of a 64-pixel picture.
+/// Largest half width of the strips that a box is cut into, along its longest side (metres): half a
+/// pixel of a 64-pixel picture.
 const STRIP: f64 = 0.004;
 
-impl Skeleton {
-    /// The skeleton of `scene`'s embodiment.
-    pub fn new(scene: &Scene) -> Self {
-        let model = &scene.model;
-        let arm = model
-            .geoms()
-            .filter(|&geom| model.geom_group(geom) == ARM_GEOM_GROUP);
-        let shapes = arm.filter_map(|geom| Some((geom, model.geom_shape(geom)?)));
-        let (bones, radii): (Vec<_>, Vec<_>) =
-            shapes.flat_map(|(geom, shape)| around(geom, shape)).unzip();
-        let limbs = radii.into_iter().enumerate().map(|(index, radius)| Limb {
-            joints: [2 * index, 2 * index + 1],
-            radius,
-        });
-        Self {
-            bones,
-            limbs: limbs.collect(),
+impl Arm {
+    /// The arm of `model`; a message for one with a shape that no capsule is known for.
+    pub fn new(model: &Model) -> Result<Self, String> {
+        let (mut bones, mut links) = (Vec::new(), Vec::new());
+        for geom in model.geoms() {
+            if model.geom_group(geom) != ARM_GEOM_GROUP {
+                continue;
+            }
+            let name = model.name(geom).unwrap_or("without a name");
+            let shape = model.geom_shape(geom).ok_or_else(|| {
+                format!("the arm's geom `{name}` is no sphere, capsule, cylinder or box")
+            })?;
+            for (bone, radius) in around(geom, shape) {
+                let joints = [2 * bones.len(), 2 * bones.len() + 1];
+                links.push(Link { joints, radius });
+                bones.push(bone);
+            }
         }
+        Ok(Self { bones, links })
     }
 
-    /// The links, by index into [`Skeleton::joints`].
-    pub fn limbs(&self) -> &[Limb] {
-        &self.limbs
+    /// The links, by index into [`Arm::joints`].
+    pub fn links(&self) -> &[Link] {
+        &self.links
     }
 
     /// Where the ends of the links of `table`'s arm are (metres, world frame).
