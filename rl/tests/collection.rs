@@ -81,7 +81,7 @@ fn boxed() -> Box<dyn VectorEnv> {
 fn success_at_the_end_is_that_of_the_last_state() {
     let mut env = boxed();
     let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
-    let mut state = RolloutState::reset(&mut *env).unwrap();
+    let mut state = RolloutState::reset(&mut *env, &policy()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
     let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();
