@@ -2,7 +2,7 @@
 
 use symmetry::Irrep;
 
-use crate::error::{RlError, check_len};
+use crate::error::{BoxError, RlError, check_all_finite, check_len};
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,6 +37,22 @@ impl EnvSpec {
         ];
         match sizes.iter().find(|(_, size)| *size == 0) {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses environments whose images, vectors or actions are others; their number is free.
+    ///
+    /// # Errors
+    /// [`RlError::SpecMismatch`] names the field.
+    pub fn check_same(&self, other: &Self) -> Result<(), RlError> {
+        let equal = [
+            ("image", self.image == other.image),
+            ("vector", self.vector == other.vector),
+            ("action", self.action == other.action),
+        ];
+        match equal.iter().find(|(_, equal)| !equal) {
+            Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
             None => Ok(()),
         }
     }
@@ -87,6 +103,14 @@ impl Observations {
         )
     }
 
+    /// Refuses vectors that hold infinities or NaN.
+    ///
+    /// # Errors
+    /// [`RlError::NotFinite`] with the value.
+    pub fn check_finite(&self) -> Result<(), RlError> {
+        check_all_finite("a component of an observation vector", &self.vectors)
+    }
+
     /// Image `[H, W, C]` and vector `[D]` of sample `i`.
     ///
     /// # Panics
@@ -131,8 +155,12 @@ pub struct Transition {
     pub rewards: Vec<f32>,
     /// Outcomes `[N]`.
     pub outcomes: Vec<Outcome>,
-    /// Whether the success condition held at this step, `[N]`.
+    /// Whether the success condition held at any time within this step, `[N]`. A step may be
+    /// several control steps of a simulation.
     pub success: Vec<bool>,
+    /// Whether the success condition holds at the end of this step, `[N]`: where an episode ended,
+    /// in its final state.
+    pub success_at_end: Vec<bool>,
 }
 
 impl Transition {
@@ -144,42 +172,61 @@ impl Transition {
             rewards: vec![0.0; spec.num_envs],
             outcomes: vec![Outcome::Running; spec.num_envs],
             success: vec![false; spec.num_envs],
+            success_at_end: vec![false; spec.num_envs],
         }
     }
 
-    /// Checks every array against `spec`.
+    /// Checks every array against `spec`, and every number that has a meaning.
     ///
     /// # Errors
-    /// [`RlError::Shape`] names the first array that does not fit.
+    /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
+    /// quantity that is infinite or not a number.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         self.observations.check(spec, spec.num_envs)?;
         self.final_observations.check(spec, spec.num_envs)?;
         check_len("rewards", "[N]", self.rewards.len(), spec.num_envs)?;
         check_len("outcomes", "[N]", self.outcomes.len(), spec.num_envs)?;
-        check_len("success", "[N]", self.success.len(), spec.num_envs)
+        check_len("success", "[N]", self.success.len(), spec.num_envs)?;
+        check_len(
+            "success_at_end",
+            "[N]",
+            self.success_at_end.len(),
+            spec.num_envs,
+        )?;
+        check_all_finite("a reward", &self.rewards)?;
+        self.observations.check_finite()?;
+        let finals = self.final_observations.vectors.chunks(spec.vector.len());
+        let ended = self.outcomes.iter().zip(finals);
+        ended
+            .filter(|(outcome, _)| outcome.ended())
+            .try_for_each(|(_, vector)| {
+                check_all_finite("a component of a final observation vector", vector)
+            })
     }
 }
 
 /// N environments that step together and restart by themselves.
 pub trait VectorEnv {
-    /// What the environment fails with.
-    type Error: std::error::Error + Send + Sync + 'static;
-
     /// Sizes and types, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
+
+    /// Steps after which an episode ends at the latest; `None` where there is no time limit.
+    fn horizon(&self) -> Option<usize> {
+        None
+    }
 
     /// Starts an episode in every environment and writes its first observations.
     ///
     /// # Errors
     /// Whatever the environment cannot do.
-    fn reset(&mut self, out: &mut Observations) -> Result<(), Self::Error>;
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError>;
 
-    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not clipped: an environment
-    /// with bounds clips them itself.
+    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not
+    /// clipped: an environment with bounds clips them itself. Every field of `out` is written.
     ///
     /// # Errors
     /// Whatever the environment cannot do.
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Self::Error>;
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError>;
 }
 
 #[cfg(test)]

@@ -14,10 +14,8 @@
 //! `docs/ppo.md` lists every detail of the algorithm with its value, its source and the function that implements it.
 //!
 //! ```
-//! use std::convert::Infallible;
-//!
 //! use rl::{
-//!     ActorCriticPolicy, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
+//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
 //!     RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -27,18 +25,16 @@
 //! struct Line(EnvSpec, Vec<f32>);
 //!
 //! impl VectorEnv for Line {
-//!     type Error = Infallible;
-//!
 //!     fn spec(&self) -> &EnvSpec {
 //!         &self.0
 //!     }
 //!
-//!     fn reset(&mut self, out: &mut Observations) -> Result<(), Infallible> {
+//!     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
 //!         out.vectors.copy_from_slice(&self.1);
 //!         Ok(())
 //!     }
 //!
-//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Infallible> {
+//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
 //!         for (i, x) in self.1.iter_mut().enumerate() {
 //!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
 //!             out.rewards[i] = 1.0 - x.abs();
@@ -56,7 +52,7 @@
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;
 //! let mut rng = ChaCha8Rng::seed_from_u64(0);
-//! let mut state = RolloutState::reset(&mut env)?;
+//! let mut state = RolloutState::reset(&mut env, &policy)?;
 //! for _ in 0..2 {
 //!     let rollout = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
 //!     let update = ppo.update(&mut policy, &buffer, &mut rng)?;
@@ -72,11 +68,13 @@ struct Readme;
 
 mod actor_critic_policy;
 mod adam;
+mod algorithm;
 mod buffer;
 mod encoder;
 mod env;
 mod error;
 mod evaluation;
+mod experience;
 mod gae;
 mod gaussian;
 mod loss;
@@ -87,20 +85,25 @@ mod pass;
 mod policy;
 mod ppo;
 mod ppo_settings;
+mod ppo_stats;
+mod require;
 mod rollout;
 
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
+pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
-pub use error::RlError;
+pub use error::{BoxError, RlError};
 pub use evaluation::evaluate;
+pub use experience::Experience;
 pub use gae::{GaeInputs, gae};
 pub use network::ActorCritic;
 pub use network_settings::{Critic, NetworkSettings};
 pub use pass::Workspace;
-pub use policy::{Decisions, Policy};
-pub use ppo::{Ppo, UpdateStats};
+pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};
+pub use ppo::Ppo;
 pub use ppo_settings::PpoSettings;
+pub use ppo_stats::UpdateStats;
 pub use rollout::{Episode, RolloutState, RolloutStats, collect};

@@ -1,10 +1,8 @@
 //! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly D2-symmetric.
 
-use std::convert::Infallible;
-
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::Irrep;
 
 /// Height and width of the pictures in pixels.
@@ -82,13 +80,11 @@ fn draw(image: &mut [u8], channel: usize, [x, y]: [f32; 2]) {
 }
 
 impl VectorEnv for PointReach {
-    type Error = Infallible;
-
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
 
-    fn reset(&mut self, out: &mut Observations) -> Result<(), Infallible> {
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         for n in 0..self.spec.num_envs {
             self.restart(n);
             self.observe(n, out);
@@ -96,11 +92,12 @@ impl VectorEnv for PointReach {
         Ok(())
     }
 
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), Infallible> {
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
         for n in 0..self.spec.num_envs {
             let distance = self.move_point(n, &actions[2 * n..2 * n + 2]);
             out.rewards[n] = (1.0 - (distance[0] + distance[1]) / 2.0).max(0.0);
             out.success[n] = distance.iter().all(|&d| d < NEAR);
+            out.success_at_end[n] = out.success[n];
             let over = self.ages[n] == EPISODE;
             out.outcomes[n] = if over {
                 Outcome::Truncated

@@ -1,0 +1,110 @@
+//! Collection and evaluation in an environment whose every step is written down.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, RlError,
+    RolloutBuffer, RolloutState, Transition, VectorEnv, collect, evaluate,
+};
+use symmetry::Irrep;
+
+/// Two environments with episodes of three steps. Success holds within the last step of both, but
+/// at its end in the second alone.
+struct Scripted {
+    spec: EnvSpec,
+    time: usize,
+    fails: bool,
+}
+
+impl Scripted {
+    fn new() -> Self {
+        let spec = EnvSpec {
+            num_envs: 2,
+            image: [4, 4, 1],
+            vector: vec![Irrep::X],
+            action: vec![Irrep::X],
+        };
+        Self {
+            spec,
+            time: 0,
+            fails: false,
+        }
+    }
+}
+
+#[derive(Debug, thiserror::Error)]
+#[error("the table fell over")]
+struct FellOver;
+
+impl VectorEnv for Scripted {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, _: &mut Observations) -> Result<(), BoxError> {
+        self.time = 0;
+        Ok(())
+    }
+
+    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        if self.fails {
+            return Err(FellOver.into());
+        }
+        self.time = self.time % 3 + 1;
+        out.success = vec![self.time == 3; 2];
+        out.success_at_end = vec![false, self.time == 3];
+        let over = self.time == 3;
+        out.outcomes.fill(if over {
+            Outcome::Terminated
+        } else {
+            Outcome::Running
+        });
+        Ok(())
+    }
+}
+
+fn policy() -> ActorCriticPolicy {
+    let settings = NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![2] },
+        ..NetworkSettings::default()
+    };
+    ActorCriticPolicy::new(&settings, &Scripted::new().spec, 1).unwrap()
+}
+
+fn boxed() -> Box<dyn VectorEnv> {
+    Box::new(Scripted::new())
+}
+
+#[test]
+fn success_at_the_end_is_that_of_the_last_state() {
+    let mut env = boxed();
+    let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
+    let mut state = RolloutState::reset(&mut *env, &policy()).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
+    let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();
+    for stats in [stats, evaluated] {
+        assert_eq!(stats.success_rate(), Some(1.0));
+        assert_eq!(stats.success_at_end_rate(), Some(0.5));
+        assert!(
+            stats
+                .episodes
+                .iter()
+                .all(|e| e.success_at_end == (e.env == 1))
+        );
+    }
+}
+
+#[test]
+fn the_error_of_an_environment_is_handed_on() {
+    let mut env = Scripted::new();
+    env.fails = true;
+    let error = evaluate(&mut env, &mut policy(), 1).unwrap_err();
+    assert!(matches!(&error, RlError::Environment(inner) if inner.is::<FellOver>()));
+    assert_eq!(
+        error.to_string(),
+        "the environment failed: the table fell over"
+    );
+}
