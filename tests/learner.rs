@@ -4,8 +4,8 @@
 
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings, Handover, Learner, Metric,
-    NewPolicy, Turn,
+    Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
+    Handover, Learner, Metric, NewPolicy, Turn,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -412,7 +412,10 @@ fn a_grouping_of_somebody_elses_decides() {
 fn a_turn_logs_the_same_names_whatever_happens() {
     let (_, turns) = after(settings(), &[0, 1, 0]);
     let names = |turn: &Turn| -> Vec<String> {
-        turn.metrics.iter().map(|(name, _)| name.to_owned()).collect()
+        turn.metrics
+            .iter()
+            .map(|(name, _)| name.to_owned())
+            .collect()
     };
     assert!(names(&turns[0]).contains(&"distances".to_owned()));
     for turn in &turns {
@@ -434,9 +437,15 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
     let first = 8 + usize::try_from(header).unwrap();
     bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     std::fs::write(&path, bytes).unwrap();
-    let message = Covers::load(&path, covers.spec()).err().unwrap().to_string();
+    let message = Covers::load(&path, covers.spec())
+        .err()
+        .unwrap()
+        .to_string();
     std::fs::remove_file(path).unwrap();
-    assert!(message.contains("policy.0.") && message.contains("NaN"), "{message}");
+    assert!(
+        message.contains("policy.0.") && message.contains("NaN"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -321,8 +321,7 @@ fn options_are_checked_and_named() {
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
-        refuse(&["--budget", "long"])
-            .contains("[possible values: smoke, short, full, zero-shot]")
+        refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full, zero-shot]")
     );
     assert!(refuse(&["--threads", "0"]).contains("0 is not in 1..=1024"));
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
@@ -336,7 +335,9 @@ fn options_are_checked_and_named() {
 fn changes_reach_the_experiment() {
     let options =
         StreamOptions::parse_from(["continual_stream", "--embodiment", "hand", "--group", "C1"]);
-    let experiment = options.changes.apply(options.budget.experiment(Method::Covers));
+    let experiment = options
+        .changes
+        .apply(options.budget.experiment(Method::Covers));
     assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
     let LearnerSettings::Covers(settings) = experiment.learner;
     assert_eq!(settings.network.group, Group::C1);

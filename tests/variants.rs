@@ -32,7 +32,11 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
     let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
     assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB);
     let cell = size * enlarge + gap;
-    for (row, variants) in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap().iter().enumerate() {
+    for (row, variants) in variant_pictures(&settings, &TaskGroup::STANDARD)
+        .unwrap()
+        .iter()
+        .enumerate()
+    {
         for (column, picture) in variants.iter().enumerate() {
             for (i, pixel) in picture.chunks(RGB).enumerate() {
                 let y = gap + row * cell + (i / size) * enlarge + 1;

@@ -1,7 +1,7 @@
 //! The first frames of episodes: what assignment looks at, since later ones depend on the policy.
 
 use cluster::Frames;
-use rl::{Policy, Observations, RolloutBuffer};
+use rl::{Features, Observations, RolloutBuffer};
 
 use crate::error::CoversError;
 
@@ -87,7 +87,7 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
 }
 
 /// The invariant features of episodes, as `policy` sees them now: features drift while a policy learns, so frames are embedded afresh.
-pub(super) fn embed<P: Policy>(
+pub(super) fn embed<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, CoversError> {
@@ -107,7 +107,7 @@ pub(super) fn embed<P: Policy>(
 }
 
 /// Stores with each episode the features that `policy` sees now.
-pub(super) fn keep_features<P: Policy>(
+pub(super) fn keep_features<P: Features>(
     policy: &mut P,
     episodes: &mut [FirstFrames],
 ) -> Result<(), CoversError> {
@@ -120,7 +120,7 @@ pub(super) fn keep_features<P: Policy>(
 }
 
 /// The features of a buffer's episodes: those of their arrival if every episode kept them, else those of now.
-pub(super) fn recall<P: Policy>(
+pub(super) fn recall<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
 ) -> Result<Frames, CoversError> {
