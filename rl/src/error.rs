@@ -191,3 +191,12 @@ pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(),
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
 }
+
+/// Panics for a slice whose length is not `expected`, where a wrong one can only be a mistake in the
+/// calling code.
+pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
+    assert!(
+        got == expected,
+        "{what}: got {got} values, expected {expected}"
+    );
+}

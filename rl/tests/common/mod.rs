@@ -84,6 +84,10 @@ impl VectorEnv for PointReach {
         &self.spec
     }
 
+    fn horizon(&self) -> Option<usize> {
+        Some(EPISODE)
+    }
+
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         for n in 0..self.spec.num_envs {
             self.restart(n);
