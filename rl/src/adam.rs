@@ -14,7 +14,8 @@ pub struct ParamGroup {
 }
 
 /// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The
-/// fields are the whole state: saving them and building the struct again continues to the same bits.
+/// fields are the whole state: saving them and building the struct again continues to the same
+/// bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Decay of the first moment, in [0, 1).

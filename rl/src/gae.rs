@@ -81,7 +81,8 @@ mod tests {
     const STEPS: usize = 23;
     const ENVS: usize = 3;
 
-    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of the episode.
+    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of
+    /// the episode.
     fn slow(inputs: &GaeInputs, gamma: f64, lambda: f64) -> Vec<f64> {
         let delta = |t: usize, e: usize| {
             let i = t * ENVS + e;
@@ -148,8 +149,8 @@ mod tests {
         }
     }
 
-    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand: the second step has
-    /// delta = 1 + 0.5 * 4 - 2 = 1.
+    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand:
+    /// the second step has delta = 1 + 0.5 * 4 - 2 = 1.
     fn first_advantage(outcome: Outcome) -> f32 {
         let inputs = GaeInputs {
             rewards: &[1.0, 1.0],

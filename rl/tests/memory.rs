@@ -1,4 +1,5 @@
-//! An actor with a memory: collection and evaluation forget an episode when it ends, and never before.
+//! An actor with a memory: collection and evaluation forget an episode when it ends, and never
+//! before.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
