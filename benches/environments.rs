@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Backdrop, Batch, Camera, Dynamics, Embodiment, EnvError, Painter, RGB, Scene,
+    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer,
     TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
@@ -39,13 +39,13 @@ fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
 
 fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let scene = Arc::new(Scene::new(task, embodiment()?, camera())?);
-    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default())?;
-    let mut painter = Painter::new(scene)?;
+    let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;
+    let mut renderer = SceneRenderer::new(scene)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut group = c.benchmark_group(task.name());
     table.reset(D2::Identity, &mut rng)?;
     group.throughput(Throughput::Elements(
-        Dynamics::default().action_repeat as u64,
+        Control::default().action_repeat as u64,
     ));
     group.bench_function("decision", |b| {
         b.iter(|| assert!(decide(&mut table, &mut rng).is_ok()));
@@ -56,15 +56,15 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     });
     let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; SIZE * SIZE * RGB]);
     group.bench_function("picture", |b| {
-        b.iter(|| assert!(painter.paint(&mut table, &mut rgb).is_ok()));
+        b.iter(|| assert!(renderer.render(&mut table, &mut rgb).is_ok()));
     });
     let whole = rgb.clone();
-    painter.paint_backdrop(&mut table, &mut backdrop)?;
+    renderer.draw_backdrop(&mut table, &mut backdrop)?;
     group.bench_function("picture_over_backdrop", |b| {
         b.iter(|| {
             assert!(
-                painter
-                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                renderer
+                    .render_over(&mut table, &mut backdrop, &mut rgb)
                     .is_ok()
             )
         });
@@ -80,10 +80,10 @@ fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
         threads: 1,
         embodiment: embodiment()?,
         camera: camera(),
-        dynamics: Dynamics {
+        control: Control {
             action_repeat: 1,
             displacement: 0.01,
-            ..Dynamics::default()
+            ..Control::default()
         },
         ..VecEnvSettings::default()
     };
@@ -103,7 +103,7 @@ fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
 }
 
 fn environments(c: &mut Criterion) {
-    for task in TaskGroup::ALL {
+    for task in TaskGroup::STANDARD {
         if let Err(error) = one_table(c, task).and_then(|()| vector(c, task)) {
             panic!("{error}");
         }

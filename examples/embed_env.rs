@@ -7,7 +7,7 @@ use std::fs::{File, create_dir_all};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use envs::{Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskRegistry};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -19,11 +19,9 @@ const DELAY: u16 = 12;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
-    let group: TaskGroup = arguments
-        .next()
-        .as_deref()
-        .unwrap_or("drawer-close")
-        .parse()?;
+    let name = arguments.next();
+    let name = name.as_deref().unwrap_or("drawer-close");
+    let group = TaskRegistry::standard().get(name)?;
     let path = arguments
         .next()
         .map_or("runs/embed_env.gif".into(), PathBuf::from);
@@ -32,10 +30,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..Camera::default()
     };
     let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera)?);
-    let mut painter = Painter::with_arm(Arc::clone(&scene))?;
+    let mut renderer = SceneRenderer::with_arm(Arc::clone(&scene))?;
     let films = D2::ALL
         .into_iter()
-        .map(|element| film(&scene, element, &mut painter))
+        .map(|element| film(&scene, element, &mut renderer))
         .collect::<Result<Vec<_>, _>>()?;
     write_gif(&path, &films)?;
     println!("{}", path.display());
@@ -46,14 +44,14 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn film(
     scene: &Arc<Scene>,
     element: D2,
-    painter: &mut Painter,
+    renderer: &mut SceneRenderer,
 ) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
-    let mut table = TableTop::new(Arc::clone(scene), Dynamics::default())?;
+    let mut table = TableTop::new(Arc::clone(scene), Control::default())?;
     table.reset(element, &mut ChaCha8Rng::seed_from_u64(1))?;
     let (mut frames, mut reward, mut success) = (Vec::new(), 0.0, false);
     loop {
         let mut picture = vec![0; SIZE * SIZE * RGB];
-        painter.paint(&mut table, &mut picture)?;
+        renderer.render(&mut table, &mut picture)?;
         frames.push(picture);
         let action = table.expert_action()?;
         let step = table.step(&action)?;

@@ -2,47 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, ValueEnum};
+use clap::{Args, Parser};
 use envs::Embodiment;
 use symmetry::Group;
 
-use crate::{CoversError, Experiment};
-
-/// A run as it comes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Preset {
-    /// Seconds; shows that every part works.
-    Smoke,
-    /// Minutes; learns the two easy groups and tells all four apart.
-    Short,
-    /// About half an hour on two busy cores; every group three times.
-    #[value(alias = "full")]
-    Covers,
-    /// As `covers`, but every group twice, and only one variant of each is learnt; the others appear in evaluations.
-    ZeroShot,
-}
-
-impl Preset {
-    /// The run.
-    pub fn experiment(self) -> Experiment {
-        match self {
-            Self::Smoke => Experiment::smoke(),
-            Self::Short => Experiment::short(),
-            Self::Covers => Experiment::full(),
-            Self::ZeroShot => Experiment::zero_shot(),
-        }
-    }
-
-    /// The name as options spell it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Smoke => "smoke",
-            Self::Short => "short",
-            Self::Covers => "covers",
-            Self::ZeroShot => "zero-shot",
-        }
-    }
-}
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::presets::{Budget, Method};
 
 /// How many threads work.
 #[derive(Clone, Copy, Debug, Args)]
@@ -72,7 +38,8 @@ pub struct Changes {
     /// What carries the gripper: `sawyer` (the presets') or `hand`.
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
-    /// The group that networks are equivariant under: `D2` (the presets'), `D1x`, `D1y`, `C2`, or `C1` for ordinary networks of equal width.
+    /// The group that networks are equivariant under: `D2`, `D1x`, `D1y`, `C2`, or `C1` for ordinary
+    /// networks of equal width (default: the preset's).
     #[arg(long)]
     pub group: Option<Group>,
 }
@@ -110,7 +77,7 @@ pub struct Output {
 pub struct StreamOptions {
     /// How long the run may take.
     #[arg(long, value_enum, default_value = "short")]
-    pub budget: Preset,
+    pub budget: Budget,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub changes: Changes,
@@ -122,9 +89,12 @@ pub struct StreamOptions {
 /// A stream to learn from.
 #[derive(Clone, Debug, Args)]
 pub struct TrainOptions {
-    /// A run as it comes.
+    /// The method.
     #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]
-    pub preset: Preset,
+    pub preset: Method,
+    /// How long the run may take.
+    #[arg(long, value_enum, default_value = "full", conflicts_with = "config")]
+    pub budget: Budget,
     /// Settings of your own instead: a JSON file like the `experiment.json` of a run's folder.
     #[arg(long)]
     pub config: Option<PathBuf>,
@@ -144,21 +114,25 @@ impl TrainOptions {
     pub fn experiment(&self) -> Result<Experiment, CoversError> {
         let experiment = match &self.config {
             Some(path) => Experiment::read(path)?,
-            None => self.preset.experiment(),
+            None => self.budget.experiment(self.preset),
         };
         Ok(self.changes.apply(experiment))
     }
 
-    /// The name of the run's folder.
+    /// The name of the run's folder: of the file of settings, or of the method, and of the budget
+    /// unless it is the full one.
     pub fn run_name(&self, experiment: &Experiment) -> String {
-        let stem = self.config.as_deref().and_then(|path| path.file_stem());
-        let stem = stem.map(|stem| stem.to_string_lossy().into_owned());
-        let stem = stem.unwrap_or_else(|| self.preset.name().to_owned());
+        let file = self.config.as_deref().and_then(|path| path.file_stem());
+        let stem = match (file, self.budget) {
+            (Some(file), _) => file.to_string_lossy().into_owned(),
+            (None, Budget::Full) => self.preset.name().to_owned(),
+            (None, budget) => format!("{}-{}", self.preset.name(), budget.name()),
+        };
         run_name(&stem, experiment)
     }
 }
 
 /// The name of a run's folder: what it is, and its seed.
 pub fn run_name(stem: &str, experiment: &Experiment) -> String {
-    format!("{stem}-seed{}", experiment.covers.seed)
+    format!("{stem}-seed{}", experiment.learner.seed())
 }

@@ -4,13 +4,17 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use envs::Embodiment;
+use envs::{Embodiment, TaskRegistry};
 
 use crate::cli::{Threads, TrainOptions};
+use crate::error::CoversError;
 use crate::evaluation::Evaluator;
-use crate::report::{rollout_line, score_table, summary_table};
-use crate::run::thread_pool;
-use crate::{Covers, CoversError, Extent, Run, RunFolder, Stream};
+use crate::groupings::Labels;
+use crate::learners::Extent;
+use crate::run::{Run, thread_pool};
+use crate::run_folder::RunFolder;
+use crate::stream::Stream;
+use crate::tables::{rollout_line, score_table, summary_table};
 
 /// What `covers` does with learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -43,7 +47,8 @@ pub struct ResumeOptions {
 pub struct EvalOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
-    /// Episodes of each group, at least: its four variants take equal parts, and every environment the same number.
+    /// Episodes of each group, at least: its four variants take equal parts, and every environment
+    /// the same number.
     #[arg(long, default_value_t = 100)]
     pub episodes: usize,
     /// Seed of the episodes (default: that of the run's own evaluations).
@@ -120,12 +125,15 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut experiment = folder.experiment()?.with_threads(options.threads.count());
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
-    let (mut covers, _) = Covers::load(&folder.checkpoint(), &spec)?;
+    let labels = Labels::default();
+    let learner = &experiment.learner;
+    let (mut learner, _) = learner.load(&folder.checkpoint(), &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
-    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, seed)?;
-    let rounds = options.episodes.div_ceil(4 * experiment.envs.num_envs);
-    let pool = thread_pool(experiment.envs.threads)?;
-    let scores = pool.install(|| evaluator.all(&mut covers, rounds))?;
+    let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
+    let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
+    let rounds = options.episodes.div_ceil(4 * envs.num_envs);
+    let pool = thread_pool(envs.threads)?;
+    let scores = pool.install(|| evaluator.all(&mut *learner, rounds))?;
     if options.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {
@@ -137,14 +145,16 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> 
     let from = RunFolder::open(&options.run);
     let experiment = from.experiment()?;
     let spec = Stream::spec_of(&experiment.envs);
-    let (covers, note) = Covers::load(&from.checkpoint(), &spec)?;
+    let labels = Labels::default();
+    let learner = &experiment.learner;
+    let (learner, note) = learner.load(&from.checkpoint(), &spec, &labels)?;
     let to = RunFolder::create_exactly(&options.folder)?;
     to.write_experiment(&experiment)?;
     let episodes = options.episodes;
-    covers.save(&to.checkpoint(), Extent::Policies { episodes }, &note)?;
+    learner.save(&to.checkpoint(), Extent::Policies { episodes }, &note)?;
     say(
         out,
-        &format!("{} policies in {}", covers.policies(), to.path().display()),
+        &format!("{} policies in {}", learner.policies(), to.path().display()),
     )
 }
 

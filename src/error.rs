@@ -29,6 +29,20 @@ pub enum CoversError {
         /// Frames looked at in each.
         first_frames: usize,
     },
+    /// A rollout that ends before an episode does.
+    #[error(
+        "`rollout_steps` is {rollout_steps}, less than one episode in each of {num_envs} environments \
+         ({episode} decisions): late states would never be learnt from; use longer rollouts, fewer \
+         environments, or a shorter horizon"
+    )]
+    ShortRollout {
+        /// Decisions of a rollout, all environments together.
+        rollout_steps: usize,
+        /// Decisions of one episode in every environment.
+        episode: usize,
+        /// The number of environments.
+        num_envs: usize,
+    },
     /// The environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
@@ -54,7 +68,8 @@ pub enum CoversError {
         /// The reason.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what learning on takes.
+    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what learning
+    /// on takes.
     #[error(
         "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
          resume the run's own folder; `covers eval` takes either", path.display()

@@ -1,14 +1,20 @@
 //! Evaluation: every variant of every group, with the policy that the learner itself recognises, acting by its mean.
 
-use envs::{EnvError, TaskGroup, TaskVariant, VecEnvSettings};
+use envs::{TaskGroup, TaskRegistry, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
+use crate::error::CoversError;
+use crate::groupings::Labels;
+use crate::learners::Learner;
 use crate::schedule::Schedule;
 use crate::stream::Stream;
-use crate::{Covers, CoversError};
+
+/// Random stream of the learner's draws while it looks: environments count theirs from 0 under the
+/// same seed.
+const LOOKING: u64 = u64::MAX;
 
 /// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -48,39 +54,54 @@ pub struct GroupScore {
     pub reward: f64,
 }
 
-/// Environments of their own for evaluations: looking changes nothing of what is learnt. Every evaluation shows the same
-/// episodes, so that two of them compare policies and not placements.
+/// Environments of their own for evaluations: looking changes nothing of what is learnt. Every
+/// evaluation shows the same episodes, so that two of them compare policies and not placements.
 pub struct Evaluator {
     stream: Stream,
+    groups: Vec<TaskGroup>,
     schedule: Schedule,
     seed: u64,
+    labels: Labels,
 }
 
 impl Evaluator {
-    /// Environments like the learner's, which learns from `schedule`; their episodes depend on `seed`.
+    /// Environments like the learner's, which learns from `schedule`; their episodes depend on
+    /// `seed`. A learner that was told labels is told them here, too, by the same `labels`.
     ///
     /// # Errors
-    /// What the environments say.
-    pub fn new(settings: VecEnvSettings, schedule: Schedule, seed: u64) -> Result<Self, EnvError> {
+    /// A group that `tasks` does not hold, or what the environments say.
+    pub fn new(
+        settings: VecEnvSettings,
+        tasks: &TaskRegistry,
+        schedule: Schedule,
+        seed: u64,
+        labels: Labels,
+    ) -> Result<Self, CoversError> {
+        let groups = schedule.resolve(tasks)?;
         Ok(Self {
-            stream: Stream::new(settings, TaskGroup::ALL[0])?,
+            stream: Stream::new(settings, &groups)?,
+            groups,
             schedule,
             seed,
+            labels,
         })
     }
 
-    /// Scores all variants of the groups of the schedule, with `rounds` episodes in each environment.
+    /// Scores all variants of the groups of the schedule, with `rounds` episodes in each
+    /// environment.
     ///
     /// # Errors
     /// As [`Evaluator::variant`].
-    pub fn all(&mut self, covers: &mut Covers, rounds: usize) -> Result<Vec<Score>, CoversError> {
-        let plans = self.schedule.groups.iter();
-        let groups: Vec<TaskGroup> = plans.map(|plan| plan.group).collect();
-        let variants = groups
-            .into_iter()
-            .flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
+    pub fn all(
+        &mut self,
+        learner: &mut dyn Learner,
+        rounds: usize,
+    ) -> Result<Vec<Score>, CoversError> {
+        let groups = self.groups.clone().into_iter();
+        let variants =
+            groups.flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
         variants
-            .map(|variant| self.variant(covers, variant, rounds))
+            .map(|variant| self.variant(learner, variant, rounds))
             .collect()
     }
 
@@ -91,7 +112,7 @@ impl Evaluator {
     /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner say.
     pub fn variant(
         &mut self,
-        covers: &mut Covers,
+        learner: &mut dyn Learner,
         variant: TaskVariant,
         rounds: usize,
     ) -> Result<Score, CoversError> {
@@ -103,16 +124,17 @@ impl Evaluator {
             });
         }
         let stream = &mut self.stream;
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut rng = looking(self.seed);
+        self.labels.set(variant.group.name());
         stream.switch_to(variant.group, &[variant.element])?;
         stream.reseed(self.seed)?;
-        let policy = covers.recognise(stream, &mut rng)?;
+        let policy = learner.recognise(stream, &mut rng)?;
         stream.reseed(self.seed)?;
-        let stats = covers.perform(policy, stream, rounds)?;
+        let stats = learner.perform(policy, stream, rounds)?;
         Ok(Score {
             group: variant.group,
             element: variant.element,
-            seen: self.schedule.shows(variant.group, variant.element),
+            seen: self.schedule.shows(variant.group.name(), variant.element),
             policy,
             episodes: stats.episodes.len(),
             success: stats.success_rate().unwrap_or(0.0),
@@ -120,6 +142,13 @@ impl Evaluator {
             reward: stats.mean_return().unwrap_or(0.0) * stream.reward_scale(),
         })
     }
+}
+
+/// The generator of what the learner draws while it looks at episodes of `seed`.
+fn looking(seed: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(LOOKING);
+    rng
 }
 
 /// Means over the variants of each group, in the order in which the groups appear.
@@ -167,16 +196,28 @@ mod tests {
 
     #[test]
     fn a_group_is_the_mean_of_its_episodes() {
-        use TaskGroup::{DrawerClose, GoalReach};
+        let (reach, drawer) = (TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE);
         let groups = by_group(&[
-            score(GoalReach, 2, 30, 1.0),
-            score(GoalReach, 0, 10, 0.5),
-            score(GoalReach, 2, 0, 0.0),
-            score(DrawerClose, 1, 20, 0.25),
+            score(reach, 2, 30, 1.0),
+            score(reach, 0, 10, 0.5),
+            score(reach, 2, 0, 0.0),
+            score(drawer, 1, 20, 0.25),
         ]);
         assert_eq!(groups.len(), 2);
         assert_eq!(groups[0].policies, [0, 2]);
         assert_eq!((groups[0].episodes, groups[0].success), (40, 0.875));
         assert_eq!((groups[1].policies[0], groups[1].reward), (1, 25.0));
+    }
+
+    #[test]
+    fn what_the_learner_draws_is_not_what_places_the_episodes() {
+        use rand::RngExt;
+        let words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
+        let placing = |index| {
+            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            rng.set_stream(index);
+            words(rng)
+        };
+        assert!((0..1000).all(|index| placing(index) != words(looking(7))));
     }
 }

@@ -6,10 +6,11 @@ use envs::{Embodiment, VecEnvSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use symmetry::{D2, Group};
+use symmetry::Group;
 
+use crate::error::CoversError;
+use crate::learners::LearnerSettings;
 use crate::schedule::{Schedule, Visit};
-use crate::{CoversError, CoversSettings};
 
 /// Random streams of the experiment, counted from the top: the learner's are counted from 0 under the same seed.
 const SCHEDULE: u64 = u64::MAX;
@@ -23,7 +24,7 @@ const BLOCK: u128 = 16;
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
     /// The learner; its seed is the seed of the whole run.
-    pub covers: CoversSettings,
+    pub learner: LearnerSettings,
     /// The environments; `threads` counts for the learner, too, and `seed` is drawn from the run's.
     pub envs: VecEnvSettings,
     /// Which groups come when.
@@ -42,15 +43,16 @@ pub struct EvaluationPlan {
     pub rounds: usize,
     /// The same after each visit; none where it is 0.
     pub visit_rounds: usize,
-    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the stream, each as after a visit, where
-    /// `visit_rounds` is then at least 1, too. Without a number there are none within visits.
+    /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
+    /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a number
+    /// there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
 }
 
 impl EvaluationPlan {
     /// After the stream alone.
-    const AT_THE_END: Self = Self {
+    pub const AT_THE_END: Self = Self {
         rounds: 1,
         visit_rounds: 0,
         every: None,
@@ -68,53 +70,6 @@ impl EvaluationPlan {
 }
 
 impl Experiment {
-    /// Seconds: a few decisions of everything, to see that all parts work. Nothing is learnt.
-    pub fn smoke() -> Self {
-        let mut experiment = Self::short();
-        experiment.envs.num_envs = 8;
-        experiment.envs.dynamics.horizon = 100;
-        experiment.covers.rollout_steps = 8 * 10;
-        experiment.covers.ppo.epochs = 1;
-        experiment.schedule = Schedule::shuffled(1, [2; 4]);
-        experiment.checkpoint_every = 3;
-        experiment
-    }
-
-    /// Minutes: learns Goal Reach and Drawer Close, and tells all four groups apart.
-    pub fn short() -> Self {
-        Self {
-            covers: CoversSettings::default(),
-            envs: VecEnvSettings::default(),
-            schedule: Schedule::shuffled(2, [10, 5, 14, 5]),
-            evaluation: EvaluationPlan::AT_THE_END,
-            checkpoint_every: 10,
-        }
-    }
-
-    /// About half an hour on two busy cores: every group three times, and more of the two that take longer.
-    pub fn full() -> Self {
-        Self {
-            schedule: Schedule::shuffled(3, [8, 36, 12, 40]),
-            evaluation: EvaluationPlan {
-                rounds: 2,
-                // as many, so that what is forgotten by the end shows on the same episodes
-                visit_rounds: 2,
-                every: None,
-            },
-            ..Self::short()
-        }
-    }
-
-    /// The full run with one variant of each group, which comes twice: the others are met in evaluations alone.
-    pub fn zero_shot() -> Self {
-        let mut experiment = Self::full();
-        experiment.schedule.cycles = 2;
-        for plan in &mut experiment.schedule.groups {
-            plan.variants = vec![D2::Identity];
-        }
-        experiment
-    }
-
     /// Reads settings from a JSON file, as a run's folder holds them.
     ///
     /// # Errors
@@ -126,7 +81,7 @@ impl Experiment {
 
     /// The same run with another seed.
     pub fn with_seed(mut self, seed: u64) -> Self {
-        self.covers.seed = seed;
+        self.learner.set_seed(seed);
         self
     }
 
@@ -142,9 +97,10 @@ impl Experiment {
         self
     }
 
-    /// The same run with networks of equal width that are equivariant under `group`; under [`Group::C1`] they are ordinary ones.
+    /// The same run with networks of equal width that are equivariant under `group`; under
+    /// [`Group::C1`] they are ordinary ones.
     pub fn with_group(mut self, group: Group) -> Self {
-        self.covers.network.group = group;
+        self.learner.set_group(group);
         self
     }
 
@@ -174,7 +130,23 @@ impl Experiment {
             });
         }
         self.schedule.check()?;
-        Ok(self.envs.check()?)
+        self.envs.check()?;
+        self.check_rollouts()
+    }
+
+    /// Refuses rollouts that end before an episode does. Every rollout begins with a reset, so late
+    /// states would never be learnt from, and no episode would end.
+    fn check_rollouts(&self) -> Result<(), CoversError> {
+        let episode = self.envs.control.decisions() * self.envs.num_envs;
+        let rollout_steps = self.learner.rollout_steps();
+        if rollout_steps >= episode {
+            return Ok(());
+        }
+        Err(CoversError::ShortRollout {
+            rollout_steps,
+            episode,
+            num_envs: self.envs.num_envs,
+        })
     }
 
     /// The visits of the stream, drawn from the run's seed.
@@ -195,7 +167,7 @@ impl Experiment {
     }
 
     fn stream_rng(&self, stream: u64) -> ChaCha8Rng {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.covers.seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.learner.seed());
         rng.set_stream(stream);
         rng
     }
@@ -204,10 +176,15 @@ impl Experiment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::presets::{Budget, Method};
+
+    fn smoke() -> Experiment {
+        Budget::Smoke.experiment(Method::Covers)
+    }
 
     #[test]
     fn no_two_purposes_share_a_random_stream() {
-        let experiment = Experiment::smoke().with_seed(7);
+        let experiment = smoke().with_seed(7);
         let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
         let seeds = (0..20).map(|rollout| experiment.environment_seed(rollout));
         let slots = seeds.flat_map(|seed| (0..20).map(move |stream| (seed, stream)));
@@ -226,16 +203,18 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 6] = [
+        let cases: [Spoil; 8] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
             |e| e.evaluation.every = Some(0),
             |e| e.evaluation.every = Some(3),
             |e| e.checkpoint_every = 0,
             |e| e.envs.threads = 0,
+            |e| e.envs.num_envs *= 2,
+            |e| e.envs.control.horizon *= 2,
         ];
         for spoil in cases {
-            let mut experiment = Experiment::smoke();
+            let mut experiment = smoke();
             assert!(experiment.check().is_ok());
             spoil(&mut experiment);
             assert!(experiment.check().is_err(), "{experiment:?}");
@@ -244,7 +223,8 @@ mod tests {
 
     #[test]
     fn settings_survive_json() {
-        let experiment = Experiment::zero_shot()
+        let experiment = Budget::ZeroShot
+            .experiment(Method::Covers)
             .with_group(Group::C1)
             .with_seed(u64::MAX);
         let text = serde_json::to_string_pretty(&experiment).unwrap();

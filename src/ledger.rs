@@ -1,6 +1,5 @@
 //! Which policy was opened for which group, and how often the right one was assigned.
 
-use envs::TaskGroup;
 use serde::{Deserialize, Serialize};
 
 /// What the stream knows and the learner does not: the books of a run.
@@ -8,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct Ledger {
     /// The group that each policy was opened for.
-    pub opened_for: Vec<TaskGroup>,
+    pub opened_for: Vec<String>,
     /// Rollouts learnt from.
     pub rollouts: usize,
     /// Decisions taken while learning.
@@ -27,11 +26,11 @@ pub struct Ledger {
 
 impl Ledger {
     /// Books one rollout; `returns` says that its group was visited before.
-    pub(crate) fn record(&mut self, group: TaskGroup, returns: bool, policy: usize) {
+    pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
         if policy == self.opened_for.len() {
-            self.opened_for.push(group);
+            self.opened_for.push(group.to_owned());
         }
-        let first = self.opened_for.iter().position(|&opened| opened == group);
+        let first = self.opened_for.iter().position(|opened| opened == group);
         let right = usize::from(first == Some(policy));
         self.rollouts += 1;
         self.right += right;
@@ -58,9 +57,11 @@ impl Ledger {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use TaskGroup::{ButtonPress as B, DrawerClose as D};
 
-    fn ledger(rollouts: &[(TaskGroup, bool, usize)]) -> Ledger {
+    const B: &str = "button-press";
+    const D: &str = "drawer-close";
+
+    fn ledger(rollouts: &[(&str, bool, usize)]) -> Ledger {
         let mut ledger = Ledger::default();
         for &(group, returns, policy) in rollouts {
             ledger.record(group, returns, policy);

@@ -1,12 +1,16 @@
-//! Continual vision-based reinforcement learning with group symmetries: COVERS (Liu et al., CoRL 2023) in Rust.
+//! Continual vision-based reinforcement learning with group symmetries: COVERS (Liu et al., CoRL
+//! 2023) in Rust.
 //!
 //! A learner watches a table through a top-down camera while tasks arrive in a stream that nobody labels. It grows one
 //! D2-equivariant policy per group of symmetric tasks, notices a change of group by the 1-Wasserstein distance of
 //! invariant features, recalls old policies, and solves symmetric variants that it never trained on.
 //!
-//! - [`Covers`]: the learner, Algorithm 1 of the paper. It learns from anything that implements [`rl::VectorEnv`].
-//! - [`Stream`]: the four task groups of the paper on MuJoCo as such an environment.
-//! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop anywhere and go on later.
+//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper; it learns from anything
+//!   that implements [`rl::VectorEnv`].
+//! - [`Grouping`]: the decision which policy a rollout belongs to.
+//! - [`Stream`]: task groups on MuJoCo as such an environment.
+//! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop
+//!   anywhere and go on later.
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
@@ -15,24 +19,29 @@ struct Readme;
 pub mod check;
 pub mod cli;
 pub mod commands;
-mod covers;
 mod error;
 pub mod evaluation;
 mod experiment;
-mod first_frames;
+mod groupings;
+mod learners;
 mod ledger;
 mod logs;
+pub mod presets;
 mod progress;
-pub mod report;
 mod run;
 mod run_folder;
 pub mod schedule;
 pub mod sheet;
 mod stream;
+pub mod tables;
 
-pub use covers::{Covers, CoversSettings, Embedding, Extent, Handover, NewPolicy, Report, Seconds};
 pub use error::CoversError;
 pub use experiment::{EvaluationPlan, Experiment};
+pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Oracle, Single};
+pub use learners::{
+    Covers, CoversSettings, Embedding, Extent, Handover, Learner, LearnerSettings, Metric, Metrics,
+    NewPolicy, Seconds, Turn,
+};
 pub use ledger::Ledger;
 pub use progress::Progress;
 pub use run::{Run, Summary};

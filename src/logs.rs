@@ -4,10 +4,9 @@ use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use cluster::{Evidence, PermutationTest};
 use serde::{Deserialize, Serialize};
 
-use crate::CoversError;
+use crate::error::CoversError;
 use crate::evaluation::Score;
 use crate::progress::Progress;
 
@@ -28,8 +27,8 @@ pub(crate) struct Marks {
 }
 
 impl Logs {
-    /// Creates `metrics.csv`, one row a rollout, `evaluation.csv`, one row a variant, and `timings.csv`, one row a rollout; or opens
-    /// those of an interrupted run and cuts them to `marks`.
+    /// Creates `metrics.csv` and `timings.csv`, one row a rollout, and `evaluation.csv`, one row a
+    /// variant; or opens those of an interrupted run and cuts them to `marks`.
     pub(crate) fn open(folder: &Path, marks: Option<Marks>) -> Result<Self, CoversError> {
         let open =
             |name: &str, mark: fn(Marks) -> u64| Log::open(folder.join(name), marks.map(mark));
@@ -51,7 +50,7 @@ impl Logs {
 
     /// Adds the row of a rollout.
     pub(crate) fn write_rollout(&mut self, progress: &Progress) -> Result<(), CoversError> {
-        self.metrics.write([Row::new(progress)])?;
+        self.metrics.write_named(row(progress))?;
         self.timings.write([Timing::new(progress)])
     }
 
@@ -66,6 +65,8 @@ impl Logs {
 struct Log {
     path: PathBuf,
     writer: csv::Writer<File>,
+    /// Names of the columns of a file whose rows are written by name, once there are any.
+    names: Vec<String>,
 }
 
 impl Log {
@@ -75,11 +76,37 @@ impl Log {
             None => File::create(&path).map_err(|error| CoversError::write(&path, error))?,
             Some(mark) => cut(&path, mark)?,
         };
-        let headers = mark.unwrap_or(0) == 0;
+        let empty = mark.unwrap_or(0) == 0;
+        let names = if empty { Vec::new() } else { header(&path)? };
         let writer = csv::WriterBuilder::new()
-            .has_headers(headers)
+            .has_headers(empty)
             .from_writer(file);
-        Ok(Self { path, writer })
+        Ok(Self {
+            path,
+            writer,
+            names,
+        })
+    }
+
+    /// Adds one row of named cells. All rows of a file have the same names.
+    fn write_named(&mut self, row: Vec<(String, String)>) -> Result<(), CoversError> {
+        let (names, cells): (Vec<String>, Vec<String>) = row.into_iter().unzip();
+        let (path, writer) = (&self.path, &mut self.writer);
+        let write = |error: csv::Error| CoversError::write(path, error);
+        if self.names.is_empty() {
+            writer.write_record(&names).map_err(write)?;
+            self.names = names;
+        } else if self.names != names {
+            let problem = format!(
+                "a row of {names:?} does not fit the columns {:?}",
+                self.names
+            );
+            return Err(CoversError::write(path, Error::other(problem)));
+        }
+        writer.write_record(&cells).map_err(write)?;
+        writer
+            .flush()
+            .map_err(|error| CoversError::write(path, error))
     }
 
     fn write<R: Serialize>(
@@ -100,6 +127,14 @@ impl Log {
         let metadata = metadata.map_err(|error| CoversError::write(&self.path, error))?;
         Ok(metadata.len())
     }
+}
+
+/// The names of a file's columns.
+fn header(path: &Path) -> Result<Vec<String>, CoversError> {
+    let read = |error| CoversError::read(path, error);
+    let mut reader = csv::Reader::from_path(path).map_err(read)?;
+    let names = reader.headers().map_err(read)?;
+    Ok(names.iter().map(str::to_owned).collect())
 }
 
 /// Opens a file of at least `mark` bytes and forgets those behind.
@@ -167,7 +202,7 @@ struct Timing {
 
 impl Timing {
     fn new(progress: &Progress) -> Self {
-        let seconds = &progress.report.seconds;
+        let seconds = &progress.turn.seconds;
         Self {
             rollout: progress.rollout,
             total: progress.seconds,
@@ -179,74 +214,53 @@ impl Timing {
     }
 }
 
-/// One rollout.
-#[derive(Serialize)]
-struct Row<'a> {
-    rollout: usize,
-    decisions: usize,
-    group: &'a str,
-    policy: usize,
-    created: bool,
-    /// Rollouts that the assignment looked at: 2 where the first left it undecided.
-    looks: u8,
-    /// W1 to each policy that existed before, and what the permutation test made of it; joined by semicolons.
-    distances: String,
-    null_means: String,
-    null_maxima: String,
-    scores: String,
-    p_values: String,
-    tail_p_values: String,
-    reward: Option<f64>,
-    success: Option<f64>,
-    success_at_end: Option<f64>,
-    policy_loss: f64,
-    value_loss: f64,
-    entropy: f64,
-    approx_kl: f64,
-    clip_fraction: f64,
-    explained_variance: f64,
-    grad_norm: f64,
-    epochs: usize,
+/// The row of one rollout: what a run knows of every learner, then what this learner logs.
+fn row(progress: &Progress) -> Vec<(String, String)> {
+    let turn = &progress.turn;
+    let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
+    let known = [
+        ("rollout", progress.rollout.to_string()),
+        ("decisions", progress.decisions.to_string()),
+        ("group", progress.group.name().to_owned()),
+        ("policy", turn.policy.to_string()),
+        ("created", turn.created.to_string()),
+        ("reward", number(progress.reward)),
+        ("success", number(progress.success)),
+        ("success_at_end", number(turn.rollout.success_at_end_rate())),
+    ];
+    let known = known.map(|(name, cell)| (name.to_owned(), cell));
+    let logged = turn.metrics.iter();
+    let logged = logged.map(|(name, metric)| (name.to_owned(), metric.to_string()));
+    known.into_iter().chain(logged).collect()
 }
 
-impl<'a> Row<'a> {
-    fn new(progress: &'a Progress) -> Self {
-        let (report, update) = (&progress.report, &progress.report.update);
-        let tests = |figure: fn(&PermutationTest) -> f64| {
-            let tests = report.evidence.iter().map(Evidence::test);
-            join(tests.map(|test| test.map(figure)))
-        };
-        Self {
-            rollout: progress.rollout,
-            decisions: progress.decisions,
-            group: progress.group.name(),
-            policy: report.policy,
-            created: report.created,
-            looks: 1 + u8::from(report.first_look.is_some()),
-            distances: join(report.evidence.iter().map(|e| Some(e.distance))),
-            null_means: tests(|test| test.null.mean),
-            null_maxima: tests(|test| test.null.max),
-            scores: tests(|test| test.score),
-            p_values: tests(|test| test.p_value),
-            tail_p_values: tests(|test| test.tail_p_value),
-            reward: progress.reward,
-            success: progress.success,
-            success_at_end: report.rollout.success_at_end_rate(),
-            policy_loss: update.policy_loss,
-            value_loss: update.value_loss,
-            entropy: update.entropy,
-            approx_kl: update.approx_kl,
-            clip_fraction: update.clip_fraction,
-            explained_variance: update.explained_variance,
-            grad_norm: update.grad_norm,
-            epochs: update.epochs,
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cells(row: &[(&str, &str)]) -> Vec<(String, String)> {
+        let row = row.iter();
+        row.map(|(name, cell)| (name.to_string(), cell.to_string()))
+            .collect()
     }
-}
 
-fn join(values: impl Iterator<Item = Option<f64>>) -> String {
-    let texts: Vec<String> = values
-        .map(|value| value.map_or_else(String::new, |value| value.to_string()))
-        .collect();
-    texts.join(";")
+    #[test]
+    fn rows_of_other_columns_are_refused_also_after_a_resumption() {
+        let path = std::env::temp_dir().join(format!("covers-log-{}.csv", std::process::id()));
+        let mut log = Log::open(path.clone(), None).unwrap();
+        log.write_named(cells(&[("rollout", "0"), ("loss", "1.5")]))
+            .unwrap();
+        let length = log.length().unwrap();
+        let mut resumed = Log::open(path.clone(), Some(length)).unwrap();
+        let other = [("rollout", "1"), ("entropy", "2")];
+        for log in [&mut log, &mut resumed] {
+            let message = log.write_named(cells(&other)).unwrap_err().to_string();
+            assert!(message.contains("entropy") && message.contains("loss"));
+        }
+        let same = cells(&[("rollout", "1"), ("loss", "2")]);
+        resumed.write_named(same).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n");
+        std::fs::remove_file(path).unwrap();
+    }
 }

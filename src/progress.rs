@@ -2,8 +2,8 @@
 
 use envs::TaskGroup;
 
-use crate::Report;
 use crate::evaluation::Score;
+use crate::learners::Turn;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees it.
 #[derive(Clone, Debug)]
@@ -14,12 +14,13 @@ pub struct Progress {
     pub decisions: usize,
     /// The group that ran.
     pub group: TaskGroup,
-    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`; none where none ended.
+    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`;
+    /// none where none ended.
     pub reward: Option<f64>,
     /// Share of those episodes that succeeded at any step, in `[0, 1]`.
     pub success: Option<f64>,
     /// What the learner did.
-    pub report: Report,
+    pub turn: Turn,
     /// Wall-clock seconds of all that the learner did, without the evaluation.
     pub seconds: f64,
     /// Those of them in which the environments worked (physics and pictures).

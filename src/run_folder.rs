@@ -4,7 +4,7 @@ use std::fs::{File, create_dir, create_dir_all};
 use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
-use crate::CoversError;
+use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::logs::{Logs, Marks};
 use crate::sheet::Picture;
@@ -62,7 +62,7 @@ impl RunFolder {
         }
     }
 
-    /// The file of the learner as it last was, see [`crate::Covers::load`].
+    /// The file of the learner as it last was, see [`crate::LearnerSettings::load`].
     pub fn checkpoint(&self) -> PathBuf {
         self.path.join("checkpoint.safetensors")
     }

@@ -1,12 +1,12 @@
 //! Which groups come when, and in which variants.
 
-use envs::TaskGroup;
+use envs::{TaskGroup, TaskRegistry};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
-use crate::CoversError;
+use crate::error::CoversError;
 
 /// The stream's plan: nothing of it is told to the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -24,11 +24,12 @@ pub struct Schedule {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroupPlan {
-    /// The group.
-    pub group: TaskGroup,
+    /// The group's name.
+    pub group: String,
     /// Rollouts of a visit, at least 1; the mean number with [`Order::Switching`].
     pub rollouts: usize,
-    /// Variants that episodes are drawn from; the others are held out and appear in evaluations alone.
+    /// Variants that episodes are drawn from; the others are held out and appear in evaluations
+    /// alone.
     pub variants: Vec<D2>,
 }
 
@@ -40,16 +41,16 @@ pub enum Order {
     Fixed,
     /// Every cycle in an order of its own; no group follows itself.
     Shuffled,
-    /// No cycles: after each rollout the group gives way with a probability of 1 in `rollouts`, to any other with equal probability. The stream is
-    /// as long as it would be with cycles.
+    /// No cycles: after each rollout the group gives way with a probability of 1 in `rollouts`, to
+    /// any other with equal probability. The stream is as long as it would be with cycles.
     Switching,
 }
 
 /// One stay of a group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visit {
-    /// The group; known to the stream and to reports, never to the learner.
-    pub group: TaskGroup,
+    /// The group's name; known to the stream and to reports, never to the learner.
+    pub group: String,
     /// Variants that episodes are drawn from.
     pub variants: Vec<D2>,
     /// Rollouts until the next visit.
@@ -57,12 +58,11 @@ pub struct Visit {
 }
 
 impl Schedule {
-    /// All variants of the four groups, shuffled; `rollouts[i]` is the length of a visit of `TaskGroup::ALL[i]`.
-    pub fn shuffled(cycles: usize, rollouts: [usize; 4]) -> Self {
-        let groups = TaskGroup::ALL.into_iter().zip(rollouts);
-        let groups = groups.map(|(group, rollouts)| GroupPlan {
-            group,
-            rollouts,
+    /// All variants of these groups, shuffled; each comes with the rollouts of one visit.
+    pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
+        let groups = visits.iter().map(|(group, rollouts)| GroupPlan {
+            group: group.name().to_owned(),
+            rollouts: *rollouts,
             variants: D2::ALL.to_vec(),
         });
         Self {
@@ -72,45 +72,24 @@ impl Schedule {
         }
     }
 
-    /// Refuses a plan without groups, cycles, rollouts or variants, and one that names a group twice.
+    /// Refuses a plan without groups, cycles, rollouts or variants, and one that names a group or a
+    /// variant twice.
     ///
     /// # Errors
     /// [`CoversError::Setting`].
     pub fn check(&self) -> Result<(), CoversError> {
-        let setting = |name, value: String, expected| {
-            Err(CoversError::Setting {
-                name,
-                value,
-                expected,
-            })
-        };
         if self.groups.is_empty() {
-            return setting("schedule.groups", "empty".to_owned(), "at least one group");
+            return refuse("schedule.groups", "empty", "at least one group");
         }
         if self.cycles == 0 {
-            return setting("schedule.cycles", "0".to_owned(), "at least 1");
+            return refuse("schedule.cycles", "0", "at least 1");
         }
         for (index, plan) in self.groups.iter().enumerate() {
-            let group = plan.group;
-            if self.groups[..index]
-                .iter()
-                .any(|other| other.group == group)
-            {
-                let expected = "every group at most once";
-                return setting("schedule.groups", format!("{group} twice"), expected);
-            }
-            if plan.rollouts == 0 {
-                let expected = "at least 1 rollout of every group";
-                return setting("schedule.groups", format!("0 of {group}"), expected);
-            }
-            if plan.variants.is_empty() {
-                let expected = "at least one variant of every group";
-                return setting("schedule.groups", format!("none of {group}"), expected);
-            }
+            plan.check(&self.groups[..index])?;
         }
         if self.order == Order::Switching && self.groups.len() == 1 {
             let expected = "at least two groups to switch between";
-            return setting("schedule.order", "switching".to_owned(), expected);
+            return refuse("schedule.order", "switching", expected);
         }
         Ok(())
     }
@@ -120,8 +99,18 @@ impl Schedule {
         self.cycles * self.groups.iter().map(|plan| plan.rollouts).sum::<usize>()
     }
 
+    /// The groups by their names.
+    ///
+    /// # Errors
+    /// A name that `tasks` does not hold.
+    pub fn resolve(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, CoversError> {
+        let groups = self.groups.iter();
+        let groups = groups.map(|plan| Ok(tasks.get(&plan.group)?));
+        groups.collect()
+    }
+
     /// Whether the learner meets this variant; evaluations show it all of them.
-    pub fn shows(&self, group: TaskGroup, element: D2) -> bool {
+    pub fn shows(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
@@ -144,7 +133,7 @@ impl Schedule {
             for last in (1..order.len()).rev() {
                 order.swap(last, rng.random_range(0..=last));
             }
-            if visits.last().map(|visit| visit.group) == Some(self.groups[order[0]].group) {
+            if visits.last().map(|visit| &visit.group) == Some(&self.groups[order[0]].group) {
                 order.rotate_left(1);
             }
             visits.extend(order.into_iter().map(|i| self.groups[i].visit()));
@@ -170,7 +159,37 @@ impl Schedule {
     }
 }
 
+fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), CoversError> {
+    Err(CoversError::Setting {
+        name,
+        value: value.to_owned(),
+        expected,
+    })
+}
+
 impl GroupPlan {
+    fn check(&self, before: &[Self]) -> Result<(), CoversError> {
+        let group = &self.group;
+        let refuse = |value: String, expected| refuse("schedule.groups", &value, expected);
+        if before.iter().any(|other| other.group == *group) {
+            return refuse(format!("{group} twice"), "every group at most once");
+        }
+        if self.rollouts == 0 {
+            return refuse(format!("0 of {group}"), "at least 1 rollout of every group");
+        }
+        if self.variants.is_empty() {
+            let expected = "at least one variant of every group";
+            return refuse(format!("none of {group}"), expected);
+        }
+        for (index, variant) in self.variants.iter().enumerate() {
+            if self.variants[..index].contains(variant) {
+                let value = format!("{variant} of {group} twice");
+                return refuse(value, "every variant at most once");
+            }
+        }
+        Ok(())
+    }
+
     fn visit(&self) -> Visit {
         Visit {
             rollouts: self.rollouts,
@@ -180,7 +199,7 @@ impl GroupPlan {
 
     fn empty_visit(&self) -> Visit {
         Visit {
-            group: self.group,
+            group: self.group.clone(),
             variants: self.variants.clone(),
             rollouts: 0,
         }
@@ -194,6 +213,11 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
+    fn shuffled(cycles: usize, rollouts: [usize; 4]) -> Schedule {
+        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(rollouts).collect();
+        Schedule::shuffled(cycles, &visits)
+    }
+
     fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
         schedule.visits(&mut ChaCha8Rng::seed_from_u64(seed))
     }
@@ -204,12 +228,12 @@ mod tests {
 
     #[test]
     fn a_shuffled_stream_visits_every_group_each_cycle_and_never_twice_running() {
-        let schedule = Schedule::shuffled(3, [1, 2, 3, 4]);
+        let schedule = shuffled(3, [1, 2, 3, 4]);
         for seed in 0..50 {
             let visits = visits(&schedule, seed);
             assert!(visits.len() == 12 && never_twice_running(&visits));
             for cycle in visits.chunks(4) {
-                let groups: HashSet<_> = cycle.iter().map(|visit| visit.group).collect();
+                let groups: HashSet<_> = cycle.iter().map(|visit| &visit.group).collect();
                 assert_eq!(groups.len(), 4);
                 assert_eq!(cycle.iter().map(|v| v.rollouts).sum::<usize>(), 10);
             }
@@ -220,29 +244,28 @@ mod tests {
     fn a_fixed_stream_repeats_its_list() {
         let schedule = Schedule {
             order: Order::Fixed,
-            ..Schedule::shuffled(2, [1; 4])
+            ..shuffled(2, [1; 4])
         };
-        let groups: Vec<_> = visits(&schedule, 0).iter().map(|v| v.group).collect();
-        assert_eq!(groups, [TaskGroup::ALL, TaskGroup::ALL].concat());
+        let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
+        let groups: Vec<String> = groups.collect();
+        let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
+        assert_eq!(groups, [names.clone(), names].concat());
     }
 
     #[test]
     fn a_switching_stream_is_as_long_and_its_visits_have_the_mean_length() {
         let schedule = Schedule {
             order: Order::Switching,
-            ..Schedule::shuffled(500, [2, 8, 4, 2])
+            ..shuffled(500, [2, 8, 4, 2])
         };
         let visits = visits(&schedule, 1);
         assert!(never_twice_running(&visits));
-        let lengths = |group| {
-            let of_group = visits.iter().filter(move |visit| visit.group == group);
-            of_group.map(|visit| visit.rollouts)
-        };
-        let total: usize = TaskGroup::ALL.into_iter().flat_map(lengths).sum();
+        let total: usize = visits.iter().map(|visit| visit.rollouts).sum();
         assert_eq!(total, schedule.total_rollouts());
         for plan in &schedule.groups {
-            let count = lengths(plan.group).count() as f64;
-            let mean = lengths(plan.group).sum::<usize>() as f64 / count;
+            let of_group = visits.iter().filter(|visit| visit.group == plan.group);
+            let lengths: Vec<usize> = of_group.map(|visit| visit.rollouts).collect();
+            let mean = lengths.iter().sum::<usize>() as f64 / lengths.len() as f64;
             let expected = plan.rollouts as f64;
             assert!((mean / expected - 1.0).abs() < 0.15, "{mean} {expected}");
         }
@@ -250,25 +273,29 @@ mod tests {
 
     #[test]
     fn held_out_variants_are_not_shown() {
-        let mut schedule = Schedule::shuffled(1, [1; 4]);
+        let mut schedule = shuffled(1, [1; 4]);
         schedule.groups[0].variants = vec![D2::Identity];
         schedule.groups.truncate(3);
-        assert!(schedule.shows(TaskGroup::GoalReach, D2::Identity));
-        assert!(!schedule.shows(TaskGroup::GoalReach, D2::FlipX));
-        assert!(schedule.shows(TaskGroup::ButtonPress, D2::FlipX));
-        assert!(!schedule.shows(TaskGroup::PlateSlide, D2::Identity));
+        assert!(schedule.shows("goal-reach", D2::Identity));
+        assert!(!schedule.shows("goal-reach", D2::FlipX));
+        assert!(schedule.shows("button-press", D2::FlipX));
+        assert!(!schedule.shows("plate-slide", D2::Identity));
     }
 
     #[test]
     fn plans_that_make_no_stream_are_refused_by_name() {
         type Spoil = fn(&mut Schedule);
-        let cases: [(Spoil, &str); 6] = [
+        let cases: [(Spoil, &str); 7] = [
             (|s| s.groups.clear(), "at least one group"),
             (|s| s.cycles = 0, "`schedule.cycles` is 0"),
             (|s| s.groups[1].rollouts = 0, "0 of button-press"),
             (|s| s.groups[2].variants.clear(), "none of drawer-close"),
             (
-                |s| s.groups[3].group = TaskGroup::GoalReach,
+                |s| s.groups[2].variants.push(D2::FlipX),
+                "flip x of drawer-close twice",
+            ),
+            (
+                |s| s.groups[3].group = "goal-reach".to_owned(),
                 "goal-reach twice",
             ),
             (
@@ -280,11 +307,22 @@ mod tests {
             ),
         ];
         for (spoil, expected) in cases {
-            let mut schedule = Schedule::shuffled(1, [1; 4]);
+            let mut schedule = shuffled(1, [1; 4]);
             assert!(schedule.check().is_ok());
             spoil(&mut schedule);
             let message = schedule.check().unwrap_err().to_string();
             assert!(message.contains(expected), "{message}");
         }
+    }
+
+    #[test]
+    fn names_are_resolved_and_unknown_ones_refused_with_the_known() {
+        let mut schedule = shuffled(1, [1; 4]);
+        let tasks = TaskRegistry::standard();
+        let groups = schedule.resolve(&tasks).unwrap();
+        assert_eq!(groups, TaskGroup::STANDARD);
+        schedule.groups[1].group = "peg-insert".to_owned();
+        let message = schedule.resolve(&tasks).unwrap_err().to_string();
+        assert!(message.contains("peg-insert") && message.contains("drawer-close"));
     }
 }

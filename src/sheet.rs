@@ -1,13 +1,13 @@
-//! The contact sheet: all 16 variants as the learner sees them.
+//! The contact sheet: every variant as the learner sees it.
 
 use std::sync::Arc;
 
-use envs::{Mark, Painter, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
+use envs::{Mark, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::CoversError;
+use crate::error::CoversError;
 
 /// An RGB picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,16 +28,20 @@ const GAP: usize = 6;
 /// A goal that the learner is told as a vector is marked in this colour; its picture does not show it.
 const TOLD_GOAL: [u8; 3] = [0, 200, 0];
 
-/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four variants of a group share one placement.
+/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four variants
+/// of a group share one placement.
 ///
 /// A goal that is told and not seen is marked by a green disc.
 ///
 /// # Errors
 /// What the environments say.
-pub fn variant_pictures(settings: &VecEnvSettings) -> Result<Vec<Vec<Vec<u8>>>, CoversError> {
-    TaskGroup::ALL
-        .into_iter()
-        .map(|group| group_pictures(group, settings))
+pub fn variant_pictures(
+    settings: &VecEnvSettings,
+    groups: &[TaskGroup],
+) -> Result<Vec<Vec<Vec<u8>>>, CoversError> {
+    let groups = groups.iter();
+    groups
+        .map(|&group| group_pictures(group, settings))
         .collect()
 }
 
@@ -46,8 +50,8 @@ fn group_pictures(
     settings: &VecEnvSettings,
 ) -> Result<Vec<Vec<u8>>, CoversError> {
     let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
-    let mut table = TableTop::new(Arc::clone(&scene), settings.dynamics)?;
-    let mut painter = Painter::new(scene)?;
+    let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
+    let mut renderer = SceneRenderer::new(scene)?;
     let placement = group
         .task()
         .place(&mut ChaCha8Rng::seed_from_u64(settings.seed));
@@ -56,8 +60,8 @@ fn group_pictures(
         .map(|element| {
             let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
             table.reset_to(element, placement)?;
-            painter.paint(&mut table, &mut rgb)?;
-            if let Some(goal) = table.told_goal() {
+            renderer.render(&mut table, &mut rgb)?;
+            if let Some(goal) = table.observable_goal() {
                 let mark = Mark {
                     color: TOLD_GOAL,
                     ..settings.camera.mark
@@ -73,8 +77,11 @@ fn group_pictures(
 ///
 /// # Errors
 /// What the environments say.
-pub fn contact_sheet(settings: &VecEnvSettings) -> Result<Picture, CoversError> {
-    let pictures = variant_pictures(settings)?;
+pub fn contact_sheet(
+    settings: &VecEnvSettings,
+    groups: &[TaskGroup],
+) -> Result<Picture, CoversError> {
+    let pictures = variant_pictures(settings, groups)?;
     let size = settings.camera.size;
     let cell = size * ENLARGE + GAP;
     let (width, height) = (D2::ALL.len() * cell + GAP, pictures.len() * cell + GAP);

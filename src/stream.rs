@@ -6,6 +6,8 @@ use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::D2;
 
+use crate::error::CoversError;
+
 /// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
 /// Network inputs per metre: positions become numbers of order one.
@@ -14,8 +16,8 @@ const INPUTS_PER_METRE: f32 = 10.0;
 const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
-/// The environments as the learner sees them. Which group they run is set from outside; it shows in the picture, and in Goal
-/// Reach in the goal that only this group tells.
+/// The environments as the learner sees them. Which group they run is set from outside; it shows in
+/// the picture, and in the goal where a group tells one.
 pub struct Stream {
     env: VecEnv,
     spec: EnvSpec,
@@ -25,13 +27,19 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Environments of `group`, with variants drawn from all four elements.
+    /// Environments of the first of `groups`, with variants drawn from all four elements. The other
+    /// groups are prepared, so that a switch costs nothing.
     ///
     /// # Errors
-    /// What the environments say.
-    pub fn new(settings: VecEnvSettings, group: TaskGroup) -> Result<Self, EnvError> {
-        let mut env = VecEnv::new(settings, group, &D2::ALL)?;
-        env.prepare(&TaskGroup::ALL)?;
+    /// [`CoversError::Setting`] for no groups, or what the environments say.
+    pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, CoversError> {
+        let first = *groups.first().ok_or_else(|| CoversError::Setting {
+            name: "groups",
+            value: "empty".to_owned(),
+            expected: "at least one task group",
+        })?;
+        let mut env = VecEnv::new(settings, first, &D2::ALL)?;
+        env.prepare(groups)?;
         Ok(Self {
             env,
             spec: Self::spec_of(&settings),
@@ -78,9 +86,10 @@ impl Stream {
         self.failures
     }
 
-    /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect episode earns 500.
+    /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect
+    /// episode earns 500.
     pub fn reward_scale(&self) -> f64 {
-        PERFECT_EPISODE / self.env.settings().dynamics.decisions() as f64
+        PERFECT_EPISODE / self.env.settings().control.decisions() as f64
     }
 }
 
@@ -106,12 +115,12 @@ impl VectorEnv for Stream {
                 final_observations: borrow(&mut out.final_observations),
                 rewards: &mut out.rewards,
                 success: &mut out.success,
+                success_at_end: &mut out.success_at_end,
                 truncated: &mut self.truncated,
             },
         )?;
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
-        out.success_at_end.copy_from_slice(&out.success);
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated

@@ -14,8 +14,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, Backdrop, Batch, Camera, Dynamics, Embodiment, HAND_START, Painter, RGB, Scene,
-    TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, HAND_START, RGB, Scene,
+    SceneRenderer, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -32,7 +32,7 @@ const ENVS: usize = 16;
 /// Environments whose memory is asked for.
 const MANY: usize = 64;
 /// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as in Meta-World.
-const DYNAMICS: Dynamics = Dynamics {
+const CONTROL: Control = Control {
     action_repeat: 1,
     displacement: 0.01,
     horizon: 500,
@@ -49,7 +49,7 @@ impl Subject {
     fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
         Ok(Self {
             embodiment: embodiment.parse()?,
-            group: group.parse()?,
+            group: TaskRegistry::standard().get(group)?,
             camera: Camera {
                 size: 64,
                 ..Camera::default()
@@ -61,7 +61,7 @@ impl Subject {
     fn table(self) -> Result<(TableTop, ChaCha8Rng), Failure> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let scene = Scene::new(self.group, self.embodiment, self.camera)?;
-        let mut table = TableTop::new(Arc::new(scene), DYNAMICS)?;
+        let mut table = TableTop::new(Arc::new(scene), CONTROL)?;
         table.reset(D2::Identity, &mut rng)?;
         Ok((table, rng))
     }
@@ -71,7 +71,7 @@ impl Subject {
         let scene = Arc::clone(table.scene());
         let mut tables = vec![table];
         for _ in 1..ENVS {
-            let mut table = TableTop::new(Arc::clone(&scene), DYNAMICS)?;
+            let mut table = TableTop::new(Arc::clone(&scene), CONTROL)?;
             table.reset(D2::Identity, &mut rng)?;
             tables.push(table);
         }
@@ -107,13 +107,13 @@ impl Subject {
         rate(|| {
             let (data, target, steps) = &mut simulations[turns.next().unwrap_or(0)];
             *steps += 1;
-            if *steps % DYNAMICS.horizon == 0 {
+            if *steps % CONTROL.horizon == 0 {
                 data.restore(&begin)?;
                 *target = HAND_START;
             }
             let [x, y, z, finger] = action(&mut rng).map(f64::from);
             let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
-            *target = (*target + DYNAMICS.displacement * DVec3::new(x, y, z)).clamp(low, high);
+            *target = (*target + CONTROL.displacement * DVec3::new(x, y, z)).clamp(low, high);
             data.set_mocap_position(hand_target, target.to_array())?;
             data.set_ctrl(&[finger, -finger])?;
             Ok(data.step(5)?)
@@ -129,7 +129,7 @@ impl Subject {
     /// One picture as a `VecEnv` paints it, of a scene that moves between pictures; the time of the motion does not count.
     fn frame(self) -> Result<f64, Failure> {
         let (mut table, mut rng) = self.table()?;
-        let mut painter = Painter::new(Arc::clone(table.scene()))?;
+        let mut renderer = SceneRenderer::new(Arc::clone(table.scene()))?;
         let mut backdrop = Backdrop::default();
         let mut rgb = vec![0; self.camera.size * self.camera.size * RGB];
         let (mut spent, mut frames, start) = (Duration::ZERO, 0_u32, Instant::now());
@@ -137,9 +137,9 @@ impl Subject {
         while start.elapsed() < TURN {
             let before = Instant::now();
             if begins {
-                painter.paint_backdrop(&mut table, &mut backdrop)?;
+                renderer.draw_backdrop(&mut table, &mut backdrop)?;
             }
-            painter.paint_over(&mut table, &mut backdrop, &mut rgb)?;
+            renderer.render_over(&mut table, &mut backdrop, &mut rgb)?;
             spent += before.elapsed();
             frames += 1;
             begins = table.step(&action(&mut rng))?.truncated;
@@ -158,8 +158,8 @@ impl Subject {
 
     fn switch(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare(&TaskGroup::ALL)?;
-        let mut groups = TaskGroup::ALL.into_iter().cycle();
+        driven.env.prepare(&TaskGroup::STANDARD)?;
+        let mut groups = TaskGroup::STANDARD.into_iter().cycle();
         let switches = rate(|| {
             let group = groups.next().unwrap_or(self.group);
             Ok(driven.env.set_tasks(group, &D2::ALL)?)
@@ -169,7 +169,7 @@ impl Subject {
 
     fn memory(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare(&TaskGroup::ALL)?;
+        driven.env.prepare(&TaskGroup::STANDARD)?;
         for _ in 0..50 {
             driven.step()?;
         }
@@ -195,7 +195,7 @@ impl Driven {
             threads,
             embodiment: subject.embodiment,
             camera: subject.camera,
-            dynamics: DYNAMICS,
+            control: CONTROL,
             ..VecEnvSettings::default()
         };
         let mut driven = Self {

@@ -21,8 +21,10 @@ pub struct StepMut<'a> {
     pub final_observations: ObservationsMut<'a>,
     /// `[N]`, in `[0, 1]`.
     pub rewards: &'a mut [f32],
-    /// `[N]`: the success condition held during the step.
+    /// `[N]`: the success condition held at any control step of the decision.
     pub success: &'a mut [bool],
+    /// `[N]`: the success condition holds after the decision's last control step.
+    pub success_at_end: &'a mut [bool],
     /// `[N]`: the episode reached its time limit, or its environment failed; tasks never end otherwise.
     pub truncated: &'a mut [bool],
 }
@@ -43,6 +45,8 @@ pub struct Batch {
     /// `[N]`.
     pub success: Vec<bool>,
     /// `[N]`.
+    pub success_at_end: Vec<bool>,
+    /// `[N]`.
     pub truncated: Vec<bool>,
 }
 
@@ -57,6 +61,7 @@ impl Batch {
             final_vectors: vec![0.0; n * VECTOR_DIM],
             rewards: vec![0.0; n],
             success: vec![false; n],
+            success_at_end: vec![false; n],
             truncated: vec![false; n],
         }
     }
@@ -82,6 +87,7 @@ impl Batch {
             },
             rewards: &mut self.rewards,
             success: &mut self.success,
+            success_at_end: &mut self.success_at_end,
             truncated: &mut self.truncated,
         }
     }

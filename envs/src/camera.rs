@@ -3,7 +3,7 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::EnvError;
+use crate::error::EnvError;
 
 /// Largest picture that is drawn (pixels along a side).
 const LARGEST: usize = 4096;

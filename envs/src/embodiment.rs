@@ -3,13 +3,15 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::EnvError;
+use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
-const SAWYER: Mjcf = part!("sawyer.xml");
-const HAND: Mjcf = part!("hand.xml");
-const OF_SAWYER: [Mjcf; 3] = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
-const OF_HAND: [Mjcf; 3] = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
+const SAWYER: Mjcf<'static> = part!("sawyer.xml");
+const HAND: Mjcf<'static> = part!("hand.xml");
+const OF_SAWYER: [Mjcf<'static>; 3] =
+    parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
+const OF_HAND: [Mjcf<'static>; 3] =
+    parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
 
 /// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`](crate::HAND_START).
 const SAWYER_POSTURE: [(&str, f64); 7] = [
@@ -50,7 +52,7 @@ impl Embodiment {
         self == Self::Hand
     }
 
-    pub(crate) fn mjcf(self) -> Mjcf {
+    pub(crate) fn mjcf(self) -> Mjcf<'static> {
         match self {
             Self::Sawyer => SAWYER,
             Self::Hand => HAND,
@@ -58,20 +60,21 @@ impl Embodiment {
     }
 
     /// Files that other parts include by name: what collides with what, and what of the puck does.
-    pub(crate) fn included(self) -> &'static [Mjcf] {
+    pub(crate) fn included(self) -> &'static [Mjcf<'static>] {
         match self {
             Self::Sawyer => &OF_SAWYER,
             Self::Hand => &OF_HAND,
         }
     }
 
-    /// Joints and positions near rest with the hand's target at `hand_start`, which for the arm is [`HAND_START`](crate::HAND_START).
-    pub(crate) fn posture(self, hand_start: DVec3) -> Vec<(&'static str, f64)> {
+    /// Joints and positions near rest with the hand's target at `hand_target`, which for the arm is
+    /// [`HAND_START`](crate::HAND_START).
+    pub(crate) fn posture(self, hand_target: DVec3) -> Vec<(&'static str, f64)> {
         match self {
             Self::Sawyer => SAWYER_POSTURE.to_vec(),
             Self::Hand => ["hand_x", "hand_y", "hand_z"]
                 .into_iter()
-                .zip(hand_start.to_array())
+                .zip(hand_target.to_array())
                 .collect(),
         }
     }

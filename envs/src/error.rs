@@ -7,10 +7,24 @@ use crate::task::TaskGroup;
 #[non_exhaustive]
 pub enum EnvError {
     /// A task name that no group has.
-    #[error(
-        "unknown task `{name}`: expected one of goal-reach, button-press, drawer-close, plate-slide"
-    )]
+    #[error("unknown task `{name}`: expected one of {}", known.join(", "))]
     UnknownTask {
+        /// The name given.
+        name: String,
+        /// The names of the registry.
+        known: Vec<&'static str>,
+    },
+    /// A task's name that options and files cannot spell.
+    #[error(
+        "the task's name is `{name}`, expected kebab-case: lower-case letters and digits in words that are joined by hyphens"
+    )]
+    TaskName {
+        /// The name given.
+        name: String,
+    },
+    /// A second group of one name.
+    #[error("a task group `{name}` is registered already: choose another name")]
+    DuplicateTask {
         /// The name given.
         name: String,
     },
@@ -71,6 +85,24 @@ pub enum EnvError {
         /// The element asked for.
         element: symmetry::D2,
     },
+    /// A group that a layout has no figures for.
+    #[error(
+        "the layout `{layout}` has no figures of {group}: use the layout `symmetric`, or give the task `Task::stock`"
+    )]
+    NoSuchLayout {
+        /// The layout.
+        layout: &'static str,
+        /// The group.
+        group: TaskGroup,
+    },
+    /// A placement that is not a number.
+    #[error("the placement's {what} is {value}, expected finite numbers of metres")]
+    NonFinitePlacement {
+        /// `object` or `goal`.
+        what: &'static str,
+        /// The value given.
+        value: glam::DVec3,
+    },
     /// A snapshot of another scene.
     #[error("the snapshot is of {got}, this environment is {expected}")]
     OtherScene {
@@ -106,20 +138,6 @@ pub enum EnvError {
         worker: usize,
         /// The operating system's reason.
         source: std::io::Error,
-    },
-    /// A recording that cannot be compared with.
-    #[error("{}: {source}", path.display())]
-    Recording {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What is wrong with it.
-        source: Box<crate::check::RecordingError>,
-    },
-    /// A folder without recordings.
-    #[error("no recording in {}: expected files named ENGINE_TASK_POLICY.npz", folder.display())]
-    NoRecordings {
-        /// The folder.
-        folder: std::path::PathBuf,
     },
     /// A scene that MuJoCo does not take, or that lacks a name.
     #[error(transparent)]

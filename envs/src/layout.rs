@@ -4,17 +4,21 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
+use crate::control::Control;
 use crate::embodiment::Embodiment;
+use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
-use crate::task::{TaskGroup, TaskVariant};
-use crate::{Dynamics, EnvError, HAND_START};
+use crate::task::{Stock, TaskGroup};
 
-const SYMMETRIC: [Mjcf; 4] =
+/// Where the hand's target stands at the start of every episode of the symmetric layout (metres):
+/// over the centre, clear of an open drawer.
+pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
+
+const SYMMETRIC: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "symmetric");
-const META_WORLD: [Mjcf; 4] =
+const META_WORLD: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
-const STOCK_ARM: Mjcf = part!("sawyer.xml" in "metaworld");
-const DECOY: Mjcf = part!("decoy.xml" in "metaworld");
+const STOCK_ARM: Mjcf<'static> = part!("sawyer.xml" in "metaworld");
 
 /// Physics steps until a hand is at rest at its start: 10 s.
 const SETTLED: usize = 4000;
@@ -24,7 +28,7 @@ const STOCK_RESET: usize = 250;
 /// How a scene comes to where its episodes start.
 pub(crate) struct Settling {
     /// Where the hand's target stands (metres).
-    pub hand_start: DVec3,
+    pub hand_target: DVec3,
     /// Joints and positions away from zero.
     pub posture: Vec<(&'static str, f64)>,
     /// Physics steps until episodes may start.
@@ -64,16 +68,11 @@ impl Layout {
         }
     }
 
-    /// Every variant of every group in this layout.
-    pub fn variants(self) -> impl Iterator<Item = TaskVariant> {
-        TaskVariant::all().filter(move |variant| self.elements().contains(&variant.element))
-    }
-
-    /// The dynamics that go with this layout.
-    pub fn dynamics(self) -> Dynamics {
+    /// The control settings that go with this layout.
+    pub fn control(self) -> Control {
         match self {
-            Self::Symmetric => Dynamics::default(),
-            Self::MetaWorld => Dynamics::meta_world(),
+            Self::Symmetric => Control::default(),
+            Self::MetaWorld => Control::meta_world(),
         }
     }
 
@@ -86,36 +85,37 @@ impl Layout {
         }
     }
 
-    /// Where the hand's target stands when an episode starts (metres).
-    fn hand_start(self, group: TaskGroup) -> DVec3 {
-        match (self, group) {
-            (Self::Symmetric, _) => HAND_START,
-            (Self::MetaWorld, TaskGroup::ButtonPress) => DVec3::new(0.0, -0.2, 0.2),
-            (Self::MetaWorld, _) => DVec3::new(0.0, 0.0, 0.2),
+    /// Meta-World's figures of the group, in the layout that follows them.
+    pub(crate) fn stock(self, group: TaskGroup) -> Result<Option<Stock<'static>>, EnvError> {
+        let layout = self.name();
+        match (self, group.task().stock()) {
+            (Self::Symmetric, _) => Ok(None),
+            (Self::MetaWorld, Some(stock)) => Ok(Some(stock)),
+            (Self::MetaWorld, None) => Err(EnvError::NoSuchLayout { layout, group }),
         }
     }
 
-    /// How a scene comes to where its episodes start.
-    pub(crate) fn settling(self, group: TaskGroup, embodiment: Embodiment) -> Settling {
-        let hand_start = self.hand_start(group);
+    /// How a scene with the hand's target at `hand_target` (metres) comes to where its episodes
+    /// start.
+    pub(crate) fn settling(self, hand_target: DVec3, embodiment: Embodiment) -> Settling {
         let posture = match (self, embodiment) {
             // the stock arm comes from its initial pose, stretched to the side
             (Self::MetaWorld, Embodiment::Sawyer) => Vec::new(),
-            _ => embodiment.posture(hand_start),
+            _ => embodiment.posture(hand_target),
         };
         let steps = match self {
             Self::Symmetric => SETTLED,
             Self::MetaWorld => STOCK_RESET,
         };
         Settling {
-            hand_start,
+            hand_target,
             posture,
             steps,
         }
     }
 
     /// The embodiment's part of a scene.
-    pub(crate) fn embodiment(self, embodiment: Embodiment) -> Mjcf {
+    pub(crate) fn embodiment(self, embodiment: Embodiment) -> Mjcf<'static> {
         match (self, embodiment) {
             (Self::MetaWorld, Embodiment::Sawyer) => STOCK_ARM,
             _ => embodiment.mjcf(),
@@ -123,16 +123,11 @@ impl Layout {
     }
 
     /// Files that other parts include by name.
-    pub(crate) fn included(self) -> &'static [Mjcf] {
+    pub(crate) fn included(self) -> &'static [Mjcf<'static>] {
         match self {
             Self::Symmetric => &SYMMETRIC,
             Self::MetaWorld => &META_WORLD,
         }
-    }
-
-    /// A part that this layout adds to a group's scene.
-    pub(crate) fn addition(self, group: TaskGroup) -> Option<Mjcf> {
-        (self == Self::MetaWorld && group == TaskGroup::GoalReach).then_some(DECOY)
     }
 
     /// Refuses an element that this layout has no variant for.

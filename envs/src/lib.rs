@@ -14,7 +14,7 @@
 //!
 //! fn main() -> Result<(), envs::EnvError> {
 //!     let settings = VecEnvSettings { num_envs: 4, ..VecEnvSettings::default() };
-//!     let mut env = VecEnv::new(settings, TaskGroup::ButtonPress, &D2::ALL)?;
+//!     let mut env = VecEnv::new(settings, TaskGroup::BUTTON_PRESS, &D2::ALL)?;
 //!     let mut batch = Batch::new(&settings);
 //!     env.reset(batch.observations())?;
 //!     for _ in 0..50 {
@@ -32,18 +32,19 @@ struct Readme;
 
 mod batch;
 mod camera;
-pub mod check;
-mod dynamics;
+pub mod conformance;
+mod control;
 mod embodiment;
 mod error;
-pub mod inpainting;
 mod layout;
 mod mjcf;
-mod picture;
+mod registry;
+mod renderer;
 pub mod reward;
+mod rows;
 mod scene;
 mod settings;
-mod share;
+mod sub_envs;
 mod tabletop;
 mod task;
 pub mod tasks;
@@ -52,18 +53,21 @@ mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
 pub use camera::{Camera, Light, Mark};
-pub use dynamics::Dynamics;
+pub use control::Control;
 pub use embodiment::Embodiment;
 pub use error::EnvError;
-pub use layout::Layout;
+pub use layout::{HAND_START, Layout};
 pub use mujoco::Backdrop;
-pub use picture::{IMAGE_CHANNELS, Painter, RGB};
-pub use scene::{HAND_START, Scene};
+pub use registry::TaskRegistry;
+pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
+pub use rows::Failure;
+pub use scene::Scene;
 pub use settings::VecEnvSettings;
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, PHYSICS_STEPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
-    Evaluation, ExpertCommand, Measurement, Parts, Placement, Task, TaskGroup, TaskVariant,
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,
+    TaskVariant,
 };
-pub use vec_env::{Failure, VecEnv};
+pub use vec_env::VecEnv;

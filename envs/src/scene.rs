@@ -6,20 +6,20 @@ use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
-use crate::EnvError;
 use crate::camera::Camera;
 use crate::embodiment::Embodiment;
-use crate::layout::{Layout, Settling};
+use crate::error::EnvError;
+use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{Placement, TaskGroup};
-
-/// Where the hand's target stands at the start of every episode of the symmetric layout (metres): over the centre, clear of an open drawer.
-pub const HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
+use crate::task::{Placement, Stock, TaskGroup};
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
-const ARENA: Mjcf = part!("arena.xml");
-const GRIPPER: Mjcf = part!("gripper.xml");
+/// File names of what the task brings.
+const TASK: &str = "task.xml";
+const ADDITION: &str = "addition.xml";
+const ARENA: Mjcf<'static> = part!("arena.xml");
+const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
@@ -36,7 +36,9 @@ pub struct Scene {
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
     /// Where the hand's target stands when an episode starts (metres).
-    pub(crate) hand_start: DVec3,
+    pub(crate) hand_target_start: DVec3,
+    /// Meta-World's figures, in the layout that follows them.
+    stock: Option<Stock<'static>>,
     pub(crate) hand: BodyId,
     pub(crate) claws: [BodyId; 2],
     pub(crate) tips: [SiteId; 2],
@@ -44,6 +46,9 @@ pub struct Scene {
     pub(crate) object: Option<MocapId>,
     pub(crate) goal: Option<MocapId>,
     pub(crate) object_body: Option<BodyId>,
+    /// From that body's origin to the point that the task speaks of (metres, canonical frame).
+    pub(crate) object_offset: DVec3,
+    pub(crate) goal_observable: bool,
     /// Addresses in `qpos` and positions of the joints that an episode starts away from zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
     /// Address in `qpos` of the loose cylinder's position, where there is one.
@@ -56,7 +61,8 @@ impl Scene {
     /// Compiles the scene of `group` in the symmetric layout and lets it come to rest.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for an impossible camera, or what MuJoCo says of the model.
+    /// [`EnvError::Setting`] for an impossible camera, [`EnvError::TaskName`], or what MuJoCo says
+    /// of the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::in_layout(Layout::Symmetric, group, embodiment, camera)
     }
@@ -64,7 +70,7 @@ impl Scene {
     /// Compiles the scene of `group` in `layout` and brings it to where its episodes start.
     ///
     /// # Errors
-    /// As [`Scene::new`].
+    /// As [`Scene::new`], and [`EnvError::NoSuchLayout`].
     pub fn in_layout(
         layout: Layout,
         group: TaskGroup,
@@ -72,19 +78,19 @@ impl Scene {
         camera: Camera,
     ) -> Result<Self, EnvError> {
         camera.check()?;
-        let parts = group.task().parts();
+        group.check_name()?;
+        let stock = layout.stock(group)?;
+        let hand_target_start = stock.map_or(HAND_START, |stock| stock.hand_target);
+        let settling = layout.settling(hand_target_start, embodiment);
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
-        let settling = layout.settling(group, embodiment);
+        let parts = group.task().parts();
         let mocap = |name| model.mocap(name);
-        let start_joints = parts
-            .start_joints
-            .iter()
-            .map(|&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position)));
         Ok(Self {
             layout,
             group,
             embodiment,
-            hand_start: settling.hand_start,
+            hand_target_start,
+            stock,
             decoy: decoy(&model),
             camera,
             camera_id: model.camera("top")?,
@@ -92,10 +98,12 @@ impl Scene {
             claws: [model.body("right_claw")?, model.body("left_claw")?],
             tips: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
-            object: parts.scene.map(|_| mocap("object")).transpose()?,
+            object: parts.mjcf.map(|_| mocap("object")).transpose()?,
             goal: mocap("goal").ok(),
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
-            start_joints: start_joints.collect::<Result<_, EnvError>>()?,
+            object_offset: parts.object_offset,
+            goal_observable: parts.goal_observable,
+            start_joints: addresses(&model, parts.start_joints)?,
             settled: settle(&model, &settling)?,
             model,
         })
@@ -113,9 +121,9 @@ impl Scene {
 
     /// Draws where an episode puts things.
     pub fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        match self.layout {
-            Layout::Symmetric => self.group.task().place(rng),
-            Layout::MetaWorld => self.group.task().place_stock(rng),
+        match &self.stock {
+            None => self.group.task().place(rng),
+            Some(stock) => (stock.place)(rng),
         }
     }
 }
@@ -126,9 +134,10 @@ fn compile(
     embodiment: Embodiment,
     camera: &Camera,
 ) -> Result<Model, EnvError> {
-    let mut parts = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
-    parts.extend(group.task().parts().scene);
-    parts.extend(layout.addition(group));
+    let addition = layout.stock(group)?.and_then(|stock| stock.addition);
+    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
+    parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
+    parts.extend(addition.map(|text| (ADDITION, text)));
     let includes: String = parts
         .iter()
         .map(|(name, _)| format!("<include file=\"{name}\"/>"))
@@ -145,6 +154,12 @@ fn compile(
     Ok(Model::from_files(MAIN, &files)?)
 }
 
+/// Addresses in `qpos` of joints, and their positions.
+fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, EnvError> {
+    let address = |&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position));
+    joints.iter().map(address).collect()
+}
+
 fn decoy(model: &Model) -> Option<usize> {
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
@@ -156,8 +171,8 @@ fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
         let address = model.joint_qpos_address(model.joint(name)?);
         data.qpos_mut()[address] = position;
     }
-    let hand_start = settling.hand_start.to_array();
-    data.set_mocap_position(model.mocap("hand_target")?, hand_start)?;
+    let hand_target = settling.hand_target.to_array();
+    data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
     data.set_ctrl(&OPEN_FINGERS)?;
     data.step(settling.steps)?;
     Ok(data.save())

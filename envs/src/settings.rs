@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::EnvError;
 use crate::camera::Camera;
-use crate::dynamics::Dynamics;
+use crate::control::Control;
 use crate::embodiment::Embodiment;
+use crate::error::EnvError;
 use crate::layout::Layout;
-use crate::picture::IMAGE_CHANNELS;
+use crate::renderer::IMAGE_CHANNELS;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,14 +17,14 @@ pub struct VecEnvSettings {
     pub num_envs: usize,
     /// Number of worker threads; results do not depend on it.
     pub threads: usize,
-    /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Dynamics::meta_world`].
+    /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
     /// What carries the gripper.
     pub embodiment: Embodiment,
     /// The camera over the table.
     pub camera: Camera,
-    /// Actions and time.
-    pub dynamics: Dynamics,
+    /// Action scale, action repeat and horizon.
+    pub control: Control,
     /// Seed of all placements and variant draws.
     pub seed: u64,
 }
@@ -37,7 +37,7 @@ impl Default for VecEnvSettings {
             layout: Layout::default(),
             embodiment: Embodiment::default(),
             camera: Camera::default(),
-            dynamics: Dynamics::default(),
+            control: Control::default(),
             seed: 0,
         }
     }
@@ -64,6 +64,6 @@ impl VecEnvSettings {
             }
         }
         self.camera.check()?;
-        self.dynamics.check()
+        self.control.check()
     }
 }

@@ -7,18 +7,21 @@ use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::EnvError;
-use crate::dynamics::Dynamics;
+use crate::control::Control;
 use crate::embodiment::Embodiment;
+use crate::error::EnvError;
 use crate::layout::Layout;
 use crate::scene::Scene;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Placement, TaskGroup, TaskVariant};
+use crate::task::{
+    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskGroup, TaskVariant,
+};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
 /// Irreps of the action's components.
 pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-/// Components of the vector observation: hand x, y, z (metres from the centre), aperture in `[0, 1]`, goal x, y, z (metres; zero where hidden).
+/// Components of the vector observation: hand x, y, z (metres from the centre), aperture in
+/// `[0, 1]`, goal x, y, z (metres; zero where hidden).
 pub const VECTOR_DIM: usize = 7;
 /// Irreps of the vector observation's components.
 pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
@@ -32,19 +35,21 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
 ];
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-pub(crate) const PHYSICS_STEPS: usize = 5;
+pub const PHYSICS_STEPS: usize = 5;
 /// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 /// Claw distance of an open gripper (metres).
 pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
 /// What one decision brought.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
     /// Mean over the control steps of Meta-World's reward / 10: in `[0, 1]`.
     pub reward: f64,
     /// Whether the success condition held at any control step.
     pub success: bool,
+    /// Whether the success condition holds after the last control step.
+    pub success_at_end: bool,
     /// Whether the time limit is reached.
     pub truncated: bool,
 }
@@ -53,14 +58,15 @@ pub struct Step {
 struct Episode {
     /// Whether anything touched anything at the end of a control step.
     touched: bool,
-    variant: TaskVariant,
-    placement: Placement,
-    start: Measurement,
+    element: D2,
+    start: EpisodeStart,
+    /// Where the hand's target is (metres, world frame).
     target: DVec3,
     decisions: usize,
 }
 
-/// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start included, and the episode.
+/// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start
+/// included, and the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     scene: (Layout, Embodiment, TaskGroup),
@@ -71,7 +77,7 @@ pub struct Snapshot {
 /// A table-top environment without a camera. All lengths in metres, world frame.
 pub struct TableTop {
     scene: Arc<Scene>,
-    dynamics: Dynamics,
+    control: Control,
     data: Data,
     episode: Option<Episode>,
 }
@@ -80,13 +86,13 @@ impl TableTop {
     /// An environment on `scene`; it must be reset before its first step.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for impossible dynamics.
-    pub fn new(scene: Arc<Scene>, dynamics: Dynamics) -> Result<Self, EnvError> {
-        dynamics.check()?;
+    /// [`EnvError::Setting`] for impossible control settings.
+    pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
+        control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
         Ok(Self {
             scene,
-            dynamics,
+            control,
             data,
             episode: None,
         })
@@ -97,13 +103,19 @@ impl TableTop {
         &self.scene
     }
 
+    /// The control settings.
+    pub fn control(&self) -> Control {
+        self.control
+    }
+
     /// The simulation, to be looked at: positions of bodies, contacts, its saved state.
     pub fn simulation(&self) -> &Data {
         &self.data
     }
 
-    /// The simulation, for a renderer.
-    pub(crate) fn data_mut(&mut self) -> &mut Data {
+    /// The simulation, to be rendered or changed. Whoever changes it answers for the rest of the
+    /// episode; [`TableTop::reset`] undoes all but what is done to the model.
+    pub fn simulation_mut(&mut self) -> &mut Data {
         &mut self.data
     }
 
@@ -119,22 +131,24 @@ impl TableTop {
     /// Starts an episode of the variant `element` at a given placement (canonical frame).
     ///
     /// # Errors
-    /// [`EnvError::NoSuchVariant`], or what MuJoCo says of the state.
+    /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or
+    /// what MuJoCo says of the state.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         let scene = Arc::clone(&self.scene);
         scene.layout.check(element)?;
+        check_placement(&placement)?;
         self.data.restore(&scene.settled)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
-        let start = self.measure(element, &placement);
-        self.episode = Some(Episode {
-            variant: TaskVariant {
-                group: scene.group,
-                element,
-            },
+        let start = EpisodeStart {
             placement,
+            hand_target: scene.hand_target_start,
+            measured: self.measure(element, &placement),
+        };
+        self.episode = Some(Episode {
+            element,
             start,
-            target: scene.hand_start,
+            target: scene.hand_target_start,
             decisions: 0,
             touched: false,
         });
@@ -142,11 +156,7 @@ impl TableTop {
     }
 
     /// Puts the objects where `placement` says, with their joints as an episode starts them.
-    pub(crate) fn put_objects(
-        &mut self,
-        element: D2,
-        placement: &Placement,
-    ) -> Result<(), EnvError> {
+    fn put_objects(&mut self, element: D2, placement: &Placement) -> Result<(), EnvError> {
         let scene = &self.scene;
         for (body, position) in [
             (scene.object, placement.object),
@@ -206,32 +216,31 @@ impl TableTop {
     /// diverged simulation, which ends the episode.
     pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
         let [x, y, z, finger] = clip(action)?;
-        let Dynamics {
+        let Control {
             action_repeat,
             displacement,
             ..
-        } = self.dynamics;
-        let decisions = self.dynamics.decisions();
+        } = self.control;
+        let decisions = self.control.decisions();
         // taken out, so that nothing goes on from a simulation that failed
         let running = self
             .episode
             .take_if(|episode| episode.decisions < decisions);
         let mut episode = running.ok_or(EnvError::NotReset)?;
         let move_by = DVec3::new(x, y, z) * displacement / action_repeat as f64;
-        let (mut reward, mut success) = (0.0, false);
+        let mut step = Step::default();
         for _ in 0..action_repeat {
-            let control_step = self.control_step(&mut episode, move_by, finger)?;
-            reward += control_step.reward * REWARD_SCALE / action_repeat as f64;
-            success |= control_step.success;
+            let StepReward {
+                reward, success, ..
+            } = self.control_step(&mut episode, move_by, finger)?;
+            step.reward += reward * REWARD_SCALE / action_repeat as f64;
+            step.success |= success;
+            step.success_at_end = success;
         }
         episode.decisions += 1;
-        let truncated = episode.decisions == decisions;
+        step.truncated = episode.decisions == decisions;
         self.episode = Some(episode);
-        Ok(Step {
-            reward,
-            success,
-            truncated,
-        })
+        Ok(step)
     }
 
     /// Moves the hand's target by `move_by` (metres) and lets 12.5 ms pass.
@@ -240,7 +249,7 @@ impl TableTop {
         episode: &mut Episode,
         move_by: DVec3,
         finger: f64,
-    ) -> Result<Evaluation, EnvError> {
+    ) -> Result<StepReward, EnvError> {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
         let target = episode.target.to_array();
@@ -250,14 +259,15 @@ impl TableTop {
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
-        let now = self.measure(episode.variant.element, &episode.placement);
-        let task = episode.variant.group.task();
-        Ok(task.evaluate(&episode.placement, &episode.start, &now, finger))
+        let now = self.measure(episode.element, &episode.start.placement);
+        Ok(self.scene.group.task().reward(&episode.start, &now, finger))
     }
 
     /// The variant of the running episode.
     pub fn variant(&self) -> Option<TaskVariant> {
-        self.episode.as_ref().map(|episode| episode.variant)
+        let group = self.scene.group;
+        let element = self.episode.as_ref()?.element;
+        Some(TaskVariant { group, element })
     }
 
     /// Whether anything has touched anything in the running episode, as seen at the end of its control steps.
@@ -275,11 +285,11 @@ impl TableTop {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
-    /// The goal (metres, world frame), in tasks that tell it to the learner.
-    pub fn told_goal(&self) -> Option<DVec3> {
+    /// The goal (metres, world frame), in tasks in which it is part of the observation.
+    pub fn observable_goal(&self) -> Option<DVec3> {
         let episode = self.episode.as_ref()?;
-        let told = self.scene.group.task().parts().tells_goal;
-        told.then(|| map(episode.variant.element, episode.placement.goal))
+        let goal = map(episode.element, episode.start.placement.goal);
+        self.scene.goal_observable.then_some(goal)
     }
 
     /// The vector observation (see [`VECTOR_IRREPS`]).
@@ -288,7 +298,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
         self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let (hand, goal) = (self.hand(), self.told_goal().unwrap_or(DVec3::ZERO));
+        let (hand, goal) = (self.hand(), self.observable_goal().unwrap_or(DVec3::ZERO));
         let aperture = self.aperture();
         Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
     }
@@ -300,9 +310,12 @@ impl TableTop {
     pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let now = self.measurement()?;
-        let ExpertCommand { hand, finger } =
-            self.scene.group.task().expert(&episode.placement, &now);
-        let wanted = map(episode.variant.element, hand - now.hand) / self.dynamics.displacement;
+        let ExpertCommand { hand, finger } = self
+            .scene
+            .group
+            .task()
+            .expert(&episode.start.placement, &now);
+        let wanted = map(episode.element, hand - now.hand) / self.control.displacement;
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
         Ok([
             bounded.x as f32,
@@ -318,7 +331,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn measurement(&self) -> Result<Measurement, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        Ok(self.measure(episode.variant.element, &episode.placement))
+        Ok(self.measure(episode.element, &episode.start.placement))
     }
 
     fn aperture(&self) -> f64 {
@@ -342,7 +355,7 @@ impl TableTop {
             hand: map(element, self.hand()),
             tcp: map(element, (right + left) / 2.0),
             aperture: self.aperture(),
-            object: object + self.scene.group.task().parts().object_offset,
+            object: object + self.scene.object_offset,
         }
     }
 }
@@ -361,6 +374,15 @@ fn facing(element: D2) -> [f64; 4] {
     } else {
         [1.0, 0.0, 0.0, 0.0]
     }
+}
+
+fn check_placement(placement: &Placement) -> Result<(), EnvError> {
+    for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
+        if !value.is_finite() {
+            return Err(EnvError::NonFinitePlacement { what, value });
+        }
+    }
+    Ok(())
 }
 
 fn clip(action: &[f32; ACTION_DIM]) -> Result<[f64; ACTION_DIM], EnvError> {

@@ -1,73 +1,91 @@
-//! Task groups, their variants, and what every task says about itself.
+//! What a task says about itself, and the handle by which the rest of the crate knows it.
+
+use std::cmp::Ordering;
+use std::hash::{Hash, Hasher};
 
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
+use serde::{Serialize, Serializer};
 use symmetry::D2;
 
-use crate::EnvError;
-use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
-
-/// A group of tasks that are one another's images under [`D2`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TaskGroup {
-    /// Move the fingertips to a goal that is told, not seen.
-    GoalReach,
-    /// Push a button into its box.
-    ButtonPress,
-    /// Push a drawer shut.
-    DrawerClose,
-    /// Slide a puck into a goal cage.
-    PlateSlide,
-}
+/// A group of tasks that are one another's images under [`D2`]: a handle on the [`Task`] that
+/// defines the identity variant.
+///
+/// Groups are compared, ordered, hashed, printed and serialised by their names, so two tasks of one
+/// name count as one group; [`TaskRegistry`](crate::TaskRegistry) refuses the second. A name is
+/// turned back to a group by a registry.
+#[derive(Clone, Copy)]
+pub struct TaskGroup(&'static dyn Task);
 
 impl TaskGroup {
-    /// Every group, in the order of reports.
-    pub const ALL: [Self; 4] = [
-        Self::GoalReach,
-        Self::ButtonPress,
-        Self::DrawerClose,
-        Self::PlateSlide,
-    ];
+    /// The group of `task`.
+    ///
+    /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
+    /// that is made while the program runs is leaked: `TaskGroup::of(Box::leak(Box::new(task)))`.
+    pub const fn of(task: &'static dyn Task) -> Self {
+        Self(task)
+    }
 
     /// The group's name as options and files spell it, for instance `goal-reach`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::GoalReach => "goal-reach",
-            Self::ButtonPress => "button-press",
-            Self::DrawerClose => "drawer-close",
-            Self::PlateSlide => "plate-slide",
-        }
+        self.0.name()
     }
 
     /// The task that defines the group's identity variant.
     pub fn task(self) -> &'static dyn Task {
-        match self {
-            Self::GoalReach => &GoalReach,
-            Self::ButtonPress => &ButtonPress,
-            Self::DrawerClose => &DrawerClose,
-            Self::PlateSlide => &PlateSlide,
-        }
+        self.0
+    }
+
+    /// The group's variants, one for each element of [`D2::ALL`].
+    pub fn variants(self) -> [TaskVariant; 4] {
+        D2::ALL.map(|element| TaskVariant {
+            group: self,
+            element,
+        })
+    }
+}
+
+impl PartialEq for TaskGroup {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for TaskGroup {}
+
+impl PartialOrd for TaskGroup {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for TaskGroup {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.name().cmp(other.name())
+    }
+}
+
+impl Hash for TaskGroup {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.name().hash(state);
+    }
+}
+
+impl Serialize for TaskGroup {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl std::fmt::Debug for TaskGroup {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "TaskGroup({})", self.name())
     }
 }
 
 impl std::fmt::Display for TaskGroup {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
-    }
-}
-
-impl std::str::FromStr for TaskGroup {
-    type Err = EnvError;
-
-    fn from_str(name: &str) -> Result<Self, EnvError> {
-        Self::ALL
-            .into_iter()
-            .find(|group| group.name() == name)
-            .ok_or_else(|| EnvError::UnknownTask {
-                name: name.to_owned(),
-            })
     }
 }
 
@@ -78,17 +96,6 @@ pub struct TaskVariant {
     pub group: TaskGroup,
     /// The element that maps the canonical scene to this one.
     pub element: D2,
-}
-
-impl TaskVariant {
-    /// The 16 variants: every group under every element.
-    pub fn all() -> impl Iterator<Item = Self> {
-        TaskGroup::ALL.into_iter().flat_map(|group| {
-            D2::ALL
-                .into_iter()
-                .map(move |element| Self { group, element })
-        })
-    }
 }
 
 impl std::fmt::Display for TaskVariant {
@@ -102,9 +109,8 @@ impl std::fmt::Display for TaskVariant {
 pub struct Placement {
     /// Origin of the scene's `object` body; unused by scenes without one.
     pub object: DVec3,
-    /// Where the hand's target stands when the episode starts.
-    pub hand_start: DVec3,
-    /// The point where the object, or the fingertips, should be; a scene's `goal` body has its origin there.
+    /// The point where the object, or the fingertips, should be; a scene's `goal` body has its
+    /// origin there.
     pub goal: DVec3,
 }
 
@@ -121,60 +127,99 @@ pub struct Measurement {
     pub object: DVec3,
 }
 
+/// How an episode began, in the canonical frame (metres).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EpisodeStart {
+    /// Where things were put.
+    pub placement: Placement,
+    /// Where the hand's target stood; the hand itself rests a few millimetres below it.
+    pub hand_target: DVec3,
+    /// What was measured.
+    pub measured: Measurement,
+}
+
 /// Reward in `[0, 10]` and success of one control step, and the terms that the reward is made of.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Evaluation {
-    /// How near the fingertips are to the object, and where the task asks for it how the fingers are held, in `[0, 1]`; 1 in Goal Reach.
+pub struct StepReward {
+    /// How near the fingertips are to the object, and where the task asks for it how the fingers
+    /// are held, in `[0, 1]`; 1 in Goal Reach.
     pub approach: f64,
     /// How near the object is to its goal, in `[0, 1]`.
     pub in_place: f64,
     /// How far the object is from its goal (metres); in Goal Reach the fingertips.
     pub remaining: f64,
-    /// Meta-World's dense reward, in `[0, 10]`.
+    /// The dense reward, in `[0, 10]`.
     pub reward: f64,
     /// Whether the success condition holds now.
     pub success: bool,
 }
 
-/// The unchanging parts of a task.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Parts {
-    /// File name of the scene in `assets/mjcf` and its text; none for the bare table.
-    pub scene: Option<(&'static str, &'static str)>,
-    /// Body whose position the task reads; without one, the goal is the object.
-    pub object_body: Option<&'static str>,
-    /// From that body's origin to the point that the task speaks of (metres).
+/// The unchanging parts of a task. `Parts::default()` is the bare table with a hidden goal.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Parts<'a> {
+    /// The task's part of the scene, a `<mujocoinclude>`; none for the bare table.
+    ///
+    /// A part needs a mocap body `object`, which is put where the placement says, and may have a
+    /// mocap body `goal`. Both are turned by half a turn in the variants that flip y, so everything
+    /// in them must be its own mirror image along x. What the learner should see is in geom group 1
+    /// and made of boxes or upright cylinders, which draw as exact mirror images; what only
+    /// collides is in group 4. Everything has a name. A geom that collides keeps the embodiment's
+    /// `contype` and `conaffinity`; one that does not sets both to 0.
+    ///
+    /// The part may include by name what the stock tasks include: `drawer_stop.xml` and `puck.xml`
+    /// of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout. The arena, the
+    /// gripper, the embodiment and the camera are in every scene.
+    pub mjcf: Option<&'a str>,
+    /// Body whose position the task reads; without one, the placement's object is read.
+    pub object_body: Option<&'a str>,
+    /// From that body's origin to the point that the task speaks of (metres, canonical frame).
     pub object_offset: DVec3,
-    /// Joints that an episode starts away from zero, with their positions (metres).
-    pub start_joints: &'static [(&'static str, f64)],
-    /// Whether the learner is told the goal.
-    pub tells_goal: bool,
+    /// Joints that an episode starts away from zero, with their positions (metres, radians).
+    pub start_joints: &'a [(&'a str, f64)],
+    /// Whether the goal is part of the observation.
+    pub goal_observable: bool,
+}
+
+/// Meta-World's own figures of a task, for the layout `metaworld`.
+#[derive(Clone, Copy, Debug)]
+pub struct Stock<'a> {
+    /// Meta-World's name of the task, without its version.
+    pub name: &'a str,
+    /// Where the hand's target stands when an episode starts (metres).
+    pub hand_target: DVec3,
+    /// A part that the scene has in this layout alone, a `<mujocoinclude>`.
+    pub addition: Option<&'a str>,
+    /// Draws a placement from Meta-World's ranges.
+    pub place: fn(&mut ChaCha8Rng) -> Placement,
 }
 
 /// A task in its canonical frame; it keeps no state between calls.
 ///
-/// Figures are Meta-World's with the table's centre moved to the origin, unless the task says otherwise.
+/// Its four variants are made by mapping positions and actions with the elements of [`D2`].
+/// [`conformance::check`](crate::conformance::check) tries whether a task does what is asked here.
 pub trait Task: Send + Sync {
-    /// What the task is made of.
-    fn parts(&self) -> &'static Parts;
+    /// The name, in kebab-case: lower-case letters and digits in words that are joined by hyphens.
+    fn name(&self) -> &str;
 
-    /// Draws a placement; x is drawn off-centre, so that the four variants fill four quadrants.
+    /// What the task is made of.
+    fn parts(&self) -> Parts<'_>;
+
+    /// Draws a placement; the goal's or the object's x is drawn off-centre, so that the four
+    /// variants fill four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
 
-    /// Draws a placement from Meta-World's ranges.
-    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement;
+    /// Reward and success of the state `now` of an episode that began as `start`, where `finger` is
+    /// the action's finger component in `[-1, 1]`.
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward;
 
-    /// Reward and success of the state `now`, given the state at the episode's start and the action's finger component in `[-1, 1]`.
-    fn evaluate(
-        &self,
-        placement: &Placement,
-        start: &Measurement,
-        now: &Measurement,
-        finger: f64,
-    ) -> Evaluation;
-
-    /// The scripted expert: where the hand should go next, how hard (displacement per metre of error), and the finger action.
+    /// The scripted expert: where the hand should go next, and the finger action.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
+
+    /// Meta-World's figures of the task. A task without them has no scene in the layout
+    /// `metaworld`.
+    fn stock(&self) -> Option<Stock<'_>> {
+        None
+    }
 }
 
 /// What a scripted expert asks for, in the canonical frame.
@@ -184,24 +229,4 @@ pub struct ExpertCommand {
     pub hand: DVec3,
     /// Finger action in `[-1, 1]`; one closes.
     pub finger: f64,
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_parse_back_and_unknown_ones_list_the_choices() {
-        for group in TaskGroup::ALL {
-            assert_eq!(group.name().parse::<TaskGroup>().unwrap(), group);
-        }
-        let message = "peg-insert".parse::<TaskGroup>().unwrap_err().to_string();
-        assert!(message.contains("peg-insert") && message.contains("drawer-close"));
-    }
-
-    #[test]
-    fn there_are_sixteen_variants() {
-        let all: std::collections::HashSet<_> = TaskVariant::all().collect();
-        assert_eq!(all.len(), 16);
-    }
 }

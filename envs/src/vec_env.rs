@@ -5,32 +5,28 @@ use std::sync::Arc;
 
 use symmetry::D2;
 
-use crate::EnvError;
 use crate::batch::{ObservationsMut, StepMut};
+use crate::error::EnvError;
+use crate::rows::{Command, Failure, Rows, copy_row};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::share::{Command, Rows};
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
-
-/// What went wrong in one environment while the others went on.
-#[derive(Debug)]
-pub struct Failure {
-    /// Index of the environment.
-    pub env: usize,
-    /// A diverged simulation, a panic.
-    pub error: EnvError,
-}
 
 /// N environments of one task group; where an episode ends, the next begins at once with a variant drawn anew.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 ///
-/// An environment that fails in a step (its simulation diverges, or its code panics) does not stop the others. Its episode reads as one that
-/// ran out of time at the observation before that step: reward 0, `truncated`, that observation as the final one; and its next episode
-/// has begun. A restart that fails leaves the row's observation as it was and is tried again in every step. [`VecEnv::reset`] and
-/// [`VecEnv::step`] return these failures, a failed restart as a second one of its environment.
+/// An environment that fails in a step (its simulation diverges, or its code panics) does not stop
+/// the others. Its episode reads as one that ran out of time at the observation before that step:
+/// reward 0, `truncated`, that observation as the final one; and its next episode has begun. A
+/// restart that fails leaves the row's observation as it was and is tried again in every step.
+/// [`VecEnv::reset`] and [`VecEnv::step`] return these failures, a failed restart as a second one of
+/// its environment.
+///
+/// Where rendering fails, for instance because the OpenGL context is lost, the call fails for all
+/// environments; the next [`VecEnv::reset`] makes new renderers and goes on.
 pub struct VecEnv {
     settings: VecEnvSettings,
     scenes: BTreeMap<TaskGroup, Arc<Scene>>,
@@ -72,20 +68,21 @@ impl VecEnv {
         &self.settings
     }
 
-    /// Makes models and renderers of `groups` and lets their scenes come to rest, so that [`VecEnv::set_tasks`] is cheap from then on.
+    /// Makes models and renderers of `groups` and lets their scenes come to rest, so that
+    /// [`VecEnv::set_tasks`] is cheap from then on.
     ///
     /// # Errors
     /// What MuJoCo or OpenGL says.
     pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
         for &group in groups {
             let scene = self.scene(group)?;
-            self.tell(|| Command::Prepare(Arc::clone(&scene)))?;
+            self.broadcast(|| Command::Prepare(Arc::clone(&scene)))?;
         }
         Ok(())
     }
 
-    /// Switches every environment to `group`, with variants drawn uniformly from `elements`. Running episodes end:
-    /// [`VecEnv::reset`] must come next.
+    /// Switches every environment to `group`, with variants drawn uniformly from `elements`. Running
+    /// episodes end: [`VecEnv::reset`] must come next.
     ///
     /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
     ///
@@ -100,17 +97,17 @@ impl VecEnv {
         self.running = false;
         self.prepare(&[group])?;
         let scene = self.scene(group)?;
-        self.tell(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
+        self.broadcast(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
-    /// Draws variants and placements from the streams of `seed` from now on, as if made with it: episodes that begin with the next
-    /// [`VecEnv::reset`] depend on it and on nothing before.
+    /// Draws variants and placements from the streams of `seed` from now on, as if made with it:
+    /// episodes that begin with the next [`VecEnv::reset`] depend on it and on nothing before.
     ///
     /// # Errors
     /// [`EnvError::WorkerLost`].
     pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
         self.settings.seed = seed;
-        self.tell(|| Command::Reseed(seed))
+        self.broadcast(|| Command::Reseed(seed))
     }
 
     /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
@@ -143,8 +140,9 @@ impl VecEnv {
     /// Holds `actions` `[N, 4]` for one decision in every environment, and returns those that failed.
     ///
     /// # Errors
-    /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`]; where OpenGL is lost, which all
-    /// environments of a thread share, an [`EnvError::InEnv`] that says so.
+    /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved;
+    /// [`EnvError::NotReset`]; an [`EnvError::InEnv`] with what OpenGL says, after which
+    /// [`VecEnv::reset`] makes new renderers.
     pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
         if !self.running {
@@ -160,6 +158,7 @@ impl VecEnv {
             let envs = worker.envs.clone();
             out.rewards[envs.clone()].copy_from_slice(&rows.batch.rewards);
             out.success[envs.clone()].copy_from_slice(&rows.batch.success);
+            out.success_at_end[envs.clone()].copy_from_slice(&rows.batch.success_at_end);
             out.truncated[envs].copy_from_slice(&rows.batch.truncated);
         }
         self.copy_observations(out.observations);
@@ -183,7 +182,7 @@ impl VecEnv {
     }
 
     /// Gives every worker an order that concerns no rows.
-    fn tell(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
+    fn broadcast(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
         for worker in &self.workers {
             worker.send(command());
         }
@@ -251,17 +250,18 @@ impl VecEnv {
         self.check_observations(&out.final_observations)?;
         check_len("rewards", out.rewards.len(), n)?;
         check_len("success", out.success.len(), n)?;
+        check_len("success_at_end", out.success_at_end.len(), n)?;
         check_len("truncated", out.truncated.len(), n)
     }
 }
 
-/// Cuts the environments into one contiguous share a thread.
+/// Gives each thread a contiguous part of the environments.
 fn spawn(settings: VecEnvSettings) -> Result<Vec<Worker>, EnvError> {
-    let share = settings.num_envs.div_ceil(settings.threads);
-    let firsts = (0..settings.num_envs).step_by(share).enumerate();
+    let part = settings.num_envs.div_ceil(settings.threads);
+    let firsts = (0..settings.num_envs).step_by(part).enumerate();
     firsts
         .map(|(index, first)| {
-            let envs = first..(first + share).min(settings.num_envs);
+            let envs = first..(first + part).min(settings.num_envs);
             Worker::spawn(index, envs, settings)
         })
         .collect()
@@ -276,10 +276,6 @@ fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EnvE
         got,
         expected,
     })
-}
-
-fn copy_row<T: Copy>(from: &[T], row: usize, to: &mut [T], to_row: usize, len: usize) {
-    to[to_row * len..(to_row + 1) * len].copy_from_slice(&from[row * len..(row + 1) * len]);
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
-//! A thread that owns a share of the environments.
+//! A thread that owns some of the environments.
 
 use std::ops::Range;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
-use crate::EnvError;
+use crate::error::EnvError;
+use crate::rows::{Command, Reply};
 use crate::settings::VecEnvSettings;
-use crate::share::{Command, Reply, Share, panic_message};
+use crate::sub_envs::{SubEnvs, panic_message};
 
 /// The handle of one worker thread.
 pub(crate) struct Worker {
@@ -31,9 +32,9 @@ impl Worker {
         let thread = std::thread::Builder::new()
             .name(format!("envs-{index}"))
             .spawn(move || {
-                let mut share = Share::new(owned, settings);
+                let mut sub_envs = SubEnvs::new(owned, settings);
                 while let Ok(command) = inbox.recv() {
-                    if outbox.send(share.obey(command)).is_err() {
+                    if outbox.send(sub_envs.handle(command)).is_err() {
                         break;
                     }
                 }
@@ -62,7 +63,7 @@ impl Worker {
     pub(crate) fn receive(&mut self) -> Reply {
         self.replies.recv().unwrap_or_else(|_| {
             let worker = self.index;
-            let message = self.autopsy();
+            let message = self.exit_message();
             Reply {
                 rows: None,
                 result: Err(EnvError::WorkerLost { worker, message }),
@@ -70,7 +71,8 @@ impl Worker {
         })
     }
 
-    fn autopsy(&mut self) -> String {
+    /// Why the thread ended.
+    fn exit_message(&mut self) -> String {
         match self.thread.take().map(JoinHandle::join) {
             Some(Err(panic)) => panic_message(&*panic),
             _ => "it had ended before".to_owned(),

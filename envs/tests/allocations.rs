@@ -8,7 +8,7 @@
 use std::alloc::System;
 use std::hint::black_box;
 
-use envs::{ACTION_DIM, Batch, Dynamics, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{ACTION_DIM, Batch, Control, TaskGroup, VecEnv, VecEnvSettings};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
 
@@ -31,13 +31,13 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     let settings = VecEnvSettings {
         num_envs: N,
         threads: 2,
-        dynamics: Dynamics {
+        control: Control {
             horizon: 30,
-            ..Dynamics::default()
+            ..Control::default()
         },
         ..VecEnvSettings::default()
     };
-    let mut env = VecEnv::new(settings, TaskGroup::PlateSlide, &D2::ALL).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::PLATE_SLIDE, &D2::ALL).unwrap();
     let mut batch = Batch::new(&settings);
     env.reset(batch.observations()).unwrap();
     let mut ends = 0;

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Dynamics, Embodiment, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, Scene, TableTop, TaskGroup};
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -27,8 +27,8 @@ struct Press {
 /// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger` is the gripper's action. The decisions
 /// in which the cap is off its rest.
 fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
-    let scene = Scene::new(TaskGroup::ButtonPress, embodiment, Camera::default());
-    let mut env = TableTop::new(Arc::new(scene.unwrap()), Dynamics::default()).unwrap();
+    let scene = Scene::new(TaskGroup::BUTTON_PRESS, embodiment, Camera::default());
+    let mut env = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     env.reset(D2::Identity, &mut rng).unwrap();
     let rest = env.measurement().unwrap().object;

@@ -2,10 +2,16 @@
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
+#[path = "../examples/inpainting/arm.rs"]
+mod arm;
+
 use std::sync::Arc;
 
-use envs::inpainting::{Correction, Inpainter, Inpainting, Limb, Skeleton, View};
-use envs::{Camera, Dynamics, Embodiment, Light, Painter, RGB, Scene, TableTop, TaskGroup};
+use arm::Arm;
+use envs::{Camera, Control, Embodiment, Light, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use glam::DVec3;
+use inpainting::{ColorCorrection, Inpainter, InpainterSettings, Link};
+use mujoco::Model;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -29,11 +35,11 @@ struct Tally {
 
 struct Studio {
     table: TableTop,
-    raw: Painter,
-    alone: Painter,
-    shortcut: Painter,
-    skeleton: Skeleton,
-    /// Factor of the limbs' radii.
+    raw: SceneRenderer,
+    alone: SceneRenderer,
+    shortcut: SceneRenderer,
+    arm: Arm,
+    /// Factor of the links' radii.
     thickness: f64,
 }
 
@@ -50,39 +56,38 @@ impl Studio {
         };
         let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
         Self {
-            table: TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap(),
-            raw: Painter::with_arm(Arc::clone(&scene)).unwrap(),
-            alone: Painter::of_table(Arc::clone(&scene)).unwrap(),
-            shortcut: Painter::new(Arc::clone(&scene)).unwrap(),
-            skeleton: Skeleton::new(&scene),
+            table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
+            raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),
+            alone: SceneRenderer::of_table(Arc::clone(&scene)).unwrap(),
+            shortcut: SceneRenderer::new(Arc::clone(&scene)).unwrap(),
+            arm: Arm::new(&scene.model).unwrap(),
             thickness: 1.0,
         }
     }
 
-    fn paint(painter: &mut Painter, table: &mut TableTop) -> Vec<u8> {
+    fn paint(renderer: &mut SceneRenderer, table: &mut TableTop) -> Vec<u8> {
         let mut rgb = vec![0; SIZE * SIZE * RGB];
-        painter.paint(table, &mut rgb).unwrap();
+        renderer.render(table, &mut rgb).unwrap();
         rgb
     }
 
-    fn inpainter(&mut self, correction: Correction) -> Inpainter {
+    fn inpainter(&mut self, correction: ColorCorrection) -> Inpainter {
         let camera = self.table.scene().camera;
-        let limbs = self.skeleton.limbs().iter().map(|limb| Limb {
-            radius: self.thickness * limb.radius,
-            ..*limb
+        let links = self.arm.links().iter().map(|link| Link {
+            radius: self.thickness * link.radius,
+            ..*link
         });
-        let settings = Inpainting {
-            view: View::from(&camera),
-            limbs: limbs.collect(),
+        let settings = InpainterSettings {
+            camera: arm::pinhole(&camera),
+            links: links.collect(),
             correction,
-            mark: camera.mark,
-            mark_depth: camera.height,
+            mark: arm::mark(&camera),
         };
         Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()
     }
 
     /// Lets the expert act for an episode of the variant and compares every frame with the arm-free one.
-    fn episode(&mut self, element: D2, correction: Correction) -> Tally {
+    fn episode(&mut self, element: D2, correction: ColorCorrection) -> Tally {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         self.table.reset(element, &mut rng).unwrap();
         let (mut full, mut composed) = (self.inpainter(correction), self.inpainter(correction));
@@ -112,7 +117,7 @@ impl Studio {
 
     fn inpaint(&self, inpainter: &mut Inpainter, rgb: &[u8]) -> Vec<u8> {
         let mut out = vec![0; rgb.len()];
-        let (joints, hand) = (self.skeleton.joints(&self.table), self.table.hand());
+        let (joints, hand) = (self.arm.joints(&self.table), self.table.hand());
         inpainter.inpaint(rgb, &joints, hand, &mut out).unwrap();
         out
     }
@@ -138,10 +143,10 @@ fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
 /// seen late by any in-painting; the arm-free picture sees it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::new(group);
         for element in D2::ALL {
-            let tally = studio.episode(element, Correction::MeanAndDeviation);
+            let tally = studio.episode(element, ColorCorrection::MeanAndDeviation);
             let share = |count: usize| count as f64 / tally.pixels as f64;
             assert!(share(tally.arm) > 0.04, "{group} {element}: {tally:?}");
             assert!(tally.uncovered < 5, "{group} {element}: {tally:?}");
@@ -154,11 +159,11 @@ fn painting_the_arm_out_equals_not_drawing_it() {
                 late <= share(tally.least) + 2e-3,
                 "{group} {element}: {tally:?}"
             );
-            let most = match group {
-                TaskGroup::GoalReach => 0.0,
-                TaskGroup::PlateSlide => 0.005,
-                TaskGroup::ButtonPress => 0.01,
-                TaskGroup::DrawerClose => 0.015,
+            let most = match group.name() {
+                "goal-reach" => 0.0,
+                "plate-slide" => 0.005,
+                "button-press" => 0.01,
+                _ => 0.015,
             };
             assert!(late <= most, "{group} {element}: {tally:?}");
         }
@@ -167,22 +172,22 @@ fn painting_the_arm_out_equals_not_drawing_it() {
 
 #[test]
 fn a_mask_that_is_too_thin_is_noticed() {
-    let mut studio = Studio::new(TaskGroup::GoalReach);
+    let mut studio = Studio::new(TaskGroup::GOAL_REACH);
     studio.thickness = 0.7;
-    let tally = studio.episode(D2::Identity, Correction::MeanAndDeviation);
+    let tally = studio.episode(D2::Identity, ColorCorrection::MeanAndDeviation);
     assert!(tally.uncovered > 1000, "{tally:?}");
     assert!(tally.from_composed * 200 > tally.pixels, "{tally:?}");
 }
 
 /// Mean difference (levels) of pictures taken under dim light, and painted with a background taken under full light, from the arm-free picture under
 /// full light, mark included.
-fn deviation_under_dim_light(correction: Correction) -> f64 {
+fn deviation_under_dim_light(correction: ColorCorrection) -> f64 {
     let light = Light {
         ambient: 0.3,
         camera: 0.25,
         overhead: 0.2,
     };
-    let group = TaskGroup::PlateSlide;
+    let group = TaskGroup::PLATE_SLIDE;
     let (mut full, mut dim) = (Studio::new(group), Studio::lit(group, light));
     for studio in [&mut full, &mut dim] {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -206,8 +211,11 @@ fn deviation_under_dim_light(correction: Correction) -> f64 {
 
 #[test]
 fn other_light_is_corrected() {
-    let none = deviation_under_dim_light(Correction::None);
-    for correction in [Correction::MeanAndDeviation, Correction::GreyWorld] {
+    let none = deviation_under_dim_light(ColorCorrection::None);
+    for correction in [
+        ColorCorrection::MeanAndDeviation,
+        ColorCorrection::GreyWorld,
+    ] {
         let corrected = deviation_under_dim_light(correction);
         println!("{correction:?}: {none} -> {corrected}");
         assert!(
@@ -215,4 +223,31 @@ fn other_light_is_corrected() {
             "{correction:?}: {none} -> {corrected}"
         );
     }
+}
+
+#[test]
+fn the_pinhole_camera_projects_as_the_table_camera_does() {
+    let camera = Camera::default();
+    let pinhole = arm::pinhole(&camera);
+    pinhole.check().unwrap();
+    for point in [[0.1, -0.2, 0.3], [-0.4, 0.3, 0.0]].map(DVec3::from_array) {
+        let [u, v] = camera.project(point);
+        let [right, down] = pinhole.project(point).unwrap();
+        assert!((right - u).abs() < 1e-9 && (down + v).abs() < 1e-9);
+    }
+}
+
+/// A link that is left out would stay in the picture.
+#[test]
+fn an_arm_with_a_shape_that_has_no_capsule_is_refused_by_name() {
+    let model = |shape: &str| {
+        let geom = format!(r#"<geom name="wrist" group="3" {shape}/>"#);
+        let body = format!(r#"<body name="arm">{geom}</body>"#);
+        Model::from_xml(&format!("<mujoco><worldbody>{body}</worldbody></mujoco>")).unwrap()
+    };
+    let sphere = model(r#"type="sphere" size=".1""#);
+    assert_eq!(Arm::new(&sphere).unwrap().links().len(), 1);
+    let ellipsoid = model(r#"type="ellipsoid" size=".1 .2 .3""#);
+    let message = Arm::new(&ellipsoid).unwrap_err();
+    assert!(message.contains("`wrist`"), "{message}");
 }

@@ -5,17 +5,17 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use envs::{Backdrop, Camera, Dynamics, Embodiment, Painter, RGB, Scene, TableTop, TaskGroup};
+use envs::{Backdrop, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// One group's table and its painter.
+/// One group's table and its renderer.
 struct Studio {
     group: TaskGroup,
     size: usize,
     table: TableTop,
-    painter: Painter,
+    renderer: SceneRenderer,
 }
 
 impl Studio {
@@ -30,13 +30,13 @@ impl Studio {
     fn seen_by(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Self {
         let size = camera.size;
         let scene = Arc::new(Scene::new(group, embodiment, camera).unwrap());
-        let table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
-        let painter = Painter::new(scene).unwrap();
+        let table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+        let renderer = SceneRenderer::new(scene).unwrap();
         Self {
             group,
             size,
             table,
-            painter,
+            renderer,
         }
     }
 
@@ -47,7 +47,7 @@ impl Studio {
         let picture = |element| {
             let mut rgb = vec![0; self.size * self.size * RGB];
             self.table.reset_to(element, placement).unwrap();
-            self.painter.paint(&mut self.table, &mut rgb).unwrap();
+            self.renderer.render(&mut self.table, &mut rgb).unwrap();
             rgb
         };
         D2::ALL.map(picture).to_vec()
@@ -82,7 +82,7 @@ fn assert_few_and_off_by_an_edge(differing: &[usize], size: usize) {
 
 #[test]
 fn variants_are_mirror_images_bit_for_bit() {
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         for (embodiment, seeds) in [(Embodiment::Sawyer, 4..5), (Embodiment::Hand, 0..25)] {
             for size in [48, 64] {
                 let mut studio = Studio::new(group, embodiment, size);
@@ -106,7 +106,7 @@ fn variants_are_mirror_images_bit_for_bit() {
 fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edge() {
     let size = 48;
     let mut differing = Vec::new();
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::new(group, Embodiment::Sawyer, size);
         for seed in 0..25 {
             let pictures = studio.pictures(seed);
@@ -128,7 +128,7 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
         ..Camera::default()
     };
     let mut differing = Vec::new();
-    for group in TaskGroup::ALL {
+    for group in TaskGroup::STANDARD {
         let [mut direct, mut mirrored] =
             Embodiment::ALL.map(|embodiment| Studio::seen_by(group, embodiment, camera));
         for seed in 0..25 {
@@ -146,11 +146,11 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
     let size = 64;
     let cases = Embodiment::ALL
         .into_iter()
-        .flat_map(|embodiment| TaskGroup::ALL.map(|group| (group, embodiment)));
+        .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {
         let Studio {
             mut table,
-            mut painter,
+            mut renderer,
             ..
         } = Studio::new(group, embodiment, size);
         let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB]);
@@ -158,11 +158,11 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
         for element in D2::ALL {
             let mut rng = ChaCha8Rng::seed_from_u64(2);
             table.reset(element, &mut rng).unwrap();
-            painter.paint_backdrop(&mut table, &mut backdrop).unwrap();
+            renderer.draw_backdrop(&mut table, &mut backdrop).unwrap();
             loop {
-                painter.paint(&mut table, &mut expected).unwrap();
-                painter
-                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                renderer.render(&mut table, &mut expected).unwrap();
+                renderer
+                    .render_over(&mut table, &mut backdrop, &mut rgb)
                     .unwrap();
                 assert!(rgb == expected, "{group} {embodiment} {element}");
                 let action = table.expert_action().unwrap();
@@ -177,9 +177,9 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
 #[test]
 fn every_variant_with_objects_looks_different() {
     // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper over the centre.
-    let groups = TaskGroup::ALL
+    let groups = TaskGroup::STANDARD
         .into_iter()
-        .filter(|&group| group != TaskGroup::GoalReach);
+        .filter(|&group| group != TaskGroup::GOAL_REACH);
     let pictures: HashSet<Vec<u8>> = groups
         .flat_map(|group| Studio::new(group, Embodiment::Sawyer, 48).pictures(4))
         .collect();
@@ -190,7 +190,7 @@ fn every_variant_with_objects_looks_different() {
 #[test]
 fn the_canonical_drawer_is_up_and_to_the_right() {
     let size = 48;
-    let picture = &Studio::new(TaskGroup::DrawerClose, Embodiment::Sawyer, size).pictures(4)[0];
+    let picture = &Studio::new(TaskGroup::DRAWER_CLOSE, Embodiment::Sawyer, size).pictures(4)[0];
     let green = picture
         .chunks_exact(RGB)
         .enumerate()
@@ -222,7 +222,7 @@ fn a_point_projects_to_its_pixel() {
         ..Camera::default()
     };
     for embodiment in Embodiment::ALL {
-        let mut studio = Studio::seen_by(TaskGroup::ButtonPress, embodiment, camera);
+        let mut studio = Studio::seen_by(TaskGroup::BUTTON_PRESS, embodiment, camera);
         let placement = studio.group.task().place(&mut ChaCha8Rng::seed_from_u64(1));
         let cap = placement.object + glam::DVec3::new(0.0, -0.1764, 0.0425);
         for (element, rgb) in D2::ALL.into_iter().zip(studio.pictures(1)) {
@@ -244,6 +244,6 @@ fn odd_sizes_are_refused() {
         size: 47,
         ..Camera::default()
     };
-    let error = Scene::new(TaskGroup::GoalReach, Embodiment::Sawyer, camera).unwrap_err();
+    let error = Scene::new(TaskGroup::GOAL_REACH, Embodiment::Sawyer, camera).unwrap_err();
     assert!(error.to_string().contains("image size` is 47"));
 }

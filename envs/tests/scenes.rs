@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Dynamics, Embodiment, HAND_START, Layout, Scene, TableTop, TaskGroup};
+use envs::{Camera, Control, Embodiment, HAND_START, Layout, Scene, TableTop, TaskGroup};
 use mujoco::Data;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +18,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
         for embodiment in Embodiment::ALL {
-            for group in TaskGroup::ALL {
+            for group in TaskGroup::STANDARD {
                 let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).unwrap();
                 let unnamed = scene.model.unnamed();
                 let warning = scene.model.warning();
@@ -36,7 +36,7 @@ fn everything_in_every_scene_has_a_name() {
 #[test]
 fn hands_rest_below_their_target() {
     for embodiment in Embodiment::ALL {
-        let scene = scene(TaskGroup::GoalReach, embodiment);
+        let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
         data.restore(scene.settled()).unwrap();
         data.forward_kinematics().unwrap();
@@ -53,7 +53,7 @@ fn hands_rest_below_their_target() {
 #[test]
 fn the_hand_follows_its_target_as_the_arm_does() {
     let follow = |embodiment| {
-        let scene = scene(TaskGroup::GoalReach, embodiment);
+        let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
         data.restore(scene.settled()).unwrap();
         let (target, hand) = (
@@ -82,7 +82,7 @@ fn the_hand_follows_its_target_as_the_arm_does() {
 /// What the hand's masks leave out: the walls, which are out of its reach.
 #[test]
 fn the_hand_cannot_reach_the_walls() {
-    let scene = Arc::new(scene(TaskGroup::GoalReach, Embodiment::Hand));
+    let scene = Arc::new(scene(TaskGroup::GOAL_REACH, Embodiment::Hand));
     let model = &scene.model;
     let inside = |wall: &str, axis: usize| {
         let wall = model.geom(wall).unwrap();
@@ -91,7 +91,7 @@ fn the_hand_cannot_reach_the_walls() {
         data.geom_position(wall)[axis].abs() - half
     };
     let walls = [inside("wall_right", 0), inside("wall_far", 1)];
-    let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+    let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
     for corner in D2::ALL {
         table
             .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))
@@ -125,11 +125,11 @@ fn the_hand_cannot_reach_the_walls() {
 #[test]
 fn a_shut_drawer_stands_against_the_wall() {
     for embodiment in Embodiment::ALL {
-        let scene = Arc::new(scene(TaskGroup::DrawerClose, embodiment));
+        let scene = Arc::new(scene(TaskGroup::DRAWER_CLOSE, embodiment));
         let slide = scene
             .model
             .joint_qpos_address(scene.model.joint("slide").unwrap());
-        let mut table = TableTop::new(Arc::clone(&scene), Dynamics::default()).unwrap();
+        let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
         for element in D2::ALL {
             table
                 .reset(element, &mut ChaCha8Rng::seed_from_u64(1))

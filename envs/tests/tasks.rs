@@ -5,8 +5,7 @@
 use std::sync::{Arc, LazyLock};
 
 use envs::{
-    ACTION_DIM, Camera, Dynamics, Embodiment, EnvError, Scene, TableTop, TaskGroup, TaskVariant,
-    VECTOR_DIM,
+    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VECTOR_DIM,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,12 +13,14 @@ use symmetry::D2;
 
 static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
     let scene = |group| Scene::new(group, Embodiment::Sawyer, Camera::default()).unwrap();
-    TaskGroup::ALL.map(|group| Arc::new(scene(group))).to_vec()
+    TaskGroup::STANDARD
+        .map(|group| Arc::new(scene(group)))
+        .to_vec()
 });
 
 fn table(group: TaskGroup) -> TableTop {
     let scene = SCENES.iter().find(|scene| scene.group == group).unwrap();
-    TableTop::new(Arc::clone(scene), Dynamics::default()).unwrap()
+    TableTop::new(Arc::clone(scene), Control::default()).unwrap()
 }
 
 fn observe(table: &TableTop) -> [f32; VECTOR_DIM] {
@@ -28,13 +29,14 @@ fn observe(table: &TableTop) -> [f32; VECTOR_DIM] {
 
 #[test]
 fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
-    for variant in TaskVariant::all() {
+    let variants = TaskGroup::STANDARD.map(TaskGroup::variants);
+    for variant in variants.concat() {
         let mut table = table(variant.group);
         table
             .reset(variant.element, &mut ChaCha8Rng::seed_from_u64(2))
             .unwrap();
         let goal = &observe(&table)[4..];
-        let told = variant.group == TaskGroup::GoalReach;
+        let told = variant.group == TaskGroup::GOAL_REACH;
         assert_eq!(goal.iter().any(|&value| value != 0.0), told, "{variant}");
         if told {
             assert_eq!(goal[0] < 0.0, variant.element.flips_x());
@@ -45,7 +47,7 @@ fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
 
 #[test]
 fn bad_actions_and_early_steps_are_errors() {
-    let mut table = table(TaskGroup::GoalReach);
+    let mut table = table(TaskGroup::GOAL_REACH);
     let early = table.step(&[0.0; ACTION_DIM]).unwrap_err();
     assert!(matches!(table.observe(), Err(EnvError::NotReset)));
     assert!(matches!(early, EnvError::NotReset));
@@ -70,7 +72,7 @@ fn bad_actions_and_early_steps_are_errors() {
 
 #[test]
 fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
-    let mut table = table(TaskGroup::ButtonPress);
+    let mut table = table(TaskGroup::BUTTON_PRESS);
     table
         .reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0))
         .unwrap();
@@ -84,10 +86,10 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 #[test]
 fn impossible_dynamics_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
-    let dynamics = Dynamics {
+    let control = Control {
         action_repeat: 7,
-        ..Dynamics::default()
+        ..Control::default()
     };
-    let message = TableTop::new(scene, dynamics).err().unwrap().to_string();
+    let message = TableTop::new(scene, control).err().unwrap().to_string();
     assert!(message.contains("500 with action repeat 7"), "{message}");
 }

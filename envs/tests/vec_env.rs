@@ -5,8 +5,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Dynamics, EnvError, ObservationsMut, Painter, RGB, Scene, TableTop,
-    TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Control, EnvError, ObservationsMut, RGB, Scene, SceneRenderer,
+    TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -22,9 +22,9 @@ fn settings(threads: usize) -> VecEnvSettings {
             size: 16,
             ..Camera::default()
         },
-        dynamics: Dynamics {
+        control: Control {
             horizon: 60,
-            ..Dynamics::default()
+            ..Control::default()
         },
         seed: 11,
         ..VecEnvSettings::default()
@@ -40,13 +40,13 @@ fn action(step: usize) -> Vec<f32> {
 /// Everything that 15 steps over a switch of groups show, in one list of numbers.
 fn trace(threads: usize) -> Vec<u32> {
     let settings = settings(threads);
-    let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let mut trace = Vec::new();
     for group in [
-        TaskGroup::DrawerClose,
-        TaskGroup::PlateSlide,
-        TaskGroup::DrawerClose,
+        TaskGroup::DRAWER_CLOSE,
+        TaskGroup::PLATE_SLIDE,
+        TaskGroup::DRAWER_CLOSE,
     ] {
         env.set_tasks(group, &D2::ALL).unwrap();
         env.reset(buffers.observations()).unwrap();
@@ -75,11 +75,11 @@ fn any_number_of_threads_gives_the_same_bits() {
 #[test]
 fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     let settings = settings(2);
-    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     let start = buffers.vectors.clone();
-    for step in 1..=settings.dynamics.decisions() {
+    for step in 1..=settings.control.decisions() {
         assert!(
             buffers.truncated.iter().all(|&end| !end),
             "before step {step}"
@@ -115,7 +115,7 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
 /// One environment driven by hand: the slow twin of a row.
 struct Twin {
     table: TableTop,
-    painter: Painter,
+    renderer: SceneRenderer,
     rng: ChaCha8Rng,
     first: Vec<u8>,
 }
@@ -127,8 +127,8 @@ impl Twin {
         let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
         rng.set_stream(env as u64);
         Self {
-            table: TableTop::new(Arc::clone(&scene), settings.dynamics).unwrap(),
-            painter: Painter::new(scene).unwrap(),
+            table: TableTop::new(Arc::clone(&scene), settings.control).unwrap(),
+            renderer: SceneRenderer::new(scene).unwrap(),
             rng,
             first: vec![0; settings.camera.size * settings.camera.size * RGB],
         }
@@ -137,15 +137,15 @@ impl Twin {
     fn begin(&mut self) -> (Vec<u8>, Vec<f32>) {
         let element = D2::ALL[self.rng.random_range(0..4)];
         self.table.reset(element, &mut self.rng).unwrap();
-        self.painter
-            .paint(&mut self.table, &mut self.first)
+        self.renderer
+            .render(&mut self.table, &mut self.first)
             .unwrap();
         self.observe()
     }
 
     fn observe(&mut self) -> (Vec<u8>, Vec<f32>) {
         let mut now = self.first.clone();
-        self.painter.paint(&mut self.table, &mut now).unwrap();
+        self.renderer.render(&mut self.table, &mut now).unwrap();
         let pixels = now.chunks(RGB).zip(self.first.chunks(RGB));
         let image = pixels.flat_map(|(now, first)| [now, first].concat());
         (image.collect(), self.table.observe().unwrap().to_vec())
@@ -163,7 +163,7 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 
 #[test]
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
-    let (settings, group) = (settings(2), TaskGroup::ButtonPress);
+    let (settings, group) = (settings(2), TaskGroup::BUTTON_PRESS);
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
@@ -202,7 +202,7 @@ fn a_seed_given_later_is_as_good_as_one_given_at_first() {
     };
     let settings = settings(2);
     let mut buffers = Batch::new(&settings);
-    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let fresh = first(&mut env, &mut buffers);
     let second = first(&mut env, &mut buffers);
     env.reseed(settings.seed + 1).unwrap();
@@ -234,7 +234,7 @@ fn variants_are_drawn_from_the_elements_given() {
         num_envs: 12,
         ..settings(2)
     };
-    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &[D2::FlipX]).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &[D2::FlipX]).unwrap();
     let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
     let goals = |buffers: &Batch| -> Vec<(bool, bool)> {
@@ -246,7 +246,7 @@ fn variants_are_drawn_from_the_elements_given() {
             .iter()
             .all(|&quadrant| quadrant == (true, false))
     );
-    env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
+    env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
     let quadrants: std::collections::HashSet<_> = goals(&buffers).into_iter().collect();
     assert!(quadrants.len() > 1);
@@ -255,7 +255,7 @@ fn variants_are_drawn_from_the_elements_given() {
 #[test]
 fn bad_input_is_refused_and_changes_nothing() {
     let settings = settings(2);
-    let mut env = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let early = env.step(&action(0), buffers.step()).unwrap_err();
     assert!(
@@ -276,10 +276,10 @@ fn bad_input_is_refused_and_changes_nothing() {
         message.contains("environment 1: component 2 of the action is inf"),
         "{message}"
     );
-    let none = env.set_tasks(TaskGroup::GoalReach, &[]).unwrap_err();
+    let none = env.set_tasks(TaskGroup::GOAL_REACH, &[]).unwrap_err();
     assert!(none.to_string().contains("no variants of goal-reach"));
     env.step(&action(0), buffers.step()).unwrap();
-    let mut fresh = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut fresh = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut expected = Batch::new(&settings);
     fresh.reset(expected.observations()).unwrap();
     fresh.step(&action(0), expected.step()).unwrap();
@@ -290,12 +290,12 @@ fn bad_input_is_refused_and_changes_nothing() {
 #[test]
 fn a_switch_ends_running_episodes() {
     let settings = settings(2);
-    let mut env = VecEnv::new(settings, TaskGroup::DrawerClose, &[D2::Identity]).unwrap();
+    let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &[D2::Identity]).unwrap();
     let mut buffers = Batch::new(&settings);
     env.reset(buffers.observations()).unwrap();
-    env.set_tasks(TaskGroup::GoalReach, &D2::ALL).unwrap();
+    env.set_tasks(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     env.reset(buffers.observations()).unwrap();
-    env.set_tasks(TaskGroup::DrawerClose, &[D2::HalfTurn])
+    env.set_tasks(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn])
         .unwrap();
     let stale = env.step(&action(0), buffers.step()).unwrap_err();
     assert!(
@@ -309,18 +309,18 @@ fn a_switch_ends_running_episodes() {
 #[test]
 fn preparing_groups_changes_nothing_that_is_seen() {
     let settings = settings(2);
-    let mut plain = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
-    let mut prepared = VecEnv::new(settings, TaskGroup::GoalReach, &D2::ALL).unwrap();
+    let mut plain = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
+    let mut prepared = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut buffers = [Batch::new(&settings), Batch::new(&settings)];
     let [a, b] = &mut buffers;
-    for group in [TaskGroup::GoalReach, TaskGroup::PlateSlide] {
+    for group in [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE] {
         plain.set_tasks(group, &D2::ALL).unwrap();
         prepared.set_tasks(group, &D2::ALL).unwrap();
         plain.reset(a.observations()).unwrap();
         prepared.reset(b.observations()).unwrap();
         plain.step(&action(0), a.step()).unwrap();
         // in the middle of episodes
-        prepared.prepare(&TaskGroup::ALL).unwrap();
+        prepared.prepare(&TaskGroup::STANDARD).unwrap();
         prepared.step(&action(0), b.step()).unwrap();
         assert_eq!((&a.images, &a.vectors), (&b.images, &b.vectors), "{group}");
     }
@@ -345,7 +345,7 @@ fn settings_out_of_range_are_refused() {
             ..settings(1)
         },
     ] {
-        let error = VecEnv::new(broken, TaskGroup::GoalReach, &D2::ALL)
+        let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL)
             .err()
             .unwrap();
         assert!(matches!(error, EnvError::Setting { .. }), "{error}");

@@ -6,8 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::{CANONICAL_X, STOCK_X, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
-use crate::scene::HAND_START;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
+use crate::task::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+};
 
 /// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past the press.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
@@ -26,12 +27,12 @@ const PRESSED: f64 = 0.005;
 /// Fingertips this near to the cap count as touching (metres).
 const NEAR: f64 = 0.05;
 
-const PARTS: Parts = Parts {
-    scene: Some(part!("button_press.xml")),
+const PARTS: Parts<'static> = Parts {
+    mjcf: Some(part!("button_press.xml").1),
     object_body: Some("button"),
     object_offset: CAP,
     start_joints: &[],
-    tells_goal: false,
+    goal_observable: false,
 };
 
 /// The button task.
@@ -39,41 +40,29 @@ const PARTS: Parts = Parts {
 pub struct ButtonPress;
 
 impl Task for ButtonPress {
-    fn parts(&self) -> &'static Parts {
-        &PARTS
+    fn name(&self) -> &str {
+        "button-press"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, BOX_Y), BOX_Z);
         Placement {
             object,
-            hand_start: HAND_START,
             goal: object + HOLE,
         }
     }
 
-    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, STOCK_BOX_Y), BOX_Z);
-        Placement {
-            object,
-            hand_start: STOCK_HAND_START,
-            goal: object + HOLE,
-        }
-    }
-
-    fn evaluate(
-        &self,
-        placement: &Placement,
-        start: &Measurement,
-        now: &Measurement,
-        _: f64,
-    ) -> Evaluation {
-        let remaining = (placement.goal.y - now.object.y).abs();
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+        let remaining = (start.placement.goal.y - now.object.y).abs();
         let distance = now.object.distance(now.tcp);
-        let near = long_tail(distance, NEAR, now.object.distance(start.tcp));
+        let near = long_tail(distance, NEAR, now.object.distance(start.measured.tcp));
         let pressed = long_tail(remaining, PRESSED, TRAVEL);
         let touching = if distance <= NEAR { 1.0 } else { 0.0 };
-        Evaluation {
+        StepReward {
             approach: near,
             in_place: pressed,
             remaining,
@@ -92,5 +81,22 @@ impl Task for ButtonPress {
             aim + DVec3::new(0.0, 0.1, 0.0)
         };
         ExpertCommand { hand, finger: 0.0 }
+    }
+
+    fn stock(&self) -> Option<Stock<'_>> {
+        Some(Stock {
+            name: "button-press",
+            hand_target: STOCK_HAND_START,
+            addition: None,
+            place: place_stock,
+        })
+    }
+}
+
+fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+    let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, STOCK_BOX_Y), BOX_Z);
+    Placement {
+        object,
+        goal: object + HOLE,
     }
 }

@@ -6,8 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian, hamacher, long_tail};
-use crate::scene::HAND_START;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
+use crate::task::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+};
 
 const CASE_Y: f64 = 0.3;
 /// Joint position of the open drawer (metres); zero is shut.
@@ -22,12 +23,12 @@ const SUCCESS: f64 = 0.065;
 /// Fingertips this near to the handle count as there (metres).
 const NEAR: f64 = 0.005;
 
-const PARTS: Parts = Parts {
-    scene: Some(part!("drawer_close.xml")),
+const PARTS: Parts<'static> = Parts {
+    mjcf: Some(part!("drawer_close.xml").1),
     object_body: Some("drawer"),
     object_offset: HANDLE,
     start_joints: &[("slide", OPEN)],
-    tells_goal: false,
+    goal_observable: false,
 };
 
 /// The drawer task.
@@ -35,43 +36,36 @@ const PARTS: Parts = Parts {
 pub struct DrawerClose;
 
 impl Task for DrawerClose {
-    fn parts(&self) -> &'static Parts {
-        &PARTS
+    fn name(&self) -> &str {
+        "drawer-close"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(uniform(rng, CANONICAL_X), CASE_Y, 0.0);
         Placement {
             object,
-            hand_start: HAND_START,
             goal: object + SHUT,
         }
     }
 
-    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = DVec3::new(uniform(rng, STOCK_X), CASE_Y, 0.0);
-        Placement {
-            object,
-            hand_start: STOCK_HAND_START,
-            goal: object + SHUT,
-        }
-    }
-
-    fn evaluate(
-        &self,
-        placement: &Placement,
-        start: &Measurement,
-        now: &Measurement,
-        finger: f64,
-    ) -> Evaluation {
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+        let EpisodeStart {
+            placement,
+            measured,
+            ..
+        } = start;
         let remaining = now.object.distance(placement.goal);
-        let at_start = start.object.distance(placement.goal);
+        let at_start = measured.object.distance(placement.goal);
         let shut = long_tail(remaining, BOUND, (at_start - BOUND).abs());
-        let way = (start.object.distance(start.tcp) - NEAR).abs();
+        let way = (measured.object.distance(measured.tcp) - NEAR).abs();
         let reached = gaussian(now.object.distance(now.tcp), NEAR, way);
         let success = remaining <= SUCCESS;
         let pushing = hamacher(reached, finger.clamp(0.0, 1.0));
-        Evaluation {
+        StepReward {
             approach: pushing,
             in_place: shut,
             remaining,
@@ -100,5 +94,22 @@ impl Task for DrawerClose {
             aim + DVec3::new(0.0, 0.05, 0.0)
         };
         ExpertCommand { hand, finger: 1.0 }
+    }
+
+    fn stock(&self) -> Option<Stock<'_>> {
+        Some(Stock {
+            name: "drawer-close",
+            hand_target: STOCK_HAND_START,
+            addition: None,
+            place: place_stock,
+        })
+    }
+}
+
+fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+    let object = DVec3::new(uniform(rng, STOCK_X), CASE_Y, 0.0);
+    Placement {
+        object,
+        goal: object + SHUT,
     }
 }

@@ -4,9 +4,11 @@ use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use crate::mjcf::part;
 use crate::reward::long_tail;
-use crate::scene::HAND_START;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
+use crate::task::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+};
 
 /// Fingertips this near to the goal succeed (metres).
 const RADIUS: f64 = 0.05;
@@ -20,12 +22,12 @@ const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
 const DECOY_Z: f64 = 0.02;
 const APART: f64 = 0.15;
 
-const PARTS: Parts = Parts {
-    scene: None,
+const PARTS: Parts<'static> = Parts {
+    mjcf: None,
     object_body: None,
     object_offset: DVec3::ZERO,
     start_joints: &[],
-    tells_goal: true,
+    goal_observable: true,
 };
 
 /// The reach task; its scene is the bare table.
@@ -33,8 +35,12 @@ const PARTS: Parts = Parts {
 pub struct GoalReach;
 
 impl Task for GoalReach {
-    fn parts(&self) -> &'static Parts {
-        &PARTS
+    fn name(&self) -> &str {
+        "goal-reach"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -43,43 +49,15 @@ impl Task for GoalReach {
             uniform(rng, GOAL_Y),
             uniform(rng, GOAL_Z),
         );
-        Placement {
-            object: goal,
-            hand_start: HAND_START,
-            goal,
-        }
+        Placement { object: goal, goal }
     }
 
-    /// The object is Meta-World's decoy, at least 0.15 m from the goal in the plane.
-    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
-        loop {
-            let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, DECOY_Y), DECOY_Z);
-            let goal = DVec3::new(
-                uniform(rng, STOCK_X),
-                uniform(rng, STOCK_GOAL_Y),
-                uniform(rng, STOCK_GOAL_Z),
-            );
-            if (goal - object).truncate().length() >= APART {
-                return Placement {
-                    object,
-                    hand_start: STOCK_HAND_START,
-                    goal,
-                };
-            }
-        }
-    }
-
-    fn evaluate(
-        &self,
-        placement: &Placement,
-        _: &Measurement,
-        now: &Measurement,
-        _: f64,
-    ) -> Evaluation {
-        let distance = now.tcp.distance(placement.goal);
-        let margin = placement.hand_start.distance(placement.goal);
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+        let goal = start.placement.goal;
+        let distance = now.tcp.distance(goal);
+        let margin = start.hand_target.distance(goal);
         let in_place = long_tail(distance, RADIUS, margin);
-        Evaluation {
+        StepReward {
             approach: 1.0,
             in_place,
             remaining: distance,
@@ -92,6 +70,30 @@ impl Task for GoalReach {
         ExpertCommand {
             hand: placement.goal + (now.hand - now.tcp),
             finger: 0.0,
+        }
+    }
+
+    fn stock(&self) -> Option<Stock<'_>> {
+        Some(Stock {
+            name: "reach",
+            hand_target: STOCK_HAND_START,
+            addition: Some(part!("decoy.xml" in "metaworld").1),
+            place: place_stock,
+        })
+    }
+}
+
+/// The object is Meta-World's decoy, at least 0.15 m from the goal in the plane.
+fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+    loop {
+        let object = DVec3::new(uniform(rng, STOCK_X), uniform(rng, DECOY_Y), DECOY_Z);
+        let goal = DVec3::new(
+            uniform(rng, STOCK_X),
+            uniform(rng, STOCK_GOAL_Y),
+            uniform(rng, STOCK_GOAL_Z),
+        );
+        if (goal - object).truncate().length() >= APART {
+            return Placement { object, goal };
         }
     }
 }

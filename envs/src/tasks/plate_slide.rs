@@ -6,8 +6,9 @@ use rand_chacha::ChaCha8Rng;
 use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
-use crate::scene::HAND_START;
-use crate::task::{Evaluation, ExpertCommand, Measurement, Parts, Placement, Task};
+use crate::task::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
+};
 
 const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
 const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
@@ -22,12 +23,12 @@ const POST: DVec2 = DVec2::new(0.045, 0.17);
 /// How far ahead of the hand the expert aims along y where it must go sideways first (metres).
 const SLOWLY: f64 = 0.01;
 
-const PARTS: Parts = Parts {
-    scene: Some(part!("plate_slide.xml")),
+const PARTS: Parts<'static> = Parts {
+    mjcf: Some(part!("plate_slide.xml").1),
     object_body: Some("puck"),
     object_offset: DVec3::ZERO,
     start_joints: &[],
-    tells_goal: false,
+    goal_observable: false,
 };
 
 /// The plate task.
@@ -35,42 +36,32 @@ const PARTS: Parts = Parts {
 pub struct PlateSlide;
 
 impl Task for PlateSlide {
-    fn parts(&self) -> &'static Parts {
-        &PARTS
+    fn name(&self) -> &str {
+        "plate-slide"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
         Placement {
             object: PUCK_START,
-            hand_start: HAND_START,
             goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
         }
     }
 
-    fn place_stock(&self, rng: &mut ChaCha8Rng) -> Placement {
-        Placement {
-            object: PUCK_START,
-            hand_start: STOCK_HAND_START,
-            goal: DVec3::new(uniform(rng, STOCK_X), uniform(rng, GOAL_Y), 0.0),
-        }
-    }
-
-    fn evaluate(
-        &self,
-        placement: &Placement,
-        start: &Measurement,
-        now: &Measurement,
-        _: f64,
-    ) -> Evaluation {
-        let remaining = now.object.distance(placement.goal);
-        let margin = START_ON_TABLE.distance(placement.goal);
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+        let goal = start.placement.goal;
+        let remaining = now.object.distance(goal);
+        let margin = START_ON_TABLE.distance(goal);
         let placed = long_tail(remaining, BOUND, margin);
         let touching = long_tail(
             now.tcp.distance(now.object),
             BOUND,
-            start.tcp.distance(START_ON_TABLE),
+            start.measured.tcp.distance(START_ON_TABLE),
         );
-        Evaluation {
+        StepReward {
             approach: touching,
             in_place: placed,
             remaining,
@@ -103,5 +94,21 @@ impl Task for PlateSlide {
             DVec3::new(placement.goal.x, y, aim.z)
         };
         ExpertCommand { hand, finger: -1.0 }
+    }
+
+    fn stock(&self) -> Option<Stock<'_>> {
+        Some(Stock {
+            name: "plate-slide",
+            hand_target: STOCK_HAND_START,
+            addition: None,
+            place: place_stock,
+        })
+    }
+}
+
+fn place_stock(rng: &mut ChaCha8Rng) -> Placement {
+    Placement {
+        object: PUCK_START,
+        goal: DVec3::new(uniform(rng, STOCK_X), uniform(rng, GOAL_Y), 0.0),
     }
 }

@@ -1,12 +1,17 @@
 //! Environments that fail, and the others.
 
 use super::*;
-use crate::{Batch, Camera, Dynamics, TableTop};
+use crate::batch::Batch;
+use crate::camera::Camera;
+use crate::control::Control;
+use crate::embodiment::Embodiment;
+use crate::renderer::SceneRenderer;
+use crate::rows::Fault;
 
 const N: usize = 3;
 /// The environment that is made to fail.
-const VICTIM: usize = 1;
-/// Decisions in an episode, and the one in which the victim fails, counted from 0.
+const BROKEN: usize = 1;
+/// Decisions in an episode, and the one in which it fails, counted from 0.
 const DECISIONS: usize = 4;
 const FATAL: usize = 2;
 
@@ -32,14 +37,14 @@ impl Rig {
                 size: 16,
                 ..Camera::default()
             },
-            dynamics: Dynamics {
+            control: Control {
                 horizon: 10 * DECISIONS,
-                ..Dynamics::default()
+                ..Control::default()
             },
             ..VecEnvSettings::default()
         };
         Self {
-            env: VecEnv::new(settings, TaskGroup::DrawerClose, &D2::ALL).unwrap(),
+            env: VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap(),
             batch: Batch::new(&settings),
         }
     }
@@ -78,11 +83,11 @@ impl Rig {
         Ok(((0..N).map(seen).collect(), failures))
     }
 
-    /// Has `deed` done to the victim at its next decision.
-    fn sabotage(&mut self, deed: fn(&mut TableTop)) {
-        let owner = |worker: &&mut Worker| worker.envs.contains(&VICTIM);
+    /// Breaks one environment at its next decision.
+    fn inject(&mut self, fault: Fault) {
+        let owner = |worker: &&mut Worker| worker.envs.contains(&BROKEN);
         let worker = self.env.workers.iter_mut().find(owner).unwrap();
-        worker.send(Command::Sabotage(VICTIM - worker.envs.start, deed));
+        worker.send(Command::Inject(BROKEN - worker.envs.start, fault));
         worker.receive().result.unwrap();
     }
 }
@@ -92,36 +97,37 @@ fn texts(failures: &[Failure]) -> Vec<String> {
     failures.iter().map(text).collect()
 }
 
-/// Lets the victim fail in its third decision and compares everything with a run in which it does not.
-fn check_failure(threads: usize, deed: fn(&mut TableTop), says: &str) {
+/// Lets one environment fail in its third decision and compares everything with a run in which it
+/// does not.
+fn check_failure(threads: usize, fault: Fault, says: &str) {
     let (mut sane, mut hurt) = (Rig::new(threads), Rig::new(threads));
     assert!(sane.reset().is_empty() && hurt.reset().is_empty());
     for decision in 0..2 * DECISIONS {
         if decision == FATAL {
-            hurt.sabotage(deed);
+            hurt.inject(fault);
         }
-        let before = hurt.observation(VICTIM);
+        let before = hurt.observation(BROKEN);
         let ((expected, _), (seen, failures)) = (sane.step(), hurt.step());
-        for env in (0..N).filter(|&env| env != VICTIM) {
+        for env in (0..N).filter(|&env| env != BROKEN) {
             assert_eq!(seen[env], expected[env], "{env} in decision {decision}");
         }
-        let victim = &seen[VICTIM];
+        let broken = &seen[BROKEN];
         if decision == FATAL {
             let [failure] = &failures[..] else {
                 panic!("{failures:?}")
             };
-            assert!(failure.starts_with(&format!("{VICTIM}: ")), "{failure}");
+            assert!(failure.starts_with(&format!("{BROKEN}: ")), "{failure}");
             assert!(failure.contains(says), "{failure}");
-            assert_eq!(victim.last.as_ref(), Some(&before));
-            assert_eq!(victim.reward, 0.0);
-            let image = victim.observation.0.chunks_exact(6);
+            assert_eq!(broken.last.as_ref(), Some(&before));
+            assert_eq!(broken.reward, 0.0);
+            let image = broken.observation.0.chunks_exact(6);
             assert!(image.into_iter().all(|pixel| pixel[..3] == pixel[3..]));
         } else {
             assert!(failures.is_empty(), "{failures:?}");
             // its second episode began when the first failed
             let ends = decision == FATAL + DECISIONS;
-            assert_eq!(victim.last.is_some(), ends, "decision {decision}");
-            assert_eq!(decision < FATAL, *victim == expected[VICTIM]);
+            assert_eq!(broken.last.is_some(), ends, "decision {decision}");
+            assert_eq!(decision < FATAL, *broken == expected[BROKEN]);
         }
     }
 }
@@ -129,8 +135,8 @@ fn check_failure(threads: usize, deed: fn(&mut TableTop), says: &str) {
 #[test]
 fn a_diverged_simulation_is_a_failure_of_its_environment_alone() {
     for threads in [1, 2] {
-        let deed = |table: &mut TableTop| table.data_mut().qpos_mut()[0] = f64::NAN;
-        check_failure(threads, deed, "diverged");
+        let fault: Fault = |table, _| table.simulation_mut().qpos_mut()[0] = f64::NAN;
+        check_failure(threads, fault, "diverged");
     }
 }
 
@@ -139,48 +145,57 @@ fn a_panic_is_a_failure_of_its_environment_alone() {
     for threads in [1, 2] {
         check_failure(
             threads,
-            |_| panic!("a deliberate panic"),
+            |_, _| panic!("a deliberate panic"),
             "a deliberate panic",
         );
     }
 }
 
-/// With the data of another model there is no going on; the row stays as it was and says so in every step.
+/// With the data of another model there is no going on; the row stays as it was and says so in
+/// every step.
 #[test]
 fn an_environment_that_cannot_restart_fails_in_every_step() {
     let mut rig = Rig::new(2);
     rig.reset();
-    rig.sabotage(|table| {
+    rig.inject(|table, _| {
         let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
-        *table.data_mut() = mujoco::Data::new(Arc::new(other));
+        *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
     });
-    let before = rig.observation(VICTIM);
+    let before = rig.observation(BROKEN);
     for says in ["panicked", "no episode is running"] {
         let (seen, failures) = rig.step();
         assert_eq!(failures.len(), 2, "{failures:?}");
         assert!(failures[0].contains(says), "{failures:?}");
         assert!(failures[1].contains("elements, expected"), "{failures:?}");
-        assert_eq!(seen[VICTIM].observation, before);
-        assert_eq!(seen[VICTIM].last.as_ref(), Some(&before));
+        assert_eq!(seen[BROKEN].observation, before);
+        assert_eq!(seen[BROKEN].last.as_ref(), Some(&before));
     }
     assert_eq!(rig.reset().len(), 1);
 }
 
-/// All environments of a thread are drawn by one renderer: without it there is nothing to go on with.
+/// All environments of a thread are drawn by one renderer. Where it fails the call fails, and the
+/// next reset makes a new one.
 #[test]
-fn lost_rendering_is_an_error_of_the_call() {
-    let mut rig = Rig::new(2);
-    rig.reset();
-    rig.sabotage(|table| {
-        // the same simulation, but of a model that the renderer does not know
-        let camera = table.scene().camera;
-        let again = Scene::new(table.scene().group, Default::default(), camera).unwrap();
-        *table.data_mut() = mujoco::Data::new(again.model);
-    });
-    let lost = rig.try_step().unwrap_err().to_string();
-    assert!(
-        lost.starts_with("environment 1: the data belongs to another model"),
-        "{lost}"
-    );
-    assert!(matches!(rig.try_step(), Err(EnvError::NotReset)));
+fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
+    for threads in [1, 2] {
+        let (mut sane, mut hurt) = (Rig::new(threads), Rig::new(threads));
+        assert!(sane.reset().is_empty() && hurt.reset().is_empty());
+        // it refuses every simulation of this scene, as a lost context would
+        hurt.inject(|table, renderer| {
+            let camera = table.scene().camera;
+            let other = Scene::new(table.scene().group, Embodiment::Hand, camera).unwrap();
+            *renderer = SceneRenderer::new(Arc::new(other)).unwrap();
+        });
+        let lost = hurt.try_step().unwrap_err().to_string();
+        assert!(lost.starts_with("environment 1: "), "{lost}");
+        assert!(matches!(hurt.try_step(), Err(EnvError::NotReset)));
+        for rig in [&mut sane, &mut hurt] {
+            rig.env.reseed(5).unwrap();
+            assert!(rig.reset().is_empty());
+        }
+        for env in 0..N {
+            assert_eq!(sane.observation(env), hurt.observation(env));
+        }
+        assert_eq!(sane.step(), hurt.step());
+    }
 }

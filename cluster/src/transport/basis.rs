@@ -1,0 +1,263 @@
+//! A basis of the transport problem: a spanning tree of sources and sinks, and its pivot.
+//!
+//! Read this before editing. Nodes are numbered sources first (`0..n`), then sinks (`n..n + m`). Each node but
+//! the root has one arc, to its parent; an arc always carries flow from its source to its sink, whichever of the
+//! two is the parent. `price` is a source's potential `u_i` and *minus* a sink's potential `v_j`, so that
+//! along an arc of the tree `price[source] - price[sink] = cost` and a whole subtree moves by one number.
+
+use super::mass::Mass;
+
+/// The absent node.
+pub(crate) const NONE: u32 = u32::MAX;
+
+/// Rounding of a reduced cost, as a fraction of the largest price: a few last bits.
+const PRICE_TOLERANCE: f64 = 1e-14;
+
+/// An arc that would lower the cost.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Entering {
+    pub(crate) source: u32,
+    /// Numbered from zero, not as a node.
+    pub(crate) sink: u32,
+    /// Its reduced cost, negative.
+    pub(crate) reduced: f64,
+}
+
+/// A spanning tree with flows and prices; children of a node are a doubly linked list.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Basis {
+    sources: usize,
+    parent: Vec<u32>,
+    flow: Vec<Mass>,
+    first_child: Vec<u32>,
+    next: Vec<u32>,
+    previous: Vec<u32>,
+    price: Vec<f64>,
+    /// Last search that visited each node.
+    visited: Vec<u32>,
+    search: u32,
+    stack: Vec<u32>,
+}
+
+impl Basis {
+    /// Removes all arcs and sets the numbers of nodes.
+    pub(crate) fn reset(&mut self, sources: usize, sinks: usize) {
+        let nodes = sources + sinks;
+        self.sources = sources;
+        let links = [
+            &mut self.parent,
+            &mut self.first_child,
+            &mut self.next,
+            &mut self.previous,
+        ];
+        for list in links {
+            list.clear();
+            list.resize(nodes, NONE);
+        }
+        self.flow.clear();
+        self.flow.resize(nodes, Mass::ZERO);
+        self.price.clear();
+        self.price.resize(nodes, 0.0);
+        self.visited.clear();
+        self.visited.resize(nodes, 0);
+        self.search = 0;
+        // what a walk holds depends on the tree's shape, but is never more than all nodes
+        self.stack.reserve(nodes);
+    }
+
+    pub(crate) fn nodes(&self) -> usize {
+        self.parent.len()
+    }
+
+    pub(crate) fn source_prices(&self) -> &[f64] {
+        &self.price[..self.sources]
+    }
+
+    pub(crate) fn sink_prices(&self) -> &[f64] {
+        &self.price[self.sources..]
+    }
+
+    /// Returns how far below zero a reduced cost may be for rounding alone.
+    pub(crate) fn price_tolerance(&self) -> f64 {
+        PRICE_TOLERANCE * self.price.iter().fold(0.0, |top: f64, p| top.max(p.abs()))
+    }
+
+    pub(crate) fn is_root(&self, node: u32) -> bool {
+        self.parent[node as usize] == NONE
+    }
+
+    /// Hangs a parentless node below another.
+    pub(crate) fn attach(&mut self, node: u32, parent: u32, flow: Mass) {
+        let sibling = self.first_child[parent as usize];
+        self.parent[node as usize] = parent;
+        self.flow[node as usize] = flow;
+        self.next[node as usize] = sibling;
+        self.previous[node as usize] = NONE;
+        if sibling != NONE {
+            self.previous[sibling as usize] = node;
+        }
+        self.first_child[parent as usize] = node;
+    }
+
+    fn detach(&mut self, node: u32) {
+        let (previous, next) = (self.previous[node as usize], self.next[node as usize]);
+        match previous {
+            NONE => self.first_child[self.parent[node as usize] as usize] = next,
+            _ => self.next[previous as usize] = next,
+        }
+        if next != NONE {
+            self.previous[next as usize] = previous;
+        }
+    }
+
+    fn is_source(&self, node: u32) -> bool {
+        (node as usize) < self.sources
+    }
+
+    /// Returns source and sink (from zero) of the arc between a node and its parent.
+    fn arc(&self, node: u32) -> (usize, usize) {
+        let (node, parent) = (node as usize, self.parent[node as usize] as usize);
+        match node < self.sources {
+            true => (node, parent - self.sources),
+            false => (parent, node - self.sources),
+        }
+    }
+
+    /// Calls `f(source, sink, flow)` for each arc, in the order of the nodes below.
+    pub(crate) fn for_each_arc(&self, mut f: impl FnMut(usize, usize, Mass)) {
+        for node in (0..self.nodes() as u32).filter(|&node| !self.is_root(node)) {
+            let (source, sink) = self.arc(node);
+            f(source, sink, self.flow[node as usize]);
+        }
+    }
+
+    /// Writes the arcs `(source, sink)`, parents before their children.
+    pub(crate) fn arcs_downwards(&mut self, arcs: &mut Vec<(u32, u32)>) {
+        arcs.clear();
+        self.visit_from_root(|basis, node, _| {
+            let (source, sink) = basis.arc(node);
+            arcs.push((source as u32, sink as u32));
+        });
+    }
+
+    /// Computes all prices afresh from the costs `[n, m]` of the arcs, which undoes accumulated rounding.
+    pub(crate) fn refresh_prices(&mut self, cost: &[f64]) {
+        let sinks = self.nodes() - self.sources;
+        self.visit_from_root(|basis, node, parent| {
+            let (source, sink) = basis.arc(node);
+            let cost = cost[source * sinks + sink];
+            let signed = if basis.is_source(node) { cost } else { -cost };
+            basis.price[node as usize] = basis.price[parent as usize] + signed;
+        });
+    }
+
+    /// Calls `f(self, node, parent)` for each node but the root, parents first.
+    fn visit_from_root(&mut self, mut f: impl FnMut(&mut Self, u32, u32)) {
+        let root = self.parent.iter().position(|&parent| parent == NONE);
+        let mut stack = std::mem::take(&mut self.stack);
+        stack.extend(root.map(|root| root as u32));
+        while let Some(parent) = stack.pop() {
+            let mut child = self.first_child[parent as usize];
+            while child != NONE {
+                f(self, child, parent);
+                stack.push(child);
+                child = self.next[child as usize];
+            }
+        }
+        self.stack = stack;
+    }
+
+    /// Brings an arc into the basis: sends as much as fits around the cycle that it closes, drops the
+    /// arc that runs empty, and moves the prices of the part that changes sides.
+    pub(crate) fn pivot(&mut self, entering: Entering) {
+        let source = entering.source;
+        let sink = entering.sink + self.sources as u32;
+        let top = self.common_ancestor(source, sink);
+        let (below_source, from_source) = self.narrowest(source, top, true);
+        let (below_sink, from_sink) = self.narrowest(sink, top, false);
+        // at most one end is the top, and the arc above the other one shrinks: the flow is bounded
+        let flow = from_source.min(from_sink);
+        self.send(source, top, flow, true);
+        self.send(sink, top, flow, false);
+        if from_source <= from_sink {
+            self.hang(source, below_source, sink, flow);
+            self.shift(source, entering.reduced);
+        } else {
+            self.hang(sink, below_sink, source, flow);
+            self.shift(sink, -entering.reduced);
+        }
+    }
+
+    fn common_ancestor(&mut self, mut a: u32, mut b: u32) -> u32 {
+        self.search += 1;
+        loop {
+            for node in [&mut a, &mut b] {
+                if *node == NONE {
+                    continue;
+                }
+                let visited = &mut self.visited[*node as usize];
+                if *visited == self.search {
+                    return *node;
+                }
+                *visited = self.search;
+                *node = self.parent[*node as usize];
+            }
+        }
+    }
+
+    /// Finds the smallest flow among the arcs between `from` and `top` that would shrink, and the node
+    /// below it. On the entering source's side these belong to sources, on the sink's side to sinks.
+    fn narrowest(&self, from: u32, top: u32, source_side: bool) -> (u32, Mass) {
+        let (mut node, mut found) = (from, (NONE, Mass::MAX));
+        while node != top {
+            let flow = self.flow[node as usize];
+            if self.is_source(node) == source_side && flow < found.1 {
+                found = (node, flow);
+            }
+            node = self.parent[node as usize];
+        }
+        found
+    }
+
+    fn send(&mut self, from: u32, top: u32, flow: Mass, source_side: bool) {
+        let mut node = from;
+        while node != top {
+            match self.is_source(node) == source_side {
+                true => self.flow[node as usize] -= flow,
+                false => self.flow[node as usize] += flow,
+            }
+            node = self.parent[node as usize];
+        }
+    }
+
+    /// Hangs the subtree below the leaving arc (above `cut`) onto `parent` by its node `from`: the path between
+    /// the two turns around, each arc keeping its flow.
+    fn hang(&mut self, from: u32, cut: u32, parent: u32, flow: Mass) {
+        let (mut node, mut parent, mut flow) = (from, parent, flow);
+        loop {
+            let above = (self.parent[node as usize], self.flow[node as usize]);
+            self.detach(node);
+            self.attach(node, parent, flow);
+            if node == cut {
+                return;
+            }
+            parent = node;
+            (node, flow) = above;
+        }
+    }
+
+    /// Adds `amount` to the prices of a subtree.
+    fn shift(&mut self, node: u32, amount: f64) {
+        let mut stack = std::mem::take(&mut self.stack);
+        stack.push(node);
+        while let Some(node) = stack.pop() {
+            self.price[node as usize] += amount;
+            let mut child = self.first_child[node as usize];
+            while child != NONE {
+                stack.push(child);
+                child = self.next[child as usize];
+            }
+        }
+        self.stack = stack;
+    }
+}

@@ -1,0 +1,175 @@
+//! Weights as exact integers, nudged so that no basis of the transport problem is degenerate.
+
+use std::ops::{AddAssign, Sub, SubAssign};
+
+use super::problem::Weights;
+
+/// Units of a whole where weights are given as numbers: finer than the rounding of an `f64` near 1.
+const FINE: i64 = 1 << 60;
+
+/// An amount of mass: whole units and, below all of them, a nudge.
+///
+/// Orden's perturbation: supplies are moved by multiples of an infinitesimal so that no proper subset of
+/// sources supplies exactly what a subset of sinks demands. Every basic flow is then positive, each pivot
+/// lowers the cost and the simplex method cannot cycle. Kept as a second integer that is compared after
+/// the first, the infinitesimal costs no precision: the units alone are the flow of the problem as given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct Mass {
+    pub(crate) units: i64,
+    nudge: i64,
+}
+
+impl Mass {
+    pub(crate) const ZERO: Self = Self { units: 0, nudge: 0 };
+    pub(crate) const MAX: Self = Self {
+        units: i64::MAX,
+        nudge: 0,
+    };
+}
+
+impl Sub for Mass {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self {
+            units: self.units - other.units,
+            nudge: self.nudge - other.nudge,
+        }
+    }
+}
+
+impl AddAssign for Mass {
+    fn add_assign(&mut self, other: Self) {
+        self.units += other.units;
+        self.nudge += other.nudge;
+    }
+}
+
+impl SubAssign for Mass {
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+/// What each source supplies and each sink demands.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Balance {
+    /// Sources first, then sinks.
+    pub(crate) masses: Vec<Mass>,
+    /// Units of each side.
+    pub(crate) total: i64,
+}
+
+impl Balance {
+    /// Refills the balance for these weights, which have been checked.
+    pub(crate) fn fill(&mut self, sources: Weights, sinks: Weights) {
+        let (n, m) = (sources.len(), sinks.len());
+        self.masses.clear();
+        self.masses.resize(n + m, Mass::ZERO);
+        let (supplies, demands) = self.masses.split_at_mut(n);
+        self.total = match (sources, sinks) {
+            (Weights::Uniform(_), Weights::Uniform(_)) => {
+                let divisor = gcd(n, m);
+                supplies.fill(whole(m / divisor));
+                demands.fill(whole(n / divisor));
+                (n / divisor * m) as i64
+            }
+            _ => {
+                apportion(sources, supplies);
+                apportion(sinks, demands);
+                FINE
+            }
+        };
+        nudge(supplies, demands);
+    }
+}
+
+fn whole(units: usize) -> Mass {
+    Mass {
+        units: units as i64,
+        nudge: 0,
+    }
+}
+
+/// Gives each source `m` nudges and each sink one; the last sink balances. A subset of sinks without
+/// the last one holds fewer than `m` nudges, so it never equals a subset of sources, and neither does
+/// its complement.
+fn nudge(supplies: &mut [Mass], demands: &mut [Mass]) {
+    let (n, m) = (supplies.len() as i64, demands.len() as i64);
+    supplies.iter_mut().for_each(|s| s.nudge = m);
+    demands.iter_mut().for_each(|d| d.nudge = 1);
+    if let Some(last) = demands.last_mut() {
+        last.nudge = n * m - (m - 1);
+    }
+}
+
+/// Rounds weights to units; what rounding leaves goes to the heaviest.
+fn apportion(weights: Weights, masses: &mut [Mass]) {
+    let sum = weights.sum();
+    for (index, mass) in masses.iter_mut().enumerate() {
+        mass.units = (weights.get(index) / sum * FINE as f64).round() as i64;
+    }
+    let left = FINE - masses.iter().map(|m| m.units).sum::<i64>();
+    if let Some(heaviest) = masses.iter_mut().max() {
+        heaviest.units += left;
+    }
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn balance(sources: Weights, sinks: Weights) -> Balance {
+        let mut balance = Balance::default();
+        balance.fill(sources, sinks);
+        balance
+    }
+
+    #[test]
+    fn both_sides_carry_the_same_mass() {
+        let weights = [0.1, 0.0, 0.6, 0.3];
+        for sinks in [Weights::Uniform(7), Weights::Given(&weights)] {
+            let b = balance(Weights::Given(&weights), sinks);
+            let side = |part: &[Mass]| {
+                part.iter().fold(Mass::ZERO, |mut sum, m| {
+                    sum += *m;
+                    sum
+                })
+            };
+            let (supplies, demands) = b.masses.split_at(4);
+            assert_eq!(side(supplies), side(demands));
+            assert_eq!(side(supplies).units, b.total);
+        }
+    }
+
+    #[test]
+    fn no_proper_subset_of_sources_equals_one_of_sinks() {
+        // the worst case: all weights equal, one of them zero
+        let weights = [0.5, 0.0, 0.5];
+        let b = balance(Weights::Given(&weights), Weights::Given(&weights));
+        for subset in 1..63_u32 {
+            let mut difference = Mass::ZERO;
+            for (index, mass) in b.masses.iter().enumerate() {
+                if subset >> index & 1 == 1 {
+                    match index < 3 {
+                        true => difference += *mass,
+                        false => difference -= *mass,
+                    }
+                }
+            }
+            assert_ne!(difference, Mass::ZERO, "{subset:b}");
+        }
+    }
+
+    #[test]
+    fn uniform_weights_are_small_whole_numbers() {
+        let b = balance(Weights::Uniform(4), Weights::Uniform(6));
+        assert_eq!(b.total, 12);
+        assert!(b.masses[..4].iter().all(|m| m.units == 3));
+        assert!(b.masses[4..].iter().all(|m| m.units == 2));
+    }
+}

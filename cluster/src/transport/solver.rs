@@ -1,0 +1,204 @@
+//! The network simplex method on a cost matrix.
+
+use super::basis::Basis;
+use super::certificate::{Scratch, certify_into};
+use super::mass::Balance;
+use super::plan::{Entry, TransportPlan};
+use super::pricing::Pricing;
+use super::problem::{Weights, check};
+use super::start::Start;
+use crate::error::ClusterError;
+
+/// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
+const COARSER: f64 = 16.0;
+
+/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a line 60.
+const PIVOTS_PER_NODE: usize = 1000;
+
+/// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
+///
+/// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify). Costs too large for the
+/// optimum to use, which forbid a pair, take nothing from its precision; among costs that it does use, and the
+/// potentials that link them, differences below 1e-14 of the largest are not seen. [`Solver`] is the same with memory
+/// that is kept.
+///
+/// # Errors
+/// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a cost that is not finite or
+/// exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the certificate refuses.
+///
+/// ```
+/// use cluster::{Weights, transport};
+///
+/// // a baker with three quarters of the bread, one with a quarter; two cafes
+/// let cost = [1.0, 4.0, 2.0, 3.0];
+/// let plan = transport(&cost, Weights::Given(&[0.75, 0.25]), Weights::Uniform(2))?;
+/// assert_eq!(plan.cost, 0.5 * 1.0 + 0.25 * 4.0 + 0.25 * 3.0);
+/// # Ok::<(), cluster::ClusterError>(())
+/// ```
+pub fn transport(
+    cost: &[f64],
+    sources: Weights,
+    sinks: Weights,
+) -> Result<TransportPlan, ClusterError> {
+    let mut solver = Solver::default();
+    solver.solve(cost, sources, sinks)?;
+    Ok(solver.plan)
+}
+
+/// The network simplex method, with memory that is kept: solving a problem no larger than an earlier one allocates nothing.
+///
+/// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a spanning tree of sources and
+/// sinks; weights are exact integers, perturbed against degeneracy, so the method cannot cycle. Answers depend
+/// on the problem alone, except for the choice among equally good plans after a warm start.
+#[derive(Clone, Debug, Default)]
+pub struct Solver {
+    balance: Balance,
+    basis: Basis,
+    start: Start,
+    pricing: Pricing,
+    plan: TransportPlan,
+    scratch: Scratch,
+}
+
+impl Solver {
+    /// Makes a solver that has no memory yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Solves a problem as [`transport`] does; the plan is kept until the next one.
+    ///
+    /// # Errors
+    /// Those of [`transport`].
+    pub fn solve(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        check(cost, sources, sinks)?;
+        self.balance.fill(sources, sinks);
+        let masses = &self.balance.masses;
+        self.start.cold(&mut self.basis, cost, masses, sinks.len());
+        self.finish(cost, sources, sinks)
+    }
+
+    /// Solves a problem from the basis of the last one: faster where most points are the same.
+    ///
+    /// Points keep their indices: those that came since the last call stand at the end of their side. What does not fit
+    /// (fewer points, other weights or costs) costs time, never exactness. Without a last problem this is
+    /// [`solve`](Self::solve).
+    ///
+    /// # Errors
+    /// Those of [`transport`].
+    pub fn solve_again(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        if self.basis.nodes() == 0 {
+            return self.solve(cost, sources, sinks);
+        }
+        check(cost, sources, sinks)?;
+        self.balance.fill(sources, sinks);
+        let masses = &self.balance.masses;
+        self.start.warm(&mut self.basis, cost, masses, sinks.len());
+        self.finish(cost, sources, sinks)
+    }
+
+    fn finish(
+        &mut self,
+        cost: &[f64],
+        sources: Weights,
+        sinks: Weights,
+    ) -> Result<&TransportPlan, ClusterError> {
+        self.plan.pivots = self.improve(cost)?;
+        self.read_plan(cost);
+        self.plan.certificate = certify_into(&mut self.scratch, cost, sources, sinks, &self.plan)?;
+        Ok(&self.plan)
+    }
+
+    /// Pivots until no arc has a negative reduced cost; returns the number of pivots.
+    fn improve(&mut self, cost: &[f64]) -> Result<usize, ClusterError> {
+        let mut pivots = 0;
+        loop {
+            self.pricing
+                .reset(cost, &self.basis, self.basis.price_tolerance());
+            self.descend(cost, &mut pivots)?;
+            self.basis.refresh_prices(cost);
+            // dear arcs make large potentials: once they have left the basis, cheap arcs can be told apart
+            if COARSER * self.basis.price_tolerance() >= self.pricing.tolerance() {
+                return Ok(pivots);
+            }
+        }
+    }
+
+    fn descend(&mut self, cost: &[f64], pivots: &mut usize) -> Result<(), ClusterError> {
+        let nodes = self.basis.nodes();
+        while let Some(entering) = self.pricing.next(cost, &self.basis) {
+            if *pivots == PIVOTS_PER_NODE * nodes {
+                return Err(ClusterError::Stalled { pivots: *pivots });
+            }
+            self.basis.pivot(entering);
+            *pivots += 1;
+            if pivots.is_multiple_of(nodes) {
+                self.basis.refresh_prices(cost);
+                self.pricing.tolerate(self.basis.price_tolerance());
+            }
+        }
+        Ok(())
+    }
+
+    fn read_plan(&mut self, cost: &[f64]) {
+        let (balance, plan) = (&self.balance, &mut self.plan);
+        plan.source_potentials.clear();
+        plan.source_potentials
+            .extend_from_slice(self.basis.source_prices());
+        plan.sink_potentials.clear();
+        plan.sink_potentials
+            .extend(self.basis.sink_prices().iter().map(|price| -price));
+        plan.entries.clear();
+        plan.entries.reserve(self.basis.nodes());
+        let mut cost_in_units = 0.0;
+        self.basis.for_each_arc(|source, sink, flow| {
+            if flow.units > 0 {
+                let mass = flow.units as f64 / balance.total as f64;
+                plan.entries.push(Entry { source, sink, mass });
+                cost_in_units +=
+                    flow.units as f64 * cost[source * self.basis.sink_prices().len() + sink];
+            }
+        });
+        plan.cost = cost_in_units / balance.total as f64;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::transport::mass::Mass;
+
+    #[test]
+    fn each_basic_flow_is_positive_and_all_are_balanced() {
+        // equal and zero weights on tied costs, where nothing but the nudge keeps the basis from degeneracy
+        let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
+        let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
+        let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
+        for (a, b) in [
+            (equal, equal),
+            (given, equal),
+            (equal, given),
+            (given, given),
+        ] {
+            let cost = &cost[..a.len() * b.len()];
+            assert!(solver.solve_again(cost, a, b).unwrap().pivots > 0);
+            let mut left = solver.balance.masses.clone();
+            solver.basis.for_each_arc(|source, sink, flow| {
+                assert!(flow > Mass::ZERO, "{source} to {sink}: {flow:?}");
+                left[source] -= flow;
+                left[a.len() + sink] -= flow;
+            });
+            assert!(left.iter().all(|mass| *mass == Mass::ZERO), "{left:?}");
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! One variant of one scene, ready to be started, and random actions to drive it.
+
+use std::fmt;
+use std::sync::Arc;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+use crate::error::EnvError;
+use crate::scene::Scene;
+use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
+
+/// What a rule finds: nothing, or what does not hold.
+pub(super) type Finding = Result<Option<String>, EnvError>;
+
+/// `finding` where a condition does not hold.
+pub(super) fn unless(holds: bool, finding: impl FnOnce() -> String) -> Option<String> {
+    (!holds).then(finding)
+}
+
+/// One variant of one scene.
+pub(super) struct Case {
+    pub scene: Arc<Scene>,
+    pub element: D2,
+}
+
+impl Case {
+    pub(super) fn table(&self) -> Result<TableTop, EnvError> {
+        TableTop::new(Arc::clone(&self.scene), self.scene.layout.control())
+    }
+
+    /// A table at the start of the episode of `seed`.
+    pub(super) fn started(&self, seed: u64) -> Result<TableTop, EnvError> {
+        let mut table = self.table()?;
+        self.reset(&mut table, seed)?;
+        Ok(table)
+    }
+
+    pub(super) fn reset(&self, table: &mut TableTop, seed: u64) -> Result<(), EnvError> {
+        table.reset(self.element, &mut ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    pub(super) fn decisions(&self) -> usize {
+        self.scene.layout.control().decisions()
+    }
+
+    pub(super) fn random_actions(&self, seed: u64) -> RandomActions {
+        RandomActions {
+            rng: ChaCha8Rng::seed_from_u64(seed),
+            action: [0.0; ACTION_DIM],
+            hold: (10 / self.scene.layout.control().action_repeat).max(1),
+            decision: 0,
+        }
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Scene {
+            layout,
+            embodiment,
+            group,
+            ..
+        } = *self.scene;
+        write!(f, "{group} {}, {embodiment}, {layout}", self.element)
+    }
+}
+
+/// Random actions, each held for an eighth of a second as the symmetric layout's decisions are;
+/// half of the components are at their limits.
+pub(super) struct RandomActions {
+    rng: ChaCha8Rng,
+    action: [f32; ACTION_DIM],
+    /// Decisions that an action is held for.
+    hold: usize,
+    decision: usize,
+}
+
+impl RandomActions {
+    pub(super) fn next(&mut self) -> [f32; ACTION_DIM] {
+        if self.decision.is_multiple_of(self.hold) {
+            self.action =
+                std::array::from_fn(|_| self.rng.random_range(-2.0_f32..2.0).clamp(-1.0, 1.0));
+        }
+        self.decision += 1;
+        self.action
+    }
+}
+
+/// Everything that a learner is told of one decision, as bits.
+pub(super) type Bits = ([u32; VECTOR_DIM], u64, [bool; 3]);
+
+/// Takes `decisions` decisions.
+pub(super) fn run(
+    table: &mut TableTop,
+    actions: &mut RandomActions,
+    decisions: usize,
+) -> Result<Vec<Bits>, EnvError> {
+    let decide = |_| {
+        let Step {
+            reward,
+            success,
+            success_at_end,
+            truncated,
+        } = table.step(&actions.next())?;
+        let vector = table.observe()?.map(f32::to_bits);
+        Ok((
+            vector,
+            reward.to_bits(),
+            [success, success_at_end, truncated],
+        ))
+    };
+    (0..decisions).map(decide).collect()
+}

@@ -1,0 +1,102 @@
+//! Does the script solve a variant?
+
+use std::sync::Arc;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use symmetry::D2;
+
+use crate::control::Control;
+use crate::error::EnvError;
+use crate::scene::Scene;
+use crate::tabletop::TableTop;
+
+/// Share of the episodes that a scripted expert must solve.
+const SUCCESS_RATE: f64 = 0.98;
+
+/// How the scripted expert fared on one variant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ExpertRow {
+    /// What carried the gripper.
+    pub embodiment: &'static str,
+    /// The task group.
+    pub task: &'static str,
+    /// The variant's element of D2.
+    pub element: String,
+    /// Episodes, one a seed.
+    pub episodes: u64,
+    /// Episodes in which the success condition held at any control step.
+    pub successes: u64,
+    /// Mean over the episodes of the sum over control steps of the dense reward / 10: in
+    /// `[0, horizon]`.
+    pub mean_return: f64,
+}
+
+impl ExpertRow {
+    /// Share of the episodes that succeeded, in `[0, 1]`.
+    pub fn success_rate(&self) -> f64 {
+        self.successes as f64 / self.episodes as f64
+    }
+
+    /// Whether at least 98 in 100 episodes succeeded.
+    pub fn passes(&self) -> bool {
+        self.success_rate() >= SUCCESS_RATE
+    }
+}
+
+/// Runs the scripted expert of the variant `element` on the placements of the seeds `0..seeds`.
+///
+/// # Errors
+/// [`EnvError::Setting`] for no seeds or impossible control settings, [`EnvError::NoSuchVariant`],
+/// or what MuJoCo says.
+pub fn experts(
+    scene: &Arc<Scene>,
+    element: D2,
+    control: Control,
+    seeds: u64,
+) -> Result<ExpertRow, EnvError> {
+    check_seeds(seeds)?;
+    let mut table = TableTop::new(Arc::clone(scene), control)?;
+    let (mut successes, mut total) = (0, 0.0);
+    for seed in 0..seeds {
+        table.reset(element, &mut ChaCha8Rng::seed_from_u64(seed))?;
+        let (reward, success) = episode(&mut table)?;
+        successes += u64::from(success);
+        total += reward;
+    }
+    Ok(ExpertRow {
+        embodiment: scene.embodiment.name(),
+        task: scene.group.name(),
+        element: element.to_string(),
+        episodes: seeds,
+        successes,
+        mean_return: total * control.action_repeat as f64 / seeds as f64,
+    })
+}
+
+/// Lets the expert act to the episode's end: the sum of the decisions' rewards, and whether any
+/// succeeded.
+pub(super) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
+    let (mut reward, mut success) = (0.0, false);
+    loop {
+        let action = table.expert_action()?;
+        let step = table.step(&action)?;
+        reward += step.reward;
+        success |= step.success;
+        if step.truncated {
+            return Ok((reward, success));
+        }
+    }
+}
+
+pub(super) fn check_seeds(seeds: u64) -> Result<(), EnvError> {
+    if seeds > 0 {
+        return Ok(());
+    }
+    Err(EnvError::Setting {
+        name: "seeds",
+        value: seeds.to_string(),
+        expected: "at least 1",
+    })
+}

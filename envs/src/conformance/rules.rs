@@ -1,0 +1,240 @@
+//! The rules that hold for every variant, and the check that asks all of them.
+
+use std::sync::Arc;
+
+use crate::camera::Camera;
+use crate::control::Control;
+use crate::embodiment::Embodiment;
+use crate::error::EnvError;
+use crate::layout::Layout;
+use crate::scene::Scene;
+use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
+use crate::task::TaskGroup;
+
+use super::case::{Case, Finding, run, unless};
+use super::experts::experts;
+use super::scene_rules;
+use super::symmetry::symmetry;
+
+/// What a group does that a task must not do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Flaw {
+    /// A rule does not hold.
+    #[error("{case}: {rule}: {finding}")]
+    Broken {
+        /// Variant, embodiment and layout.
+        case: String,
+        /// The rule.
+        rule: &'static str,
+        /// What was found instead.
+        finding: String,
+    },
+    /// A scene that cannot be made, or an environment that fails.
+    #[error("{case}: {source}")]
+    Failed {
+        /// Variant, or group, embodiment and layout.
+        case: String,
+        /// The reason.
+        source: EnvError,
+    },
+}
+
+/// A rule's words, and whether it holds.
+type Rule = (&'static str, fn(&Case) -> Finding);
+
+/// Asked of every scene, with its identity variant.
+const OF_SCENES: [Rule; 3] = [
+    ("everything in the scene has a name", scene_rules::names),
+    ("pictures show what happens", scene_rules::moving_pictures),
+    ("variants differ", scene_rules::distinct_variants),
+];
+
+/// Asked of every variant.
+const OF_VARIANTS: [Rule; 6] = [
+    ("figures are finite and in range", ranges),
+    (
+        "a seed fixes an episode and another changes it",
+        determinism,
+    ),
+    ("tables do not disturb one another", independence),
+    ("observations vary and hidden goals are zero", variation),
+    ("a saved episode continues to the same bits", continuation),
+    ("doing nothing solves nothing", idleness),
+];
+
+/// Asked of every variant of the symmetric layout.
+const OF_MIRRORED_VARIANTS: [Rule; 2] = [
+    ("the expert solves it", solution),
+    ("it mirrors its canonical twin", mirror),
+];
+
+/// Holds `group` to every rule: all of its variants, with every embodiment, in every layout that it
+/// has. Takes some seconds.
+///
+/// The rules: the scene compiles without a warning and everything in it has a name; observations
+/// and rewards are finite and in range; only the horizon ends an episode; episodes depend on the
+/// seed and on nothing else; tables do not disturb one another; a saved episode continues to the
+/// same bits; observations and pictures change with what happens; variants differ; doing nothing
+/// solves nothing; in the symmetric layout the expert solves each variant, and each mirrors the
+/// identity variant as far as its embodiment does.
+///
+/// # Errors
+/// The first [`Flaw`] found.
+pub fn check(group: TaskGroup) -> Result<(), Flaw> {
+    for layout in Layout::ALL {
+        if layout == Layout::MetaWorld && group.task().stock().is_none() {
+            continue;
+        }
+        for embodiment in Embodiment::ALL {
+            let scene = Scene::in_layout(layout, group, embodiment, Camera::default());
+            let scene = scene.map_err(|source| Flaw::Failed {
+                case: format!("{group}, {embodiment}, {layout}"),
+                source,
+            })?;
+            check_scene(&Arc::new(scene))?;
+        }
+    }
+    Ok(())
+}
+
+fn check_scene(scene: &Arc<Scene>) -> Result<(), Flaw> {
+    for (index, &element) in scene.layout.elements().iter().enumerate() {
+        let scene = Arc::clone(scene);
+        let case = Case { scene, element };
+        if index == 0 {
+            ask(&case, &OF_SCENES)?;
+        }
+        ask(&case, &OF_VARIANTS)?;
+        if case.scene.layout == Layout::Symmetric {
+            ask(&case, &OF_MIRRORED_VARIANTS)?;
+        }
+    }
+    Ok(())
+}
+
+fn ask(case: &Case, rules: &[Rule]) -> Result<(), Flaw> {
+    for &(rule, finding) in rules {
+        let finding = finding(case).map_err(|source| Flaw::Failed {
+            case: case.to_string(),
+            source,
+        })?;
+        if let Some(finding) = finding {
+            return Err(Flaw::Broken {
+                case: case.to_string(),
+                rule,
+                finding,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn ranges(case: &Case) -> Finding {
+    let mut table = case.started(1)?;
+    let mut actions = case.random_actions(2);
+    for decision in 1..=case.decisions() {
+        let step = table.step(&actions.next())?;
+        let [x, y, z, aperture, goal @ ..] = table.observe()?;
+        let holds = (0.0..=1.0).contains(&step.reward)
+            && step.success >= step.success_at_end
+            && step.truncated == (decision == case.decisions())
+            && x.abs() < 0.7
+            && y.abs() < 0.7
+            && (-0.1..0.7).contains(&z)
+            && (0.0..=1.0).contains(&aperture)
+            && goal.iter().all(|g| g.abs() < 0.5);
+        if !holds {
+            let vector = table.observe()?;
+            let found = format!("decision {decision} brought {step:?} and observation {vector:?}");
+            return Ok(Some(found));
+        }
+    }
+    let ended = matches!(table.step(&actions.next()), Err(EnvError::NotReset));
+    Ok(unless(ended, || "it goes on after the horizon".to_owned()))
+}
+
+fn determinism(case: &Case) -> Finding {
+    let fresh = |seed| run(&mut case.started(seed)?, &mut case.random_actions(7), 50);
+    let first = fresh(1)?;
+    let mut used = case.started(5)?;
+    run(&mut used, &mut case.random_actions(8), 37)?;
+    case.reset(&mut used, 1)?;
+    let again = run(&mut used, &mut case.random_actions(7), 50)?;
+    let finding = if fresh(1)? != first {
+        "two episodes of one seed differ"
+    } else if again != first {
+        "the episode before shows"
+    } else if fresh(2)? == first {
+        "the seed changes nothing"
+    } else {
+        return Ok(None);
+    };
+    Ok(Some(finding.to_owned()))
+}
+
+fn independence(case: &Case) -> Finding {
+    let (mut one, mut other) = (case.started(1)?, case.started(2)?);
+    let (mut left, mut right) = (case.random_actions(3), case.random_actions(4));
+    let mut interleaved = Vec::new();
+    for _ in 0..20 {
+        interleaved.extend(run(&mut one, &mut left, 1)?);
+        run(&mut other, &mut right, 1)?;
+    }
+    let alone = run(&mut case.started(1)?, &mut case.random_actions(3), 20)?;
+    let found = || "an episode differs where another runs in between".to_owned();
+    Ok(unless(interleaved == alone, found))
+}
+
+fn variation(case: &Case) -> Finding {
+    let mut low = [f32::INFINITY; VECTOR_DIM];
+    let mut high = [f32::NEG_INFINITY; VECTOR_DIM];
+    for seed in 0..2 {
+        let mut table = case.started(seed)?;
+        let mut actions = case.random_actions(seed);
+        for _ in 0..case.decisions() / 2 {
+            for (i, value) in table.observe()?.into_iter().enumerate() {
+                low[i] = low[i].min(value);
+                high[i] = high[i].max(value);
+            }
+            table.step(&actions.next())?;
+        }
+    }
+    let observable = case.scene.goal_observable;
+    let wrong = (0..VECTOR_DIM).find(|&i| (high[i] - low[i] > 1e-3) != (i < 4 || observable));
+    Ok(wrong.map(|i| format!("component {i} of the vector is in {}..={}", low[i], high[i])))
+}
+
+/// The solver's warm start is part of the state: contacts and welds are solved to the same bits
+/// only from the same start.
+fn continuation(case: &Case) -> Finding {
+    let mut table = case.started(1)?;
+    run(&mut table, &mut case.random_actions(9), 15)?;
+    let snapshot = table.save()?;
+    let straight = run(&mut table, &mut case.random_actions(10), 25)?;
+    let mut elsewhere = case.started(3)?;
+    elsewhere.restore(&snapshot)?;
+    let resumed = run(&mut elsewhere, &mut case.random_actions(10), 25)?;
+    let found = || "it goes on differently elsewhere".to_owned();
+    Ok(unless(straight == resumed, found))
+}
+
+fn idleness(case: &Case) -> Finding {
+    let mut table = case.started(3)?;
+    for decision in 0..case.decisions() {
+        if table.step(&[0.0; ACTION_DIM])?.success {
+            return Ok(Some(format!("success in decision {decision}")));
+        }
+    }
+    Ok(None)
+}
+
+fn solution(case: &Case) -> Finding {
+    let row = experts(&case.scene, case.element, Control::default(), 2)?;
+    Ok(unless(row.passes(), || format!("{row:?}")))
+}
+
+fn mirror(case: &Case) -> Finding {
+    let row = symmetry(&case.scene, case.element, 1)?;
+    Ok(unless(row.passes(), || format!("{row:?}")))
+}

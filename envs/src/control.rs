@@ -1,0 +1,75 @@
+//! How actions become motion and how long an episode lasts.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::EnvError;
+
+/// How actions become motion and how long an episode lasts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Control {
+    /// Control steps that one action is held for.
+    pub action_repeat: usize,
+    /// Displacement of the hand's target by a full action, per decision (metres).
+    pub displacement: f64,
+    /// Control steps in an episode; a multiple of `action_repeat`.
+    pub horizon: usize,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            action_repeat: 10,
+            displacement: 0.04,
+            horizon: 500,
+        }
+    }
+}
+
+impl Control {
+    /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
+    pub fn meta_world() -> Self {
+        Self {
+            action_repeat: 1,
+            displacement: 0.01,
+            horizon: 500,
+        }
+    }
+
+    /// Decisions in an episode; 0 for an action repeat of 0, which [`Control::check`] refuses.
+    pub fn decisions(&self) -> usize {
+        self.horizon.checked_div(self.action_repeat).unwrap_or(0)
+    }
+
+    /// Refuses settings out of range.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`].
+    pub fn check(&self) -> Result<(), EnvError> {
+        let setting = |name, value: String, expected| EnvError::Setting {
+            name,
+            value,
+            expected,
+        };
+        if self.action_repeat == 0
+            || self.horizon == 0
+            || !self.horizon.is_multiple_of(self.action_repeat)
+        {
+            let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
+            return Err(setting(
+                "horizon",
+                value,
+                "a positive multiple of the action repeat",
+            ));
+        }
+        if !(self.displacement > 0.0 && self.displacement.is_finite()) {
+            let value = self.displacement.to_string();
+            return Err(setting(
+                "displacement",
+                value,
+                "a positive length in metres",
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,200 @@
+//! The task groups that have names: the paper's four, and those that a program adds.
+
+use crate::error::EnvError;
+use crate::task::TaskGroup;
+use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
+
+impl TaskGroup {
+    /// Move the fingertips to a goal that is told, not seen.
+    pub const GOAL_REACH: Self = Self::of(&GoalReach);
+    /// Push a button into its box.
+    pub const BUTTON_PRESS: Self = Self::of(&ButtonPress);
+    /// Push a drawer shut.
+    pub const DRAWER_CLOSE: Self = Self::of(&DrawerClose);
+    /// Slide a puck into a goal cage.
+    pub const PLATE_SLIDE: Self = Self::of(&PlateSlide);
+
+    /// The paper's four groups, in the order of reports.
+    pub const STANDARD: [Self; 4] = [
+        Self::GOAL_REACH,
+        Self::BUTTON_PRESS,
+        Self::DRAWER_CLOSE,
+        Self::PLATE_SLIDE,
+    ];
+
+    /// Refuses a group whose name is not in kebab-case.
+    ///
+    /// # Errors
+    /// [`EnvError::TaskName`].
+    pub fn check_name(self) -> Result<(), EnvError> {
+        if self.name().split('-').all(is_word) {
+            return Ok(());
+        }
+        Err(EnvError::TaskName {
+            name: self.name().to_owned(),
+        })
+    }
+}
+
+fn is_word(word: &str) -> bool {
+    let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
+    !word.is_empty() && word.bytes().all(plain)
+}
+
+/// Task groups by name: what settings that store names are resolved with.
+///
+/// ```
+/// use envs::{TaskGroup, TaskRegistry};
+///
+/// fn main() -> Result<(), envs::EnvError> {
+///     let registry = TaskRegistry::standard();
+///     assert_eq!(registry.get("drawer-close")?, TaskGroup::DRAWER_CLOSE);
+///     Ok(())
+/// }
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TaskRegistry {
+    groups: Vec<TaskGroup>,
+}
+
+impl TaskRegistry {
+    /// A registry of [`TaskGroup::STANDARD`].
+    pub fn standard() -> Self {
+        Self {
+            groups: TaskGroup::STANDARD.to_vec(),
+        }
+    }
+
+    /// Adds a group.
+    ///
+    /// # Errors
+    /// [`EnvError::TaskName`] for a name that is not in kebab-case, [`EnvError::DuplicateTask`] for
+    /// one that is taken.
+    pub fn register(&mut self, group: TaskGroup) -> Result<(), EnvError> {
+        group.check_name()?;
+        if self.groups.contains(&group) {
+            let name = group.name().to_owned();
+            return Err(EnvError::DuplicateTask { name });
+        }
+        self.groups.push(group);
+        Ok(())
+    }
+
+    /// The group called `name`.
+    ///
+    /// # Errors
+    /// [`EnvError::UnknownTask`], which lists the known names.
+    pub fn get(&self, name: &str) -> Result<TaskGroup, EnvError> {
+        let mut groups = self.groups.iter().copied();
+        groups
+            .find(|group| group.name() == name)
+            .ok_or_else(|| EnvError::UnknownTask {
+                name: name.to_owned(),
+                known: self.groups.iter().map(|group| group.name()).collect(),
+            })
+    }
+
+    /// The groups in the order of their registration.
+    pub fn groups(&self) -> &[TaskGroup] {
+        &self.groups
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::task::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement};
+    use crate::task::{StepReward, Task};
+
+    struct Named(&'static str);
+
+    impl Task for Named {
+        fn name(&self) -> &str {
+            self.0
+        }
+
+        fn parts(&self) -> Parts<'_> {
+            Parts::default()
+        }
+
+        fn place(&self, _: &mut ChaCha8Rng) -> Placement {
+            Placement {
+                object: DVec3::ZERO,
+                goal: DVec3::ZERO,
+            }
+        }
+
+        fn reward(&self, _: &EpisodeStart, _: &Measurement, _: f64) -> StepReward {
+            unreachable!("the registry asks for the name alone")
+        }
+
+        fn expert(&self, _: &Placement, _: &Measurement) -> ExpertCommand {
+            unreachable!("the registry asks for the name alone")
+        }
+    }
+
+    #[test]
+    fn names_are_found_again_and_unknown_ones_list_the_known() {
+        let mut registry = TaskRegistry::standard();
+        registry
+            .register(TaskGroup::of(&Named("peg-insert-2")))
+            .unwrap();
+        assert_eq!(registry.groups().len(), 5);
+        for &group in registry.groups() {
+            assert_eq!(registry.get(group.name()).unwrap(), group);
+        }
+        let message = registry.get("basketball").unwrap_err().to_string();
+        let all = "goal-reach, button-press, drawer-close, plate-slide, peg-insert-2";
+        assert!(
+            message.contains("`basketball`") && message.contains(all),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn a_task_that_is_made_at_run_time_is_a_group_too() {
+        let made: &'static Named = Box::leak(Box::new(Named("made-at-run-time")));
+        let group = TaskGroup::of(made);
+        assert_eq!(group.to_string(), "made-at-run-time");
+        assert_eq!(
+            serde_json::to_string(&group).unwrap(),
+            "\"made-at-run-time\""
+        );
+    }
+
+    #[test]
+    fn taken_and_malformed_names_are_refused() {
+        let mut registry = TaskRegistry::standard();
+        let taken = registry.register(TaskGroup::of(&Named("goal-reach")));
+        let message = taken.unwrap_err().to_string();
+        assert!(message.contains("`goal-reach` is registered"), "{message}");
+        const BAD: [Named; 7] = [
+            Named(""),
+            Named("Peg"),
+            Named("peg insert"),
+            Named("peg_insert"),
+            Named("-peg"),
+            Named("peg--insert"),
+            Named("peg/.."),
+        ];
+        const NAMES: &[Named] = &BAD;
+        for named in NAMES {
+            let refused = registry.register(TaskGroup::of(named));
+            let message = refused.unwrap_err().to_string();
+            assert!(message.contains("kebab-case"), "{message}");
+        }
+        assert_eq!(registry, TaskRegistry::standard());
+    }
+
+    #[test]
+    fn there_are_sixteen_variants_of_the_standard_groups() {
+        let all = TaskGroup::STANDARD
+            .into_iter()
+            .flat_map(TaskGroup::variants);
+        let distinct: std::collections::HashSet<_> = all.collect();
+        assert_eq!(distinct.len(), 16);
+    }
+}

@@ -1,0 +1,234 @@
+//! The environments of one worker thread, and the renderers of their scenes.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::ops::Range;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+
+use mujoco::Backdrop;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+use crate::error::EnvError;
+use crate::renderer::{RGB, SceneRenderer, stack};
+#[cfg(test)]
+use crate::rows::Fault;
+use crate::rows::{Command, Failure, Reply, Rows, row_mut};
+use crate::scene::Scene;
+use crate::settings::VecEnvSettings;
+use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
+use crate::task::TaskGroup;
+
+/// One environment slot: its random stream, its episode's first picture, and what stands still in that episode.
+struct Slot {
+    index: usize,
+    rng: ChaCha8Rng,
+    first: Vec<u8>,
+    backdrop: Backdrop,
+    #[cfg(test)]
+    fault: Option<Fault>,
+}
+
+/// What a worker thread owns.
+pub(crate) struct SubEnvs {
+    settings: VecEnvSettings,
+    slots: Vec<Slot>,
+    /// Of every group that was prepared; one that failed is thrown away and made anew.
+    renderers: BTreeMap<TaskGroup, SceneRenderer>,
+    /// Of the present group, one a slot: a simulation takes megabytes, and making one a fraction of
+    /// a millisecond.
+    tables: Vec<TableTop>,
+    elements: Vec<D2>,
+    picture: Vec<u8>,
+}
+
+impl SubEnvs {
+    pub(crate) fn new(envs: Range<usize>, settings: VecEnvSettings) -> Self {
+        let pixels = settings.camera.size * settings.camera.size * RGB;
+        let slots = envs.map(|index| Slot {
+            index,
+            rng: slot_rng(settings.seed, index),
+            first: vec![0; pixels],
+            backdrop: Backdrop::default(),
+            #[cfg(test)]
+            fault: None,
+        });
+        Self {
+            settings,
+            slots: slots.collect(),
+            renderers: BTreeMap::new(),
+            tables: Vec::new(),
+            elements: Vec::new(),
+            picture: vec![0; pixels],
+        }
+    }
+
+    pub(crate) fn handle(&mut self, command: Command) -> Reply {
+        let without_rows = |result| Reply { rows: None, result };
+        match command {
+            Command::Prepare(scene) => without_rows(self.prepare(scene)),
+            Command::SetTasks(scene, elements) => without_rows(self.set_tasks(&scene, elements)),
+            Command::Reseed(seed) => without_rows(self.reseed(seed)),
+            Command::Reset(rows) => self.with_rows(rows, Self::reset),
+            Command::Step(rows) => self.with_rows(rows, Self::step),
+            #[cfg(test)]
+            Command::Inject(row, fault) => {
+                self.slots[row].fault = Some(fault);
+                without_rows(Ok(()))
+            }
+        }
+    }
+
+    fn with_rows(
+        &mut self,
+        mut rows: Rows,
+        work: fn(&mut Self, &mut Rows) -> Result<(), EnvError>,
+    ) -> Reply {
+        let result = work(self, &mut rows);
+        Reply {
+            rows: Some(rows),
+            result,
+        }
+    }
+
+    fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+        for slot in &mut self.slots {
+            slot.rng = slot_rng(seed, slot.index);
+        }
+        Ok(())
+    }
+
+    fn prepare(&mut self, scene: Arc<Scene>) -> Result<(), EnvError> {
+        if let Entry::Vacant(entry) = self.renderers.entry(scene.group) {
+            entry.insert(SceneRenderer::new(scene)?);
+        }
+        Ok(())
+    }
+
+    fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
+        self.elements = elements;
+        let known = self.tables.first();
+        if !known.is_some_and(|table| Arc::ptr_eq(table.scene(), scene)) {
+            // the old ones go first, so that there are never two sets
+            self.tables.clear();
+            let table = |_| TableTop::new(Arc::clone(scene), self.settings.control);
+            self.tables = self.slots.iter().map(table).collect::<Result<_, _>>()?;
+        }
+        Ok(())
+    }
+
+    fn reset(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+        rows.failures.clear();
+        (0..self.slots.len()).try_for_each(|row| self.attempt(row, rows, Self::begin).map(|_| ()))
+    }
+
+    fn step(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+        rows.failures.clear();
+        for row in 0..self.slots.len() {
+            if !self.attempt(row, rows, Self::decide)? {
+                rows.end_early(row);
+            }
+            if rows.batch.truncated[row] {
+                self.attempt(row, rows, Self::begin)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Does `work` in one row and says whether it succeeded. Errors and panics are failures of that
+    /// row alone, except for those of rendering, which all rows share.
+    fn attempt(
+        &mut self,
+        row: usize,
+        rows: &mut Rows,
+        work: fn(&mut Self, usize, &mut Rows) -> Result<(), EnvError>,
+    ) -> Result<bool, EnvError> {
+        // a panic leaves nothing half done that the next `begin` of this row does not do afresh
+        let caught = catch_unwind(AssertUnwindSafe(|| work(self, row, rows)));
+        let panicked = |panic: Box<dyn Any + Send>| {
+            let message = panic_message(&*panic);
+            Err(EnvError::Panicked { message })
+        };
+        let env = self.slots[row].index;
+        match caught.unwrap_or_else(panicked) {
+            Ok(()) => Ok(true),
+            Err(error @ EnvError::Render(_)) => {
+                self.renderers.remove(&self.tables[row].scene().group);
+                Err(error.of(env))
+            }
+            Err(error) => {
+                rows.failures.push(Failure { env, error });
+                Ok(false)
+            }
+        }
+    }
+
+    /// Starts an episode in slot `row` and writes its first observation.
+    fn begin(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+        self.prepare(Arc::clone(self.tables[row].scene()))?;
+        let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
+        let renderer = renderer_of(&mut self.renderers, table)?;
+        // where this fails, the next decision must not go on with an old episode
+        table.end_episode();
+        let element = self.elements[slot.rng.random_range(0..self.elements.len())];
+        table.reset(element, &mut slot.rng)?;
+        renderer.draw_backdrop(table, &mut slot.backdrop)?;
+        renderer.render_over(table, &mut slot.backdrop, &mut slot.first)?;
+        let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
+        stack(&slot.first, &slot.first, image);
+        row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
+        Ok(())
+    }
+
+    /// Takes one decision in slot `row` and writes what it led to, all or nothing.
+    fn decide(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+        let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
+        let renderer = renderer_of(&mut self.renderers, table)?;
+        #[cfg(test)]
+        slot.break_with_fault(table, renderer);
+        let mut action = [0.0; ACTION_DIM];
+        action.copy_from_slice(row_mut(&mut rows.actions, row, ACTION_DIM));
+        let step = table.step(&action)?;
+        let vector = table.observe()?;
+        renderer.render_over(table, &mut slot.backdrop, &mut self.picture)?;
+        let (images, vectors) = rows.write_step(row, &step);
+        let image = row_mut(images, row, self.settings.image_len());
+        stack(&self.picture, &slot.first, image);
+        row_mut(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+impl Slot {
+    fn break_with_fault(&mut self, table: &mut TableTop, renderer: &mut SceneRenderer) {
+        if let Some(fault) = self.fault.take() {
+            fault(table, renderer);
+        }
+    }
+}
+
+/// Every environment draws from a stream of its own.
+fn slot_rng(seed: u64, index: usize) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(index as u64);
+    rng
+}
+
+fn renderer_of<'a>(
+    renderers: &'a mut BTreeMap<TaskGroup, SceneRenderer>,
+    table: &TableTop,
+) -> Result<&'a mut SceneRenderer, EnvError> {
+    let renderer = renderers.get_mut(&table.scene().group);
+    renderer.ok_or(EnvError::NotReset)
+}
+
+/// What a panic said.
+pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(ToString::to_string);
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned())
+}

@@ -1,0 +1,94 @@
+//! A task of somebody else's: a block that is pushed along +y.
+
+use envs::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, reward};
+use glam::DVec3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+/// Where the block should get to from where it starts (metres).
+const WAY: f64 = 0.1;
+/// Remaining way at success (metres).
+pub const SUCCESS: f64 = 0.02;
+
+pub const SCENE: &str = r#"
+<mujocoinclude>
+  <worldbody>
+    <body name="object" mocap="true">
+      <body name="block">
+        <inertial pos="0 0 0" mass="0.2" diaginertia="2e-4 2e-4 2e-4"/>
+        <joint name="push" type="slide" axis="0 1 0" range="-0.01 0.14" limited="true" damping="3"
+               armature="0.001"/>
+        <geom name="block" type="box" size="0.04 0.04 0.04" group="1" rgba="0.2 0.6 0.2 1"/>
+      </body>
+    </body>
+  </worldbody>
+</mujocoinclude>"#;
+
+/// Pushes a block; the fields are what a test may spoil.
+pub struct PushBlock {
+    pub name: String,
+    pub scene: String,
+}
+
+impl Default for PushBlock {
+    fn default() -> Self {
+        Self {
+            name: "push-block".to_owned(),
+            scene: SCENE.to_owned(),
+        }
+    }
+}
+
+impl Task for PushBlock {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            mjcf: Some(&self.scene),
+            object_body: Some("block"),
+            ..Parts::default()
+        }
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let object = DVec3::new(rng.random_range(0.08..0.18), 0.06, 0.045);
+        Placement {
+            object,
+            goal: object + WAY * DVec3::Y,
+        }
+    }
+
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, _finger: f64) -> StepReward {
+        let remaining = (start.placement.goal.y - now.object.y).abs();
+        let approach = reward::long_tail(now.tcp.distance(now.object), 0.06, 0.2);
+        let in_place = reward::long_tail(remaining, SUCCESS, WAY);
+        StepReward {
+            approach,
+            in_place,
+            remaining,
+            reward: 10.0 * reward::hamacher(approach, in_place),
+            success: remaining <= SUCCESS,
+        }
+    }
+
+    /// Behind the block, down, then push.
+    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        let tcp_to_hand = now.hand - now.tcp;
+        let behind = now.object - 0.07 * DVec3::Y + tcp_to_hand;
+        let beside = (now.hand - behind).truncate().length();
+        let hand = if now.object.y > placement.goal.y - 0.5 * SUCCESS {
+            now.hand
+        } else if beside > 0.02 && now.hand.z > behind.z + 0.03 && now.hand.y > behind.y + 0.02 {
+            behind + 0.12 * DVec3::Z
+        } else if beside > 0.02 && now.hand.z > behind.z + 0.03 {
+            behind + 0.1 * DVec3::Z
+        } else if now.hand.z > behind.z + 0.02 {
+            behind
+        } else {
+            DVec3::new(behind.x, now.hand.y + 0.02, behind.z)
+        };
+        ExpertCommand { hand, finger: 1.0 }
+    }
+}

@@ -1,0 +1,95 @@
+//! What a layout has and has not, and snapshots of other scenes.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+mod common;
+
+use std::sync::Arc;
+
+use common::PushBlock;
+use envs::{
+    Batch, Camera, Embodiment, EnvError, Layout, Scene, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+fn table(layout: Layout, group: TaskGroup) -> TableTop {
+    let scene = Scene::in_layout(layout, group, Embodiment::Hand, Camera::default());
+    TableTop::new(Arc::new(scene.unwrap()), layout.control()).unwrap()
+}
+
+fn rng() -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(0)
+}
+
+#[test]
+fn a_snapshot_of_another_scene_is_refused() {
+    let mut button = table(Layout::Symmetric, TaskGroup::BUTTON_PRESS);
+    assert!(matches!(button.save(), Err(EnvError::NotReset)));
+    button.reset(D2::FlipX, &mut rng()).unwrap();
+    let mut drawer = table(Layout::Symmetric, TaskGroup::DRAWER_CLOSE);
+    let refused = drawer.restore(&button.save().unwrap()).unwrap_err();
+    let message = refused.to_string();
+    assert!(
+        message.contains("button-press") && message.contains("drawer-close"),
+        "{message}"
+    );
+}
+
+#[test]
+fn the_stock_layout_has_no_mirrored_variants() {
+    let mut table = table(Layout::MetaWorld, TaskGroup::PLATE_SLIDE);
+    let message = table.reset(D2::FlipX, &mut rng()).unwrap_err().to_string();
+    assert!(
+        message.contains("`metaworld` has no variant under flip x"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_task_without_stock_figures_has_no_stock_scene() {
+    let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
+    let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+    let refused = Scene::in_layout(layout, group, arm, Camera::default());
+    let message = refused.unwrap_err().to_string();
+    assert!(
+        message.contains("`metaworld` has no figures of push-block"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_vector_environment_runs_the_stock_layout_and_refuses_mirrored_variants_of_it() {
+    let settings = VecEnvSettings {
+        num_envs: 2,
+        layout: Layout::MetaWorld,
+        control: Layout::MetaWorld.control(),
+        ..VecEnvSettings::default()
+    };
+    let mut batch = Batch::new(&settings);
+    let mut env = VecEnv::new(settings, TaskGroup::BUTTON_PRESS, &[D2::Identity]).unwrap();
+    env.reset(batch.observations()).unwrap();
+    // Meta-World starts the button's hand 0.2 m back
+    assert!((batch.vectors[1] + 0.2).abs() < 0.01, "{:?}", batch.vectors);
+    let refused = env.set_tasks(TaskGroup::BUTTON_PRESS, &D2::ALL);
+    let error = refused.unwrap_err();
+    assert!(matches!(error, EnvError::NoSuchVariant { .. }), "{error}");
+}
+
+#[test]
+fn a_vector_environment_runs_a_task_of_somebody_elses() {
+    let settings = VecEnvSettings {
+        num_envs: 4,
+        ..VecEnvSettings::default()
+    };
+    let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
+    let mut batch = Batch::new(&settings);
+    let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
+    env.prepare(&TaskGroup::STANDARD).unwrap();
+    env.set_tasks(group, &[D2::FlipY]).unwrap();
+    assert!(env.reset(batch.observations()).unwrap().is_empty());
+    let green = |pixel: &[u8]| pixel[1] > 60 && pixel[0] < 60;
+    let pixels = batch.images.chunks_exact(6).filter(|pixel| green(pixel));
+    assert!(pixels.count() > 4 * 10, "the block shows");
+}

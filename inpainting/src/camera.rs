@@ -1,0 +1,107 @@
+//! A pinhole camera anywhere: intrinsics, extrinsics, projection and viewing rays.
+
+use glam::{DMat3, DVec3};
+
+use crate::error::{InpaintingError, require};
+
+/// The inside of a pinhole camera. Pixel (column, row) covers `[column, column + 1) x [row, row + 1)`;
+/// row 0 is the top.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Focal lengths across and down (pixels).
+    pub focal: [f64; 2],
+    /// The optical axis: column and row (pixels).
+    pub centre: [f64; 2],
+}
+
+impl Intrinsics {
+    fn check(&self) -> Result<(), InpaintingError> {
+        let size = format!("{} x {}", self.width, self.height);
+        let holds = self.width > 0 && self.height > 0;
+        require(holds, "picture size", &size, "at least 1 x 1")?;
+        let positive = self.focal.iter().all(|f| *f > 0.0 && f.is_finite());
+        let (value, expected) = (
+            format!("{:?}", self.focal),
+            "two positive numbers of pixels",
+        );
+        require(positive, "focal length", &value, expected)?;
+        let finite = self.centre.iter().all(|c| c.is_finite());
+        let value = format!("{:?}", self.centre);
+        require(finite, "optical axis", &value, "two finite numbers")
+    }
+}
+
+/// Where a camera is: `rotation * world + translation` is a point in its frame, x right, y down, z
+/// forward (metres).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extrinsics {
+    /// From the world's axes to the camera's.
+    pub rotation: DMat3,
+    /// The world's origin in the camera's frame (metres).
+    pub translation: DVec3,
+}
+
+impl Extrinsics {
+    fn check(&self) -> Result<(), InpaintingError> {
+        let Self {
+            rotation,
+            translation,
+        } = self;
+        let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
+        let holds = orthonormal && rotation.determinant() > 0.0;
+        let expected = "an orthonormal matrix of determinant 1";
+        require(holds, "rotation", rotation, expected)?;
+        let finite = translation.is_finite();
+        require(finite, "translation", translation, "three finite numbers")
+    }
+}
+
+/// A calibrated camera: what its projection matrix `K [R | t]` is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PinholeCamera {
+    /// The inside.
+    pub intrinsics: Intrinsics,
+    /// The place.
+    pub extrinsics: Extrinsics,
+}
+
+impl PinholeCamera {
+    /// Refuses empty pictures, focal lengths that are not positive, and a rotation that is none.
+    ///
+    /// # Errors
+    /// [`InpaintingError::Value`].
+    pub fn check(&self) -> Result<(), InpaintingError> {
+        self.intrinsics.check()?;
+        self.extrinsics.check()
+    }
+
+    /// The point as the optical axis' offset to it, columns to the right and rows down (pixels);
+    /// none behind the camera.
+    pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
+        let seen = self.in_camera(point);
+        let [fx, fy] = self.intrinsics.focal;
+        (seen.z > 0.0).then(|| [fx * seen.x / seen.z, fy * seen.y / seen.z])
+    }
+
+    /// The point in the camera's frame (metres).
+    pub(crate) fn in_camera(&self, point: DVec3) -> DVec3 {
+        self.extrinsics.rotation * point + self.extrinsics.translation
+    }
+
+    /// Unit vector from the camera through the middle of a pixel, in the camera's frame.
+    pub(crate) fn ray(&self, row: usize, column: usize) -> DVec3 {
+        let Intrinsics { focal, centre, .. } = self.intrinsics;
+        let x = (column as f64 + 0.5 - centre[0]) / focal[0];
+        let y = (row as f64 + 0.5 - centre[1]) / focal[1];
+        DVec3::new(x, y, 1.0).normalize()
+    }
+
+    /// Pixels of a picture.
+    pub fn pixels(&self) -> usize {
+        self.intrinsics.width * self.intrinsics.height
+    }
+}

@@ -1,0 +1,253 @@
+//! Colour correction: a picture under other light is brought back to the colours of a reference.
+
+use glam::{DMat3, DVec3};
+
+/// How the colours of a picture are brought to those of the reference, from the pixels that both show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColorCorrection {
+    /// Left as they are.
+    None,
+    /// Mean and standard deviation of each channel of the decorrelated space l, alpha, beta become
+    /// the reference's (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE
+    /// CG&A 21(5), 2001).
+    #[default]
+    MeanAndDeviation,
+    /// Each of red, green and blue is scaled: both pictures are taken to show the same grey on
+    /// average (grey world, von Kries).
+    GreyWorld,
+}
+
+/// After each correction, pixels that still differ by more than this (levels) are taken to show
+/// something that moved, and are left out of the next.
+const MOVED: [f64; 3] = [24.0, 6.0, 2.0];
+
+/// An affine map of each channel of the space that a correction works in.
+#[derive(Clone, Copy, Debug)]
+struct Map {
+    correction: ColorCorrection,
+    from: DVec3,
+    gain: DVec3,
+    to: DVec3,
+}
+
+impl ColorCorrection {
+    /// Corrects the picture `rgb` `[H, W, 3]` to `reference` of the same shape, in place. `mask`
+    /// `[H, W]` tells which pixels to leave out of account; what moved between the two is found and
+    /// left out as well.
+    pub(crate) fn apply(self, reference: &[u8], mask: &[bool], rgb: &mut [u8]) {
+        if self == Self::None {
+            return;
+        }
+        let pixels = || rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
+        let shown = || {
+            pixels()
+                .filter(|(_, hidden)| !**hidden)
+                .map(|(pair, _)| pair)
+        };
+        let Some(mut map) = Map::fit(self, shown()) else {
+            return;
+        };
+        for tolerance in MOVED {
+            let still = shown().filter(|(now, before)| {
+                let difference = map.apply(color(now)) - color(before);
+                difference.abs().max_element() <= tolerance
+            });
+            map = Map::fit(self, still).unwrap_or(map);
+        }
+        for pixel in rgb.chunks_exact_mut(3) {
+            let corrected = map.apply(color(pixel)).to_array();
+            pixel.copy_from_slice(&corrected.map(|value| value.round() as u8));
+        }
+    }
+
+    fn space(self, rgb: DVec3) -> DVec3 {
+        match self {
+            Self::MeanAndDeviation => lab(rgb),
+            Self::None | Self::GreyWorld => rgb,
+        }
+    }
+
+    fn rgb(self, value: DVec3) -> DVec3 {
+        match self {
+            Self::MeanAndDeviation => from_lab(value),
+            Self::None | Self::GreyWorld => value,
+        }
+    }
+}
+
+impl Map {
+    /// From the pixels of a picture to those of the reference; none without pixels.
+    fn fit<'a>(
+        correction: ColorCorrection,
+        pairs: impl Iterator<Item = (&'a [u8], &'a [u8])>,
+    ) -> Option<Self> {
+        let (mut now, mut reference) = (Moments::default(), Moments::default());
+        for (a, b) in pairs {
+            now.add(correction.space(color(a)));
+            reference.add(correction.space(color(b)));
+        }
+        if now.count == 0.0 {
+            return None;
+        }
+        let (from, to) = (now.mean(), reference.mean());
+        let (from, gain, to) = match correction {
+            ColorCorrection::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
+            _ => (from, ratio(reference.deviation(), now.deviation()), to),
+        };
+        Some(Self {
+            correction,
+            from,
+            gain,
+            to,
+        })
+    }
+
+    fn apply(&self, rgb: DVec3) -> DVec3 {
+        let moved = (self.correction.space(rgb) - self.from) * self.gain + self.to;
+        let full = DVec3::splat(255.0);
+        self.correction.rgb(moved).clamp(DVec3::ZERO, full)
+    }
+}
+
+/// Sums over pixels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    count: f64,
+    sum: DVec3,
+    squares: DVec3,
+}
+
+impl Moments {
+    fn add(&mut self, value: DVec3) {
+        self.count += 1.0;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    fn mean(&self) -> DVec3 {
+        self.sum / self.count
+    }
+
+    fn deviation(&self) -> DVec3 {
+        let variance = self.squares / self.count - self.mean() * self.mean();
+        variance.max(DVec3::ZERO).map(f64::sqrt)
+    }
+}
+
+/// Channel by channel; one where a channel does not vary.
+fn ratio(above: DVec3, below: DVec3) -> DVec3 {
+    let one = |axis: usize| {
+        if below[axis] > 1e-9 {
+            above[axis] / below[axis]
+        } else {
+            1.0
+        }
+    };
+    DVec3::new(one(0), one(1), one(2))
+}
+
+fn color(pixel: &[u8]) -> DVec3 {
+    DVec3::new(pixel[0].into(), pixel[1].into(), pixel[2].into())
+}
+
+/// Reinhard et al., equation 4: linear RGB to the responses of the eye's cones.
+const LMS: DMat3 = DMat3::from_cols_array_2d(&[
+    [0.3811, 0.1967, 0.0241],
+    [0.5783, 0.7244, 0.1288],
+    [0.0402, 0.0782, 0.8444],
+]);
+
+/// Reinhard et al., equation 6: their logarithms to decorrelated axes, less the scaling of each
+/// axis, which a gain per axis undoes.
+const AXES: DMat3 =
+    DMat3::from_cols_array_2d(&[[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -2.0, 0.0]]);
+
+/// Levels of RGB to l, alpha, beta.
+fn lab(rgb: DVec3) -> DVec3 {
+    // black has no logarithm; this little still rounds to black
+    let cones = (LMS * rgb).max(DVec3::splat(0.3)).map(f64::ln);
+    AXES * cones
+}
+
+fn from_lab(lab: DVec3) -> DVec3 {
+    LMS.inverse() * (AXES.inverse() * lab).map(f64::exp)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of many colours.
+    fn picture() -> Vec<u8> {
+        (0..40 * 40_u32)
+            .flat_map(|i| [30 + i % 150, 40 + (i * 7) % 130, 50 + (i * 13) % 110].map(|v| v as u8))
+            .collect()
+    }
+
+    /// The same under warmer, darker light.
+    fn relit(picture: &[u8]) -> Vec<u8> {
+        let gains = [0.95, 0.8, 0.6].into_iter().cycle();
+        let pixels = picture.iter().zip(gains);
+        pixels
+            .map(|(&v, gain)| (f64::from(v) * gain).round() as u8)
+            .collect()
+    }
+
+    fn worst(a: &[u8], b: &[u8]) -> u8 {
+        a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
+    }
+
+    const BOTH: [ColorCorrection; 2] = [
+        ColorCorrection::MeanAndDeviation,
+        ColorCorrection::GreyWorld,
+    ];
+
+    #[test]
+    fn a_picture_under_the_same_light_stays_as_it_is_to_the_bit() {
+        let reference = picture();
+        for correction in BOTH {
+            let mut rgb = reference.clone();
+            correction.apply(&reference, &vec![false; 1600], &mut rgb);
+            assert!(rgb == reference, "{correction:?}");
+        }
+    }
+
+    #[test]
+    fn other_light_is_corrected_and_none_does_nothing() {
+        let reference = picture();
+        let dim = relit(&reference);
+        assert!(worst(&dim, &reference) > 50);
+        for (correction, tolerance) in BOTH.into_iter().zip([12, 2]) {
+            let mut rgb = dim.clone();
+            correction.apply(&reference, &vec![false; 1600], &mut rgb);
+            let worst = worst(&rgb, &reference);
+            assert!(worst <= tolerance, "{correction:?}: {worst}");
+        }
+        let mut rgb = dim.clone();
+        ColorCorrection::None.apply(&reference, &vec![false; 1600], &mut rgb);
+        assert!(rgb == dim);
+    }
+
+    /// What is hidden, and what moved, has no say in the light.
+    #[test]
+    fn hidden_and_moved_pixels_do_not_count() {
+        let reference = picture();
+        let mut rgb = reference.clone();
+        let mut mask = vec![false; 1600];
+        for i in 0..400 {
+            rgb[3 * i..][..3].copy_from_slice(&[255, 0, 0]);
+            mask[i] = true;
+        }
+        for i in 400..500 {
+            rgb[3 * i..][..3].copy_from_slice(&[0, 255, 255]);
+        }
+        for correction in BOTH {
+            let mut corrected = rgb.clone();
+            correction.apply(&reference, &mask, &mut corrected);
+            assert!(corrected[1500..] == reference[1500..], "{correction:?}");
+        }
+        let mut all_hidden = rgb.clone();
+        ColorCorrection::GreyWorld.apply(&reference, &vec![true; 1600], &mut all_hidden);
+        assert!(all_hidden == rgb);
+    }
+}

@@ -1,0 +1,79 @@
+//! Where an arm hides the picture: capsules between its joints, seen by the camera.
+
+use std::ops::Range;
+
+use glam::DVec3;
+
+use crate::camera::PinholeCamera;
+
+/// A link of an arm: everything within `radius` of the line between two joints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Link {
+    /// Indices of the joints at its ends.
+    pub joints: [usize; 2],
+    /// Radius (metres).
+    pub radius: f64,
+}
+
+/// A link in the camera's frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Capsule {
+    pub ends: [DVec3; 2],
+    pub radius: f64,
+}
+
+impl Capsule {
+    /// Marks the pixels of `mask` `[H, W]` whose ray meets the capsule.
+    pub(crate) fn mark(&self, camera: &PinholeCamera, mask: &mut [bool]) {
+        let [rows, columns] = self.window(camera);
+        for row in rows {
+            for column in columns.clone() {
+                if self.meets(camera.ray(row, column)) {
+                    mask[row * camera.intrinsics.width + column] = true;
+                }
+            }
+        }
+    }
+
+    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the axis,
+    /// in front of the camera.
+    pub(crate) fn meets(&self, ray: DVec3) -> bool {
+        let [from, to] = self.ends;
+        let axis = to - from;
+        // the point of the axis next to the ray's line: both squared distances are convex, so
+        // clamping is exact
+        let (along, across) = (axis.dot(ray), axis.cross(ray).length_squared());
+        let share = if across > 0.0 {
+            ((along * from.dot(ray) - axis.dot(from)) / across).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        let nearest = from + share * axis;
+        let depth = nearest.dot(ray);
+        depth > 0.0 && nearest.distance_squared(depth * ray) <= self.radius * self.radius
+    }
+
+    /// Rows and columns outside of which no ray meets the capsule.
+    fn window(&self, camera: &PinholeCamera) -> [Range<usize>; 2] {
+        let intrinsics = &camera.intrinsics;
+        let whole = [0..intrinsics.height, 0..intrinsics.width];
+        let low = self.ends[0].min(self.ends[1]) - self.radius;
+        let high = self.ends[0].max(self.ends[1]) + self.radius;
+        if low.z <= 0.0 {
+            return whole;
+        }
+        let side = |axis: usize, focal: f64, centre: f64, count: usize| {
+            // a box around the capsule looks largest from its near or its far face
+            let faces = [low.z, high.z].map(|z| [low[axis] / z, high[axis] / z]);
+            let first = faces[0][0].min(faces[1][0]) * focal + centre - 1.0;
+            let last = faces[0][1].max(faces[1][1]) * focal + centre + 1.0;
+            let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
+            pixel(first)..pixel(last)
+        };
+        let ([fx, fy], [cx, cy]) = (intrinsics.focal, intrinsics.centre);
+        [
+            side(1, fy, cy, intrinsics.height),
+            side(0, fx, cx, intrinsics.width),
+        ]
+    }
+}

@@ -1,0 +1,147 @@
+//! Reads arrays of numbers from an npz archive: a zip of npy files, as NumPy writes them.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use zip::ZipArchive;
+
+use super::recording_error::RecordingError;
+
+/// Largest array that is read (bytes), so that a small hostile archive cannot fill the memory.
+const LARGEST: u64 = 1 << 28;
+
+/// An open archive.
+pub(crate) struct Npz {
+    archive: ZipArchive<File>,
+}
+
+/// An array of numbers, last index fastest.
+#[derive(Debug)]
+pub(crate) struct Array {
+    shape: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl Array {
+    /// The last axis at `indices` of the others.
+    pub(crate) fn row(&self, indices: &[usize]) -> &[f64] {
+        let start = indices
+            .iter()
+            .zip(&self.shape)
+            .fold(0, |start, (index, size)| start * size + index);
+        let len = self.shape[indices.len()..].iter().product::<usize>();
+        &self.values[start * len..(start + 1) * len]
+    }
+
+    pub(crate) fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+}
+
+impl Npz {
+    pub(crate) fn open(path: &Path) -> Result<Self, RecordingError> {
+        let file = File::open(path).map_err(|source| RecordingError::Open { source })?;
+        let archive =
+            ZipArchive::new(file).map_err(|source| RecordingError::NotAnArchive { source })?;
+        Ok(Self { archive })
+    }
+
+    /// The array `name` of finite numbers, whose shape must be `expected`; zero stands for any size but none.
+    pub(crate) fn array(
+        &mut self,
+        name: &'static str,
+        expected: &[usize],
+    ) -> Result<Array, RecordingError> {
+        let array = parse(name, &self.member(name)?)?;
+        let fits = |(&got, &wanted): (&usize, &usize)| got > 0 && (wanted == 0 || got == wanted);
+        if array.shape.len() != expected.len() || !array.shape.iter().zip(expected).all(fits) {
+            return Err(RecordingError::Shape {
+                name,
+                got: array.shape,
+                expected: expected.to_vec(),
+            });
+        }
+        match array.values.iter().position(|value| !value.is_finite()) {
+            Some(index) => Err(RecordingError::NotFinite { name, index }),
+            None => Ok(array),
+        }
+    }
+
+    fn member(&mut self, name: &'static str) -> Result<Vec<u8>, RecordingError> {
+        let known: Vec<String> = self
+            .archive
+            .file_names()
+            .filter_map(|known| known.ok().map(|known| known.into_owned()))
+            .collect();
+        let file = match self.archive.by_name(&format!("{name}.npy")) {
+            Ok(file) => file,
+            Err(zip::result::ZipError::FileNotFound) => {
+                return Err(RecordingError::Missing { name, known });
+            }
+            Err(source) => return Err(RecordingError::NotAnArchive { source }),
+        };
+        let mut bytes = Vec::new();
+        file.take(LARGEST)
+            .read_to_end(&mut bytes)
+            .map_err(|source| RecordingError::Open { source })?;
+        Ok(bytes)
+    }
+}
+
+/// Parses the npy format, versions 1 to 3: magic, version, header length, a Python dictionary, the values.
+fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
+    let damaged = |reason| RecordingError::Damaged { name, reason };
+    let rest = bytes
+        .strip_prefix(b"\x93NUMPY")
+        .ok_or_else(|| damaged("it does not begin as an npy file"))?;
+    let (len, start) = match rest {
+        [1, _, a, b, ..] => (usize::from(u16::from_le_bytes([*a, *b])), 4),
+        [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, 6),
+        _ => return Err(damaged("its version is not 1, 2 or 3")),
+    };
+    let header = rest
+        .get(start..start + len)
+        .and_then(|header| std::str::from_utf8(header).ok())
+        .ok_or_else(|| damaged("its header ends early or is no text"))?;
+    let shape = shape(header).ok_or_else(|| damaged("its header has no shape in C order"))?;
+    let values = values(name, kind(header), &rest[start + len..])?;
+    let count = shape
+        .iter()
+        .try_fold(1, |n: usize, &size| n.checked_mul(size));
+    if count != Some(values.len()) {
+        return Err(damaged("it holds more or fewer values than its shape says"));
+    }
+    Ok(Array { shape, values })
+}
+
+/// What stands between quotes after `'descr'`, for instance `<f8`.
+fn kind(header: &str) -> &str {
+    let after = header.split_once("'descr'").map_or("", |(_, after)| after);
+    after.split('\'').nth(1).unwrap_or_default()
+}
+
+fn shape(header: &str) -> Option<Vec<usize>> {
+    header.contains("'fortran_order': False").then_some(())?;
+    let (_, after) = header.split_once("'shape': (")?;
+    let (inside, _) = after.split_once(')')?;
+    let sizes = inside.split(',').map(str::trim);
+    sizes
+        .filter(|size| !size.is_empty())
+        .map(|size| size.parse().ok())
+        .collect()
+}
+
+fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, RecordingError> {
+    match kind {
+        "<f8" => {
+            let (numbers, _) = bytes.as_chunks::<8>();
+            Ok(numbers.iter().map(|&n| f64::from_le_bytes(n)).collect())
+        }
+        "|b1" => Ok(bytes.iter().map(|&byte| f64::from(byte)).collect()),
+        _ => Err(RecordingError::Kind {
+            name,
+            got: kind.to_owned(),
+        }),
+    }
+}

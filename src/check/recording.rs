@@ -1,0 +1,161 @@
+//! Episodes of Meta-World as an npz file holds them.
+
+use std::path::{Path, PathBuf};
+
+use envs::{Placement, Scene, StepReward, TaskGroup};
+use glam::DVec3;
+
+use super::npz::{Array, Npz};
+use super::recording_error::RecordingError;
+
+/// From Meta-World's origin, the robot's base, to ours, the centre of the table (metres).
+pub(crate) const CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
+/// Height of the puck's centre on the table (metres); Meta-World's placements give its underside.
+const PUCK_HEIGHT: f64 = 0.015;
+
+/// E episodes of T control steps of one task. Lengths in metres, world frame of Meta-World.
+pub(crate) struct Recording {
+    pub episodes: usize,
+    pub steps: usize,
+    /// `[E, T + 1, nq]`, `[E, T + 1, nv]`, `[E, T + 1, 3]`: after the reset and after each step.
+    pub qpos: Array,
+    pub qvel: Array,
+    pub target: Array,
+    /// `[E, T + 1, 39]`: hand, aperture, object and more.
+    pub observation: Array,
+    /// `[E, T, 4]`, not clipped.
+    pub action: Array,
+    /// `[E, T]`.
+    pub reward: Array,
+    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target, reward.
+    pub info: Array,
+    /// `[E, T]`: a convex mesh, which our scenes replace by boxes, touched something.
+    pub mesh_contact: Array,
+    placement: Array,
+    goal: Array,
+    hand_start: Array,
+    start_tcp: Array,
+}
+
+impl Recording {
+    /// The task that a file's name speaks of.
+    pub(crate) fn task(path: &Path) -> Result<TaskGroup, RecordingError> {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let task = stem.split('_').nth(1).unwrap_or_default();
+        let mut groups = TaskGroup::STANDARD.into_iter();
+        let named = |group: &TaskGroup| group.task().stock().is_some_and(|it| it.name == task);
+        groups.find(named).ok_or(RecordingError::UnknownTask)
+    }
+
+    /// Reads a recording of `scene`'s task.
+    pub(crate) fn read(path: &Path, scene: &Scene) -> Result<Self, RecordingError> {
+        let mut npz = Npz::open(path)?;
+        let reward = npz.array("reward", &[0, 0])?;
+        let (e, t) = (reward.shape()[0], reward.shape()[1]);
+        let (nq, nv) = (scene.model.nq(), scene.model.nv());
+        Ok(Self {
+            episodes: e,
+            steps: t,
+            qpos: npz.array("qpos", &[e, t + 1, nq])?,
+            qvel: npz.array("qvel", &[e, t + 1, nv])?,
+            target: npz.array("mocap_pos", &[e, t + 1, 3])?,
+            observation: npz.array("obs", &[e, t + 1, 39])?,
+            action: npz.array("action", &[e, t, 4])?,
+            info: npz.array("info", &[e, t, 7])?,
+            mesh_contact: npz.array("mesh_contact", &[e, t])?,
+            placement: npz.array("rand_vec", &[e, 0])?,
+            goal: npz.array("target_pos", &[e, 3])?,
+            hand_start: npz.array("hand_init_pos", &[e, 3])?,
+            start_tcp: npz.array("init_tcp", &[e, 3])?,
+            reward,
+        })
+    }
+
+    /// Where an episode put things, in our frame.
+    pub(crate) fn placement(&self, group: TaskGroup, episode: usize) -> Placement {
+        let mut object = centred(&self.placement.row(&[episode])[..3]);
+        if group == TaskGroup::PLATE_SLIDE {
+            object.z = PUCK_HEIGHT;
+        }
+        Placement {
+            object,
+            goal: centred(self.goal.row(&[episode])),
+        }
+    }
+
+    /// Where the hand's target stood at an episode's start, in our frame.
+    pub(crate) fn hand_start(&self, episode: usize) -> DVec3 {
+        centred(self.hand_start.row(&[episode]))
+    }
+
+    /// The point between the fingertips at an episode's start, in our frame.
+    pub(crate) fn start_tcp(&self, episode: usize) -> DVec3 {
+        centred(self.start_tcp.row(&[episode]))
+    }
+
+    /// Hand and object of an observation, in our frame.
+    pub(crate) fn hand_and_object(&self, episode: usize, step: usize) -> [DVec3; 2] {
+        let observation = self.observation.row(&[episode, step]);
+        [centred(&observation[..3]), centred(&observation[4..7])]
+    }
+
+    /// The action's finger component, not clipped.
+    pub(crate) fn finger(&self, episode: usize, step: usize) -> f64 {
+        self.action.row(&[episode, step])[3]
+    }
+
+    /// Whether the success condition held after a step.
+    pub(crate) fn success(&self, episode: usize, step: usize) -> bool {
+        self.info.row(&[episode, step])[0] != 0.0
+    }
+
+    /// The largest difference of a step's reward, or of one of its terms, from `ours`.
+    pub(crate) fn reward_deviation(
+        &self,
+        group: TaskGroup,
+        episode: usize,
+        step: usize,
+        ours: &StepReward,
+    ) -> f64 {
+        let info = self.info.row(&[episode, step]);
+        // Meta-World's Reach reports a distance in the place of this term
+        let approach = if group == TaskGroup::GOAL_REACH {
+            0.0
+        } else {
+            ours.approach - info[3]
+        };
+        let terms = [
+            ours.reward - self.reward.row(&[episode, step])[0],
+            ours.in_place - info[4],
+            ours.remaining - info[5],
+            approach,
+        ];
+        terms.into_iter().map(f64::abs).fold(0.0, f64::max)
+    }
+
+    /// Whether a mesh touched anything during a step.
+    pub(crate) fn meshes_touch(&self, episode: usize, step: usize) -> bool {
+        self.mesh_contact.row(&[episode, step])[0] != 0.0
+    }
+}
+
+/// A point of Meta-World's frame in ours.
+pub(crate) fn centred(point: &[f64]) -> DVec3 {
+    DVec3::from_slice(point) - CENTRE
+}
+
+/// Every npz file of a folder, sorted by name.
+pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
+    let entries = std::fs::read_dir(folder).map_err(|source| RecordingError::Open { source })?;
+    let mut files = Vec::new();
+    for entry in entries {
+        let path = entry
+            .map_err(|source| RecordingError::Open { source })?
+            .path();
+        if path.extension().is_some_and(|extension| extension == "npz") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}

@@ -1,0 +1,70 @@
+//! Grouping by the 1-Wasserstein distance of invariant features.
+
+use cluster::{Assigner, AssignerSettings, Assignment, Decision, Rule};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use crate::error::CoversError;
+
+use super::grouping::{Candidates, Grouping};
+
+/// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
+/// by a calibrated test, or by the paper's threshold.
+///
+/// The paper starts with an empty `B`, for which no distance exists: the first `O` seeds policy 0.
+#[derive(Clone, Copy, Debug)]
+pub struct Distance(Assigner);
+
+impl Distance {
+    /// Takes the rule that accepts or refuses a policy.
+    ///
+    /// # Errors
+    /// A setting of the rule out of range.
+    pub fn new(rule: Rule) -> Result<Self, CoversError> {
+        Ok(Self(Assigner::new(AssignerSettings { rule })?))
+    }
+}
+
+impl Grouping for Distance {
+    fn min_episodes(&self) -> usize {
+        match &self.0.settings().rule {
+            Rule::Fixed { .. } => 1,
+            Rule::Calibrated(calibrated) => calibrated.min_episodes,
+        }
+    }
+
+    fn assign(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        if candidates.policies() == 0 {
+            return Ok(Assignment {
+                decision: Decision::Existing(0),
+                evidence: Vec::new(),
+            });
+        }
+        Ok(self.0.assign(&candidates.clouds()?, rng)?)
+    }
+
+    fn settle(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        Ok(self.0.settle(&candidates.clouds()?, rng)?)
+    }
+
+    fn adopt(&mut self, _: usize) {}
+
+    fn state(&self) -> Value {
+        Value::Null
+    }
+
+    fn restore(&mut self, state: &Value) -> Result<(), String> {
+        match state {
+            Value::Null => Ok(()),
+            other => Err(format!("distances have no state, got {other}")),
+        }
+    }
+}

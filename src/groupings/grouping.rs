@@ -1,0 +1,62 @@
+//! What every grouping can do.
+
+use cluster::{Assignment, Candidate};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use crate::error::CoversError;
+
+/// What a grouping may look at: the first frames of a rollout beside those of every policy.
+pub trait Candidates {
+    /// The number of policies that have taken a rollout; 0 before the first one.
+    fn policies(&self) -> usize;
+
+    /// For each of them the frames that it keeps and those of the rollout, in its own features.
+    /// Costly: networks embed every frame.
+    ///
+    /// # Errors
+    /// What a network says.
+    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
+}
+
+/// Decides which policy a rollout belongs to (lines 8 to 15 of the paper's Algorithm 1).
+///
+/// The first rollout of all goes to policy 0, which exists from the start.
+pub trait Grouping: Send {
+    /// Episodes that a rollout must show, and a policy keep, at least 1.
+    fn min_episodes(&self) -> usize;
+
+    /// Decides on one rollout; `Undecided` asks for one more, and [`Grouping::settle`].
+    ///
+    /// # Errors
+    /// Frames that cannot be compared.
+    fn assign(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError>;
+
+    /// Decides for good on two rollouts, after [`Grouping::assign`] was undecided on the first.
+    ///
+    /// # Errors
+    /// Frames that cannot be compared.
+    fn settle(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        self.assign(candidates, rng)
+    }
+
+    /// Learns that policy `index` took the rollout that was decided on last.
+    fn adopt(&mut self, index: usize);
+
+    /// What must be remembered in a checkpoint.
+    fn state(&self) -> Value;
+
+    /// Takes back what [`Grouping::state`] returned.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    fn restore(&mut self, state: &Value) -> Result<(), String>;
+}

@@ -1,0 +1,15 @@
+//! Groupings: which policy a rollout belongs to, one file each, behind the trait [`Grouping`].
+//!
+//! To add one: implement [`Grouping`], and give it a value of [`GroupingSettings`].
+
+mod distance;
+mod grouping;
+mod oracle;
+mod settings;
+mod single;
+
+pub use distance::Distance;
+pub use grouping::{Candidates, Grouping};
+pub use oracle::{Labels, Oracle};
+pub use settings::GroupingSettings;
+pub use single::Single;

@@ -1,0 +1,101 @@
+//! The registry of groupings: settings that name one.
+
+use cluster::{Calibrated, Rule};
+use serde::{Deserialize, Serialize};
+
+use crate::error::CoversError;
+
+use super::distance::Distance;
+use super::grouping::Grouping;
+use super::oracle::{Labels, Oracle};
+use super::single::Single;
+
+/// Which policy a rollout belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum GroupingSettings {
+    /// A two-sample permutation test of 1-Wasserstein distances, with a second look before a policy
+    /// is opened.
+    Calibrated(Calibrated),
+    /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
+    Threshold {
+        /// Largest distance within a group (`d_epsilon`), in the features' unit.
+        limit: f64,
+    },
+    /// One policy for everything.
+    Single,
+    /// One policy for each label. Only a run can give labels.
+    Oracle,
+}
+
+impl Default for GroupingSettings {
+    fn default() -> Self {
+        Self::Calibrated(Calibrated::default())
+    }
+}
+
+impl GroupingSettings {
+    /// The paper's rule with its threshold, `d_epsilon = 1.0`.
+    pub const PAPER: Self = Self::Threshold { limit: 1.0 };
+
+    /// The grouping, for a learner that no run trains.
+    ///
+    /// # Errors
+    /// A setting out of range, and [`GroupingSettings::Oracle`], which has nobody to ask.
+    pub fn build(&self) -> Result<Box<dyn Grouping>, CoversError> {
+        match self {
+            Self::Oracle => Err(CoversError::Setting {
+                name: "grouping",
+                value: "oracle".to_owned(),
+                expected: "a grouping without labels, or a learner that a run trains: only a run \
+                           knows labels",
+            }),
+            _ => self.build_with(&Labels::default()),
+        }
+    }
+
+    /// The grouping, for a run that writes `labels`.
+    pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, CoversError> {
+        Ok(match *self {
+            Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
+            Self::Threshold { limit } => Box::new(Distance::new(Rule::Fixed { threshold: limit })?),
+            Self::Single => Box::new(Single),
+            Self::Oracle => Box::new(Oracle::new(labels.clone())),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_file_and_unknown_names_are_refused() {
+        let all = [
+            GroupingSettings::default(),
+            GroupingSettings::PAPER,
+            GroupingSettings::Single,
+            GroupingSettings::Oracle,
+        ];
+        let read = |text: &str| serde_json::from_str::<GroupingSettings>(text);
+        for settings in all {
+            let text = serde_json::to_string(&settings).unwrap();
+            assert_eq!(read(&text).unwrap(), settings);
+        }
+        for wrong in [
+            r#""orakel""#,
+            r#"{"threshold": {"limit": 1.0, "slack": 2.0}}"#,
+        ] {
+            assert!(read(wrong).unwrap_err().to_string().contains("unknown"));
+        }
+    }
+
+    #[test]
+    fn labels_and_ranges_are_asked_for() {
+        let refuse = |settings: GroupingSettings| settings.build().err().unwrap().to_string();
+        assert!(refuse(GroupingSettings::Oracle).contains("only a run knows labels"));
+        let message = refuse(GroupingSettings::Threshold { limit: f64::NAN });
+        assert!(message.contains("NaN"), "{message}");
+        assert!(GroupingSettings::Single.build().is_ok());
+    }
+}

@@ -1,0 +1,43 @@
+//! One policy for everything.
+
+use cluster::{Assignment, Decision};
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use crate::error::CoversError;
+
+use super::grouping::{Candidates, Grouping};
+
+/// Gives every rollout to policy 0: the paper's baselines Equi and CNN.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Single;
+
+impl Grouping for Single {
+    fn min_episodes(&self) -> usize {
+        1
+    }
+
+    fn assign(
+        &self,
+        _: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        Ok(Assignment {
+            decision: Decision::Existing(0),
+            evidence: Vec::new(),
+        })
+    }
+
+    fn adopt(&mut self, _: usize) {}
+
+    fn state(&self) -> Value {
+        Value::Null
+    }
+
+    fn restore(&mut self, state: &Value) -> Result<(), String> {
+        match state {
+            Value::Null => Ok(()),
+            other => Err(format!("a single policy has no state, got {other}")),
+        }
+    }
+}

@@ -1,0 +1,311 @@
+//! The learner as one file: everything that its next rollout depends on.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use cluster::Reservoir;
+use rl::{
+    ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Features, Observations, Ppo,
+    RolloutBuffer,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::CoversError;
+use crate::groupings::{Grouping, Labels};
+use crate::learners::learner::{Extent, Seconds};
+use crate::learners::tensor_file::{Tensor, TensorFile, write};
+
+use super::algorithm::Covers;
+use super::first_frames::FirstFrames;
+use super::member::{Generators, Member};
+use super::settings::{CoversSettings, Embedding};
+
+/// The key of the header.
+const KEY: &str = "covers 2";
+
+/// What is not an array.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header<'a> {
+    settings: Cow<'a, CoversSettings>,
+    grouping: Value,
+    current: usize,
+    generators: Cow<'a, Generators>,
+    members: Vec<MemberHeader>,
+    note: Cow<'a, str>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MemberHeader {
+    /// Counters of the policy update by name; none where its state was left out.
+    counters: Option<BTreeMap<String, u64>>,
+    /// Episodes offered to the buffer so far.
+    seen: u64,
+}
+
+impl Covers {
+    /// Writes the learner to a file, with a note of the caller's.
+    pub(super) fn write(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
+        let header = Header {
+            settings: Cow::Borrowed(&self.settings),
+            grouping: self.grouping.state(),
+            current: self.current,
+            generators: Cow::Borrowed(&self.generators),
+            members: self.members.iter().map(|m| m.header(extent)).collect(),
+            note: Cow::Borrowed(note),
+        };
+        let members = self.members.iter().enumerate();
+        let tensors: Vec<Tensor> = members
+            .flat_map(|(index, member)| member.tensors(index, &self.spec, extent))
+            .collect();
+        write(path, KEY, &header, &tensors)
+    }
+
+    /// Reads what [`Learner::save`](crate::Learner::save) wrote, for environments like those it
+    /// learnt in; returns the note, too.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments.
+    pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
+        Self::read_if(path, spec, CoversSettings::grouping, |_| Ok(()))
+    }
+
+    /// As [`Covers::load`], in a run that writes `labels`.
+    pub(in crate::learners) fn read(
+        path: &Path,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Self, String), CoversError> {
+        let grouping = |settings: &CoversSettings| settings.grouping.build_with(labels);
+        Self::read_if(path, spec, grouping, |_| Ok(()))
+    }
+
+    /// As [`Covers::read`], for a copy that learns on to the same bits: a file of
+    /// [`Extent::Policies`] is refused.
+    pub(in crate::learners) fn read_everything(
+        path: &Path,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Self, String), CoversError> {
+        let grouping = |settings: &CoversSettings| settings.grouping.build_with(labels);
+        Self::read_if(path, spec, grouping, |header| {
+            if header.members.iter().all(|m| m.counters.is_some()) {
+                return Ok(());
+            }
+            Err(CoversError::PoliciesOnly {
+                path: path.to_owned(),
+            })
+        })
+    }
+
+    fn read_if(
+        path: &Path,
+        spec: &EnvSpec,
+        grouping: impl Fn(&CoversSettings) -> Result<Box<dyn Grouping>, CoversError>,
+        check: impl Fn(&Header<'_>) -> Result<(), CoversError>,
+    ) -> Result<(Self, String), CoversError> {
+        let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+        let (header, file): (Header<'static>, _) = TensorFile::open(path, &bytes, KEY)?;
+        check(&header)?;
+        let settings = header.settings.into_owned();
+        let mut grouping = grouping(&settings)?;
+        let state = grouping.restore(&header.grouping);
+        state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
+        let steps = settings.steps_per_env(spec, grouping.min_episodes())?;
+        let arrays = Arrays {
+            file,
+            spec,
+            settings: &settings,
+        };
+        let members = header.members.iter().enumerate();
+        let members: Vec<Member> = members
+            .map(|(index, member)| arrays.member(index, member))
+            .collect::<Result<_, _>>()?;
+        if header.current >= members.len() {
+            let problem = format!("policy {} of {}", header.current, members.len());
+            return Err(arrays.file.damaged(problem));
+        }
+        let covers = Self {
+            spec: spec.clone(),
+            grouping,
+            members,
+            current: header.current,
+            rollout: RolloutBuffer::new(spec, steps)?,
+            generators: header.generators.into_owned(),
+            seconds: Seconds::default(),
+            settings,
+        };
+        Ok((covers, header.note.into_owned()))
+    }
+}
+
+impl CoversSettings {
+    fn grouping(&self) -> Result<Box<dyn Grouping>, CoversError> {
+        self.grouping.build()
+    }
+}
+
+impl Member {
+    fn header(&self, extent: Extent) -> MemberHeader {
+        match extent {
+            Extent::Everything => MemberHeader {
+                counters: Some(self.counters()),
+                seen: self.buffer.seen(),
+            },
+            Extent::Policies { .. } => MemberHeader {
+                counters: None,
+                seen: self.kept(extent).len() as u64,
+            },
+        }
+    }
+
+    fn counters(&self) -> BTreeMap<String, u64> {
+        let counters = self.ppo.save().counters.into_iter();
+        counters
+            .map(|(name, count)| (name.to_owned(), count))
+            .collect()
+    }
+
+    /// The episodes that are saved.
+    fn kept(&self, extent: Extent) -> &[FirstFrames] {
+        let all = self.buffer.episodes();
+        match extent {
+            Extent::Everything => all,
+            Extent::Policies { episodes } => &all[..episodes.min(all.len())],
+        }
+    }
+
+    fn tensors(&self, index: usize, spec: &EnvSpec, extent: Extent) -> Vec<Tensor> {
+        let name = |what: &str| format!("policy.{index}.{what}");
+        let flat =
+            |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
+        let mut tensors = vec![flat("params", self.policy.params())];
+        if extent == Extent::Everything {
+            let state = self.ppo.save().tensors.into_iter();
+            tensors.extend(state.map(|(name, values)| flat(name, values)));
+        }
+        let episodes = self.kept(extent);
+        let frames = episodes.first().map_or(0, FirstFrames::count);
+        let shape = |sizes: &[usize]| [&[episodes.len(), frames], sizes].concat();
+        let observations = episodes.iter().map(FirstFrames::observations);
+        let images = observations.clone().flat_map(|o| o.images.iter().copied());
+        let images = images.collect();
+        tensors.push(Tensor::bytes(name("images"), shape(&spec.image), images));
+        let vectors: Vec<f32> = observations.flat_map(|o| o.vectors.clone()).collect();
+        let vector = shape(&[spec.vector.len()]);
+        tensors.push(Tensor::floats(name("vectors"), vector, &vectors));
+        let features = episodes.iter().flat_map(|e| e.features().unwrap_or(&[]));
+        let features: Vec<f32> = features.copied().collect();
+        if !features.is_empty() {
+            let shape = shape(&[self.policy.feature_dim()]);
+            tensors.push(Tensor::floats(name("features"), shape, &features));
+        }
+        tensors
+    }
+}
+
+/// The arrays of an open file, and what they must fit.
+struct Arrays<'a> {
+    file: TensorFile<'a>,
+    spec: &'a EnvSpec,
+    settings: &'a CoversSettings,
+}
+
+impl Arrays<'_> {
+    fn member(&self, index: usize, header: &MemberHeader) -> Result<Member, CoversError> {
+        let name = |what: &str| format!("policy.{index}.{what}");
+        let (_, params) = self.file.floats(&name("params"))?;
+        let policy = ActorCriticPolicy::with_params(&self.settings.network, self.spec, params)?;
+        let ppo = self.ppo(&policy, &name, header.counters.as_ref())?;
+        let mut episodes = self.episodes(&name("images"), &name("vectors"))?;
+        if self.settings.embedding == Embedding::AtArrival && !episodes.is_empty() {
+            let dim = policy.feature_dim();
+            self.restore_features(&name("features"), dim, &mut episodes)?;
+        }
+        let capacity = self.settings.buffer_capacity();
+        let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
+        Ok(Member {
+            policy,
+            ppo,
+            buffer,
+        })
+    }
+
+    /// The update of a policy, fresh where its state was left out.
+    fn ppo(
+        &self,
+        policy: &ActorCriticPolicy,
+        name: &impl Fn(&str) -> String,
+        counters: Option<&BTreeMap<String, u64>>,
+    ) -> Result<Ppo, CoversError> {
+        let mut ppo = Ppo::new(self.settings.ppo.clone(), policy)?;
+        let Some(counters) = counters else {
+            return Ok(ppo);
+        };
+        let fresh = ppo.save().tensors.into_iter();
+        let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
+        let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, CoversError>>()?;
+        let state = AlgorithmState {
+            tensors: arrays
+                .iter()
+                .map(|(name, a)| (name.as_str(), a.as_slice()))
+                .collect(),
+            counters: counters
+                .iter()
+                .map(|(name, n)| (name.as_str(), *n))
+                .collect(),
+        };
+        let restored = ppo.restore(&state);
+        restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
+        Ok(ppo)
+    }
+
+    /// The frames that a policy keeps, without features.
+    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
+        let (spec, k) = (self.spec, self.settings.first_frames);
+        let (shape, pixels) = self.file.bytes(images)?;
+        let count = shape.first().copied().unwrap_or(0);
+        let frames = if count == 0 { 0 } else { k };
+        self.expect(
+            images,
+            &shape,
+            &[&[count, frames], spec.image.as_slice()].concat(),
+        )?;
+        let (shape, numbers) = self.file.floats(vectors)?;
+        self.expect(vectors, &shape, &[count, frames, spec.vector.len()])?;
+        let images = pixels.chunks_exact(k * spec.image_len());
+        let vectors = numbers.chunks_exact(k * spec.vector.len());
+        let episode = |(images, vectors): (&[u8], &[f32])| {
+            let (images, vectors) = (images.to_vec(), vectors.to_vec());
+            FirstFrames::new(k, Observations { images, vectors })
+        };
+        Ok(images.zip(vectors).map(episode).collect())
+    }
+
+    /// Gives episodes their features `[episodes, k, F]` at arrival back.
+    fn restore_features(
+        &self,
+        name: &str,
+        dim: usize,
+        episodes: &mut [FirstFrames],
+    ) -> Result<(), CoversError> {
+        let k = self.settings.first_frames;
+        let (shape, features) = self.file.floats(name)?;
+        self.expect(name, &shape, &[episodes.len(), k, dim])?;
+        for (episode, features) in episodes.iter_mut().zip(features.chunks_exact(k * dim)) {
+            episode.keep_features(features);
+        }
+        Ok(())
+    }
+
+    fn expect(&self, name: &str, got: &[usize], expected: &[usize]) -> Result<(), CoversError> {
+        if got == expected {
+            return Ok(());
+        }
+        let problem = format!("`{name}` is {got:?}, expected {expected:?}");
+        Err(self.file.damaged(problem))
+    }
+}

@@ -1,0 +1,194 @@
+//! The first frames of episodes: what assignment looks at, since later ones depend on the policy.
+
+use cluster::Frames;
+use rl::{Features, Observations, RolloutBuffer};
+
+use crate::error::CoversError;
+
+/// The first observations of one episode.
+pub(super) struct FirstFrames {
+    count: usize,
+    observations: Observations,
+    /// Features `[k, F]` at arrival, where the settings say that they are kept.
+    features: Option<Vec<f32>>,
+}
+
+impl FirstFrames {
+    /// The first `count` observations of an episode.
+    pub(super) fn new(count: usize, observations: Observations) -> Self {
+        Self {
+            count,
+            observations,
+            features: None,
+        }
+    }
+
+    /// Keeps features `[k, F]` with the observations.
+    pub(super) fn keep_features(&mut self, features: &[f32]) {
+        self.features = Some(features.to_vec());
+    }
+
+    /// The number of observations.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// The observations.
+    pub(super) fn observations(&self) -> &Observations {
+        &self.observations
+    }
+
+    /// Features `[k, F]` at arrival, where they were kept.
+    pub(super) fn features(&self) -> Option<&[f32]> {
+        self.features.as_deref()
+    }
+}
+
+/// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
+pub(super) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
+    let (envs, steps) = (rollout.spec().num_envs, rollout.steps());
+    let mut episodes = Vec::new();
+    for env in 0..envs {
+        for start in 0..steps {
+            let begins = start == 0 || rollout.outcomes()[(start - 1) * envs + env].ended();
+            if begins && complete(rollout, env, start, k) {
+                episodes.push(copy(rollout, env, start..start + k));
+            }
+        }
+    }
+    episodes
+}
+
+/// Whether `k` observations of the episode that begins at `start` are there.
+fn complete(rollout: &RolloutBuffer, env: usize, start: usize, k: usize) -> bool {
+    let envs = rollout.spec().num_envs;
+    let ended = |step: usize| rollout.outcomes()[step * envs + env].ended();
+    start + k <= rollout.steps() && !(start..start + k - 1).any(ended)
+}
+
+fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> FirstFrames {
+    let (spec, all) = (rollout.spec(), rollout.observations());
+    let (image, vector) = (spec.image_len(), spec.vector.len());
+    let count = steps.len();
+    let mut frames = Observations {
+        images: Vec::with_capacity(count * image),
+        vectors: Vec::with_capacity(count * vector),
+    };
+    for step in steps {
+        let row = step * spec.num_envs + env;
+        frames
+            .images
+            .extend(&all.images[row * image..(row + 1) * image]);
+        frames
+            .vectors
+            .extend(&all.vectors[row * vector..(row + 1) * vector]);
+    }
+    FirstFrames::new(count, frames)
+}
+
+/// The invariant features of episodes, as `policy` sees them now: features drift while a policy learns, so frames are embedded afresh.
+pub(super) fn embed<P: Features>(
+    policy: &mut P,
+    episodes: &[FirstFrames],
+) -> Result<Frames, CoversError> {
+    let dim = policy.feature_dim();
+    let per_episode = episodes.first().map_or(0, |episode| episode.count);
+    let mut all = Observations {
+        images: Vec::new(),
+        vectors: Vec::new(),
+    };
+    for episode in episodes {
+        all.images.extend(&episode.observations.images);
+        all.vectors.extend(&episode.observations.vectors);
+    }
+    let mut features = vec![0.0; episodes.len() * per_episode * dim];
+    policy.features(&all, &mut features)?;
+    Ok(Frames::new(features, per_episode, dim)?)
+}
+
+/// Stores with each episode the features that `policy` sees now.
+pub(super) fn keep_features<P: Features>(
+    policy: &mut P,
+    episodes: &mut [FirstFrames],
+) -> Result<(), CoversError> {
+    let all = embed(policy, episodes)?;
+    let each = all.features().len() / episodes.len().max(1);
+    for (episode, features) in episodes.iter_mut().zip(all.features().chunks(each.max(1))) {
+        episode.keep_features(features);
+    }
+    Ok(())
+}
+
+/// The features of a buffer's episodes: those of their arrival if every episode kept them, else those of now.
+pub(super) fn recall<P: Features>(
+    policy: &mut P,
+    episodes: &[FirstFrames],
+) -> Result<Frames, CoversError> {
+    let kept: Option<Vec<&[f32]>> = episodes.iter().map(|e| e.features.as_deref()).collect();
+    match (kept, episodes.first()) {
+        (Some(kept), Some(first)) => Ok(Frames::new(
+            kept.concat(),
+            first.count,
+            policy.feature_dim(),
+        )?),
+        _ => embed(policy, episodes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rl::{Decisions, EnvSpec, Outcome, Transition};
+    use symmetry::Irrep;
+
+    /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env, step) after which an episode ends.
+    fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
+        let spec = EnvSpec {
+            num_envs: 2,
+            image: [1, 1, 1],
+            vector: vec![Irrep::X],
+            action: vec![Irrep::X],
+        };
+        let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
+        for step in 0..5 {
+            let marks = [step as u8, 10 + step as u8];
+            let observations = Observations {
+                images: marks.to_vec(),
+                vectors: marks.map(f32::from).to_vec(),
+            };
+            let mut transition = Transition::new(&spec);
+            for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
+                if ends.contains(&(env, step)) {
+                    *outcome = Outcome::Truncated;
+                }
+            }
+            let decisions = Decisions::new(&spec);
+            buffer
+                .push(&observations, &decisions, &transition, &[0.0; 2])
+                .unwrap();
+        }
+        buffer
+    }
+
+    fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
+        let episodes = first_frames(rollout, k).into_iter();
+        episodes
+            .map(|episode| episode.observations.images)
+            .collect()
+    }
+
+    #[test]
+    fn every_episode_gives_its_first_frames() {
+        let rollout = rollout(&[(0, 2), (1, 4)]);
+        assert_eq!(images(&rollout, 2), [vec![0, 1], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 1), [vec![0], vec![3], vec![10]]);
+    }
+
+    #[test]
+    fn episodes_that_are_too_short_give_nothing() {
+        // environment 0: steps 0 | 1, 2 | 3, 4 (still running); environment 1: one long episode
+        let rollout = rollout(&[(0, 0), (0, 2)]);
+        assert_eq!(images(&rollout, 2), [vec![1, 2], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 3), [vec![10, 11, 12]]);
+    }
+}

@@ -1,0 +1,69 @@
+//! One policy of the collection, and what a grouping sees of all of them.
+
+use cluster::{Candidate, Reservoir};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{ActorCriticPolicy, Ppo};
+use serde::{Deserialize, Serialize};
+
+use crate::error::CoversError;
+use crate::groupings::Candidates;
+
+use super::first_frames::{FirstFrames, embed, recall};
+
+/// A policy, its optimiser, and the first frames of the group that it oversees.
+pub(super) struct Member {
+    pub policy: ActorCriticPolicy,
+    pub ppo: Ppo,
+    pub buffer: Reservoir<FirstFrames>,
+}
+
+/// The members beside the first frames of a rollout.
+pub(super) struct Clouds<'a> {
+    pub members: &'a mut [Member],
+    pub rollout: &'a [FirstFrames],
+}
+
+impl Candidates for Clouds<'_> {
+    fn policies(&self) -> usize {
+        match &*self.members {
+            [only] if only.buffer.episodes().is_empty() => 0,
+            members => members.len(),
+        }
+    }
+
+    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+        let clouds = self.members.iter_mut().map(|member| {
+            Ok(Candidate {
+                buffer: recall(&mut member.policy, member.buffer.episodes())?,
+                rollout: embed(&mut member.policy, self.rollout)?,
+            })
+        });
+        clouds.collect()
+    }
+}
+
+/// Random generators of the learner; each purpose has its own, so that none shifts another.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Generators {
+    pub actions: ChaCha8Rng,
+    pub updates: ChaCha8Rng,
+    pub assignment: ChaCha8Rng,
+    pub initialisation: ChaCha8Rng,
+}
+
+impl Generators {
+    pub fn new(seed: u64) -> Self {
+        let stream = |index| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(index);
+            rng
+        };
+        Self {
+            actions: stream(0),
+            updates: stream(1),
+            assignment: stream(2),
+            initialisation: stream(3),
+        }
+    }
+}

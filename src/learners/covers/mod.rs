@@ -1,0 +1,12 @@
+//! COVERS: a collection of policies, one for each group of symmetric tasks.
+//!
+//! With other networks and groupings the same learner is each of the paper's PPO baselines.
+
+mod algorithm;
+mod checkpoint;
+mod first_frames;
+mod member;
+mod settings;
+
+pub use algorithm::Covers;
+pub use settings::{CoversSettings, Embedding, Handover, NewPolicy};

@@ -1,0 +1,104 @@
+//! What every learner can do.
+
+use std::path::Path;
+
+use cluster::Evidence;
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, RolloutStats, VectorEnv};
+
+use crate::error::CoversError;
+
+use super::metrics::Metrics;
+
+/// Learns from a stream of tasks. No method has a place for a task's label.
+pub trait Learner: Send {
+    /// Sizes and types of the environments that it learns in.
+    fn spec(&self) -> &EnvSpec;
+
+    /// One turn: collects experience in `env` and learns from it. Episodes begin anew.
+    ///
+    /// # Errors
+    /// What the environment, a policy or a grouping says.
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError>;
+
+    /// Finds the policy for what `env` runs; learns nothing.
+    ///
+    /// All draws come from `rng`, so that looking does not change what is learnt next.
+    ///
+    /// # Errors
+    /// What the environment, a policy or a grouping says.
+    fn recognise(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<usize, CoversError>;
+
+    /// Runs `rounds` episodes in every environment with the mean actions of policy `index`; learns
+    /// nothing.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for a policy that does not exist, or what the environment says.
+    fn perform(
+        &mut self,
+        index: usize,
+        env: &mut dyn VectorEnv,
+        rounds: usize,
+    ) -> Result<RolloutStats, CoversError>;
+
+    /// The number of policies, at least 1.
+    fn policies(&self) -> usize;
+
+    /// Writes the learner to a file, with a note of the caller's. The file appears whole or not at
+    /// all; [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError>;
+}
+
+/// What one call of [`Learner::learn`] did.
+#[derive(Clone, Debug)]
+pub struct Turn {
+    /// Index of the policy that learnt.
+    pub policy: usize,
+    /// Whether that policy was created in this turn.
+    pub created: bool,
+    /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
+    /// groupings that compare nothing.
+    pub evidence: Vec<Evidence>,
+    /// Evidence of the first look, where it left the grouping undecided and one more rollout was
+    /// collected: `evidence` is that of both.
+    pub first_look: Option<Vec<Evidence>>,
+    /// Decisions taken, discarded ones included.
+    pub decisions: usize,
+    /// Returns and successes of the rollout that was learnt from.
+    pub rollout: RolloutStats,
+    /// What the learner logs, by name; the same names in every turn.
+    pub metrics: Metrics,
+    /// Where the time went.
+    pub seconds: Seconds,
+}
+
+/// Wall-clock seconds of the parts of a turn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Seconds {
+    /// Rollouts: the environments and the policy's decisions.
+    pub collection: f64,
+    /// The grouping: features, distances and permutations.
+    pub assignment: f64,
+    /// The policy update.
+    pub update: f64,
+}
+
+/// How much of a learner is saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extent {
+    /// All of it: the copy learns on to the same bits.
+    Everything,
+    /// What acting and recognising take: policies, and the first frames of at most this many
+    /// episodes each. A copy that learns on starts with fresh optimisers.
+    Policies {
+        /// Episodes a policy, at least 1.
+        episodes: usize,
+    },
+}

@@ -1,0 +1,136 @@
+//! What a person reads: one line a rollout, and a table at the end.
+
+use std::fmt::Write;
+
+use crate::evaluation::{Score, by_group};
+use crate::progress::Progress;
+use crate::run::Summary;
+
+/// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a
+/// second rollout to recall it), mean reward, success, W1 to each policy that was compared.
+pub fn rollout_line(progress: &Progress) -> String {
+    let turn = &progress.turn;
+    let distances: Vec<String> = turn
+        .evidence
+        .iter()
+        .map(|evidence| match evidence.score() {
+            Some(score) => format!("{:.2} (z {score:.1})", evidence.distance),
+            None => format!("{:.2}", evidence.distance),
+        })
+        .collect();
+    let remark = match (turn.created, &turn.first_look) {
+        (true, _) => " new",
+        (false, Some(_)) => " 2nd",
+        (false, None) => "    ",
+    };
+    format!(
+        "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
+        progress.decisions,
+        progress.group.name(),
+        turn.policy,
+        number(progress.reward, 1),
+        number(progress.success, 2),
+        distances.join(", "),
+    )
+}
+
+/// A figure with `digits` decimals; a dash where there is none.
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+/// The table of one evaluation: a line a group, with the success of its variants, those that were
+/// held out in brackets.
+pub fn score_table(scores: &[Score]) -> String {
+    let mut table = String::from(
+        "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
+         ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
+    );
+    for group in by_group(scores) {
+        let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
+        // writing to a String cannot fail
+        let _ = write!(
+            table,
+            "\n{:<12}  {:>6}  {:>8}  {:>7.2}  {:>6.2}  {:>13.1}",
+            group.group.name(),
+            policies.join(","),
+            group.episodes,
+            group.success,
+            group.success_at_end,
+            group.reward
+        );
+        let variants = scores.iter().filter(|score| score.group == group.group);
+        for (score, width) in variants.zip([8, 6, 6, 9]) {
+            let success = if score.seen {
+                format!("{:.2}", score.success)
+            } else {
+                format!("({:.2})", score.success)
+            };
+            let _ = write!(table, "  {success:>width$}");
+        }
+    }
+    table
+}
+
+/// The table of a whole run.
+pub fn summary_table(summary: &Summary) -> String {
+    let mut table = score_table(&summary.variants);
+    let _ = write!(
+        table,
+        "\nassignment accuracy {:.3} ({:.3} when groups come back), {} policies, {} decisions in {:.0} s ({:.0} per second)",
+        summary.assignment_accuracy,
+        summary.return_accuracy,
+        summary.policies,
+        summary.decisions,
+        summary.seconds,
+        summary.decisions_per_second
+    );
+    if summary.failures > 0 {
+        let _ = write!(table, ", {} failures of environments", summary.failures);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use envs::TaskGroup;
+    use symmetry::D2;
+
+    use super::*;
+
+    #[test]
+    fn failures_of_environments_are_mentioned_where_there_were_any() {
+        let mut summary = Summary {
+            decisions: 100,
+            seconds: 2.0,
+            decisions_per_second: 50.0,
+            policies: 1,
+            failures: 0,
+            assignment_accuracy: 1.0,
+            return_accuracy: 1.0,
+            groups: Vec::new(),
+            variants: Vec::new(),
+        };
+        assert!(!summary_table(&summary).contains("failures"));
+        summary.failures = 3;
+        assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
+    }
+
+    #[test]
+    fn held_out_variants_stand_in_brackets() {
+        let scores = D2::ALL.map(|element| Score {
+            group: TaskGroup::PLATE_SLIDE,
+            element,
+            seen: element == D2::Identity,
+            policy: 2,
+            episodes: 20,
+            success: 0.95,
+            success_at_end: 0.5,
+            reward: 312.0,
+        });
+        let table = score_table(&scores);
+        let row: Vec<&str> = table.lines().nth(2).unwrap().split_whitespace().collect();
+        let expected = "plate-slide 2 80 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
+        assert_eq!(row.join(" "), expected);
+    }
+}
