@@ -21,9 +21,9 @@ const INFERENCE_CHUNK: usize = 4;
 /// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
 /// under the group of its settings. It decides from the observation alone.
 ///
-/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed chunks
-/// on the current rayon pool; actions, values and features have the same bits for any number of
-/// threads.
+/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
+/// chunks on the current rayon pool; actions, values and features have the same bits for any number
+/// of threads.
 pub struct ActorCriticPolicy {
     network: Arc<ActorCritic<f32>>,
     params: Vec<f32>,

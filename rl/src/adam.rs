@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::error::assert_len;
+
 /// A range of the parameter vector and the learning rate it is trained with.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamGroup {
@@ -11,8 +13,9 @@ pub struct ParamGroup {
     pub learning_rate: f32,
 }
 
-/// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The fields are the whole
-/// state: saving them and building the struct again continues to the same bits.
+/// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The
+/// fields are the whole state: saving them and building the struct again continues to the same
+/// bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// Decay of the first moment, in [0, 1).
@@ -45,13 +48,12 @@ impl Adam {
     /// Takes one descent step. Parameters outside every group stay as they are.
     ///
     /// # Panics
-    /// When `params` or `gradient` have another length than the moments, or a group reaches beyond them.
+    /// When `params`, `gradient` and the moments differ in length, or a group reaches beyond them.
     pub fn step(&mut self, groups: &[ParamGroup], params: &mut [f32], gradient: &[f32]) {
-        assert_eq!(
-            [params.len(), gradient.len()],
-            [self.first_moment.len(); 2],
-            "parameters of another network"
-        );
+        let len = params.len();
+        assert_len("gradient", gradient.len(), len);
+        assert_len("first_moment", self.first_moment.len(), len);
+        assert_len("second_moment", self.second_moment.len(), len);
         self.steps += 1;
         for group in groups {
             self.step_group(group, params, gradient);
@@ -60,6 +62,11 @@ impl Adam {
 
     fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {
         let range = group.range.clone();
+        assert!(
+            range.end <= params.len(),
+            "the group {range:?} reaches beyond the {} parameters",
+            params.len()
+        );
         let (beta1, beta2, epsilon) = (self.beta1, self.beta2, self.epsilon);
         let rate = group.learning_rate / bias_correction(beta1, self.steps);
         let root = bias_correction(beta2, self.steps).sqrt();
@@ -85,8 +92,8 @@ fn bias_correction(beta: f32, steps: u64) -> f32 {
 
 /// Scales `gradient` so that its Euclidean norm is at most `max_norm`; returns the norm before.
 ///
-/// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013), algorithm 1. The sum runs in
-/// order, in f64: the same bits on any number of threads.
+/// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013),
+/// algorithm 1. The sum runs in order, in f64: the same bits on any number of threads.
 pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
     let norm = gradient
         .iter()

@@ -63,8 +63,8 @@ impl RolloutBuffer {
         })
     }
 
-    /// Appends one step: the observations that were acted on, the decisions, what they led to, and the values of the
-    /// final observations `[N]` (read where the outcome is truncated).
+    /// Appends one step: the observations that were acted on, the decisions, what they led to, and
+    /// the values of the final observations `[N]` (read where the outcome is truncated).
     ///
     /// # Errors
     /// [`RlError::BufferFull`] past T steps, [`RlError::Shape`] when an array does not fit,
@@ -136,11 +136,12 @@ impl RolloutBuffer {
 
     /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says.
     /// So it can learn from actions that another one took: probability ratios start at 1, and
-    /// advantages are differences to its own values. That the states are those the other policy came
-    /// to is not corrected.
+    /// advantages are differences to its own values. That the states are those the other policy
+    /// came to is not corrected.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other environments.
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other
+    /// environments.
     pub fn revalue<P: Assess>(&mut self, policy: &mut P) -> Result<(), RlError> {
         self.check_finished()?;
         policy.assess(&self.observations, &mut self.decisions)?;

@@ -9,10 +9,11 @@ use crate::error::{BoxError, RlError, check_all_finite, check_len};
 pub struct EnvSpec {
     /// N, the number of environments that step together, at least 1.
     pub num_envs: usize,
-    /// Height, width (pixels) and channels of an image. Every channel is of trivial type: a group element moves the
-    /// pixels and leaves the colours alone.
+    /// Height, width (pixels) and channels of an image. Every channel is of trivial type: a group
+    /// element moves the pixels and leaves the colours alone.
     pub image: [usize; 3],
-    /// Irreducible representation of every component of the observation vector, in its natural order; length D.
+    /// Irreducible representation of every component of the observation vector, in its natural
+    /// order; length D.
     pub vector: Vec<Irrep>,
     /// Irreducible representation of every component of the action, in its natural order; length A.
     pub action: Vec<Irrep>,
@@ -124,8 +125,9 @@ impl Observations {
     }
 }
 
-/// How an episode stands after a step. Two ends, because they mean different things: nothing follows a termination,
-/// whereas after a time-out the world goes on and merely nobody looks at it any more.
+/// How an episode stands after a step. Two ends, because they mean different things: nothing
+/// follows a termination, whereas after a time-out the world goes on and merely nobody looks at it
+/// any more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Outcome {
     /// The episode goes on.

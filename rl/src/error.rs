@@ -3,7 +3,7 @@
 use equivariant::LayerError;
 use thiserror::Error;
 
-/// Whatever an environment fails with. `?` turns every error type that is `Send` and `Sync` into it.
+/// Whatever an environment fails with. `?` turns any `Send` and `Sync` error into it.
 pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 
 /// What can go wrong while networks are built, rollouts are collected and policies are updated.
@@ -190,4 +190,13 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
 pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
+}
+
+/// Panics for a slice whose length is not `expected`, where a wrong one can only be a mistake in
+/// the calling code.
+pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
+    assert!(
+        got == expected,
+        "{what}: got {got} values, expected {expected}"
+    );
 }

@@ -1,6 +1,7 @@
 //! Generalised advantage estimation.
 
 use crate::env::Outcome;
+use crate::error::assert_len;
 
 /// What generalised advantage estimation reads: T steps of N environments, time-major.
 #[derive(Clone, Copy, Debug)]
@@ -17,13 +18,38 @@ pub struct GaeInputs<'a> {
     pub last_values: &'a [f32],
 }
 
+impl GaeInputs<'_> {
+    /// Panics when the lengths are not those of one T and N.
+    fn check(&self) {
+        let (n, len) = (self.last_values.len(), self.rewards.len());
+        assert!(
+            n > 0 && len.is_multiple_of(n),
+            "rewards: got {len} values, expected a multiple of the {n} last_values ([T, N])"
+        );
+        assert_len("values", self.values.len(), len);
+        assert_len("outcomes", self.outcomes.len(), len);
+        assert_len("final_values", self.final_values.len(), len);
+    }
+
+    /// What sample `i` bootstraps, and the advantage that follows it; `later` are those after it.
+    fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
+        let n = self.last_values.len();
+        match self.outcomes[i] {
+            Outcome::Running if i + n < self.values.len() => (self.values[i + n], later[i + n]),
+            Outcome::Running => (self.last_values[i % n], 0.0),
+            Outcome::Terminated => (0.0, 0.0),
+            Outcome::Truncated => (self.final_values[i], 0.0),
+        }
+    }
+}
+
 /// Writes advantages and returns (advantage + value), both `[T, N]`.
 ///
-/// Schulman et al., "High-dimensional continuous control using generalized advantage estimation" (ICLR 2016),
-/// equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with delta_t = r_t + gamma V_(t+1) - V_t. Ends
-/// follow Pardo et al., "Time limits in reinforcement learning" (ICML 2018): a termination bootstraps zero, a
-/// truncation the value of the final observation, and neither lets the next episode into the sum.
-/// `gamma` and `lambda` are in [0, 1].
+/// Schulman et al., "High-dimensional continuous control using generalized advantage estimation"
+/// (ICLR 2016), equation 16, as the recurrence A_t = delta_t + gamma lambda A_(t+1) with
+/// delta_t = r_t + gamma V_(t+1) - V_t. Ends follow Pardo et al., "Time limits in reinforcement
+/// learning" (ICML 2018): a termination bootstraps zero, a truncation the value of the final
+/// observation, and neither lets the next episode into the sum. `gamma` and `lambda` are in [0, 1].
 ///
 /// # Panics
 /// When the lengths are not those of one T and N; [`crate::RolloutBuffer`] guarantees them.
@@ -34,29 +60,11 @@ pub fn gae(
     advantages: &mut [f32],
     returns: &mut [f32],
 ) {
-    let (n, len) = (inputs.last_values.len(), inputs.rewards.len());
-    assert!(
-        n > 0 && len.is_multiple_of(n),
-        "{len} rewards are not [T, {n}]"
-    );
-    assert!(
-        [
-            inputs.values.len(),
-            inputs.outcomes.len(),
-            inputs.final_values.len()
-        ] == [len; 3]
-    );
-    assert!(advantages.len() == len && returns.len() == len);
-    for i in (0..len).rev() {
-        let following = if i + n < len { Some(i + n) } else { None };
-        let (bootstrap, tail) = match inputs.outcomes[i] {
-            Outcome::Running => (
-                following.map_or(inputs.last_values[i % n], |j| inputs.values[j]),
-                following.map_or(0.0, |j| advantages[j]),
-            ),
-            Outcome::Terminated => (0.0, 0.0),
-            Outcome::Truncated => (inputs.final_values[i], 0.0),
-        };
+    inputs.check();
+    assert_len("advantages", advantages.len(), inputs.rewards.len());
+    assert_len("returns", returns.len(), inputs.rewards.len());
+    for i in (0..inputs.rewards.len()).rev() {
+        let (bootstrap, tail) = inputs.following(i, advantages);
         let delta = inputs.rewards[i] + gamma * bootstrap - inputs.values[i];
         advantages[i] = delta + gamma * lambda * tail;
         returns[i] = advantages[i] + inputs.values[i];
@@ -73,7 +81,8 @@ mod tests {
     const STEPS: usize = 23;
     const ENVS: usize = 3;
 
-    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of the episode.
+    /// The defining double sum: A_t = sum over l of (gamma lambda)^l delta_(t+l), up to the end of
+    /// the episode.
     fn slow(inputs: &GaeInputs, gamma: f64, lambda: f64) -> Vec<f64> {
         let delta = |t: usize, e: usize| {
             let i = t * ENVS + e;
@@ -140,8 +149,8 @@ mod tests {
         }
     }
 
-    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand: the second step has
-    /// delta = 1 + 0.5 * 4 - 2 = 1.
+    /// One environment, two steps, gamma 0.5, lambda 1; the first step ends as `outcome`. By hand:
+    /// the second step has delta = 1 + 0.5 * 4 - 2 = 1.
     fn first_advantage(outcome: Outcome) -> f32 {
         let inputs = GaeInputs {
             rewards: &[1.0, 1.0],

@@ -1,14 +1,16 @@
-//! The diagonal Gaussian from which actions are drawn: `[A]` means and `[A]` logarithms of standard deviations.
+//! The diagonal Gaussian from which actions are drawn: `[A]` means and `[A]` logarithms of standard
+//! deviations.
 //!
-//! Everything is summed in f64, since log-probabilities are subtracted from one another and exponentiated.
+//! Everything is summed in f64, since log-probabilities are subtracted from one another and
+//! exponentiated.
 
 use std::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-/// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation of random normal
-/// deviates" (Ann. Math. Statist. 29, 1958). Two uniform numbers a pair, so the stream position depends on the length
-/// alone.
+/// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
+/// of random normal deviates" (Ann. Math. Statist. 29, 1958). Two uniform numbers a pair, so the
+/// stream position depends on the length alone.
 pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     for pair in out.chunks_mut(2) {
         let (u, v) = (rng.random::<f64>(), rng.random::<f64>());

@@ -1,22 +1,36 @@
-//! Proximal policy optimisation for equivariant actor-critics, knowing no task.
+//! On-policy and off-policy reinforcement learning for equivariant networks, without a task, a
+//! simulator or a tensor library.
 //!
-//! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] runs a [`Policy`] in it and fills a
-//! [`RolloutBuffer`]; [`Ppo::update`] improves an [`ActorCriticPolicy`] from the buffer. The policy is exactly
-//! equivariant under D2, or a subgroup of choice: mirror the table and its mean action is the mirrored one, its value and
-//! features are the same.
+//! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
+//! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
+//! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
+//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation.
 //!
-//! - The end of an episode has two kinds, [`Outcome::Terminated`] and [`Outcome::Truncated`], all the way to [`gae`]:
-//!   a time-out bootstraps the value of the final observation.
-//! - Every random number comes from a generator that the caller passes. The same inputs give the same bits on any
-//!   number of threads of the current rayon pool.
-//! - All parameters of a policy are one flat slice, all state of its optimiser is in public fields ([`Adam`]).
+//! | a new | implements | example |
+//! |---|---|---|
+//! | environment | [`VectorEnv`] | below |
+//! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
+//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `tests/replay.rs` |
 //!
-//! `docs/ppo.md` lists every detail of the algorithm with its value, its source and the function that implements it.
+//! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
+//!   mean action is the mirrored one, its value and features are the same.
+//! - The end of an episode has two kinds, [`Outcome::Terminated`] and [`Outcome::Truncated`], all
+//!   the way to [`gae`]: a time-out bootstraps the value of the final observation.
+//! - Every random number comes from a generator that the caller passes. The same inputs give the
+//!   same bits on any number of threads of the current rayon pool.
+//! - All parameters of a policy are one flat slice, and all state of an algorithm is saved by name
+//!   ([`Algorithm::save`]).
+//! - Rewards, observations, decisions, returns and gradients that are infinite or not a number are
+//!   errors with a name, before any parameter has changed.
+//!
+//! `docs/ppo.md` lists every detail of PPO with its value, its source and the function that
+//! implements it.
 //!
 //! ```
 //! use rl::{
-//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
-//!     RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
+//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations,
+//!     Outcome, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv,
+//!     collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //! use symmetry::Irrep;
@@ -45,9 +59,17 @@
 //!     }
 //! }
 //!
-//! let spec = EnvSpec { num_envs: 2, image: [4, 4, 1], vector: vec![Irrep::X], action: vec![Irrep::X] };
+//! let spec = EnvSpec {
+//!     num_envs: 2,
+//!     image: [4, 4, 1],
+//!     vector: vec![Irrep::X],
+//!     action: vec![Irrep::X],
+//! };
 //! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
-//! let network = NetworkSettings { encoder: Encoder::Strided { fields: vec![2] }, ..NetworkSettings::default() };
+//! let network = NetworkSettings {
+//!     encoder: Encoder::Strided { fields: vec![2] },
+//!     ..NetworkSettings::default()
+//! };
 //! let mut policy = ActorCriticPolicy::new(&network, &spec, 0)?;
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;

@@ -1,4 +1,5 @@
-//! The loss of proximal policy optimisation for one decision, and its gradient with respect to what the network put out.
+//! The loss of proximal policy optimisation for one decision, and its gradient with respect to what
+//! the network put out.
 
 use crate::gaussian::{entropy, log_prob};
 
@@ -66,11 +67,13 @@ impl LossSums {
     }
 }
 
-/// Loss terms of one decision. Writes the gradient with respect to the mean to `d_mean`, adds the one with respect to
-/// log_std to `d_log_std`, and returns the one with respect to the value; all are multiplied by `scale` (1 / batch).
+/// Loss terms of one decision. Writes the gradient with respect to the mean to `d_mean`, adds the
+/// one with respect to log_std to `d_log_std`, and returns the one with respect to the value; all
+/// are multiplied by `scale` (1 / batch).
 ///
-/// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7 and 9, without value
-/// clipping. The KL estimator is k3 of Schulman, "Approximating KL divergence" (2020): (r - 1) - ln r.
+/// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7 and
+/// 9, without value clipping. The KL estimator is k3 of Schulman, "Approximating KL divergence"
+/// (2020): (r - 1) - ln r.
 pub(crate) fn sample_loss(
     weights: &LossWeights,
     sample: &Sample,

@@ -25,8 +25,9 @@ pub(crate) struct Minibatch<'a> {
 }
 
 impl Minibatch<'_> {
-    /// Runs the samples at positions `range` of the minibatch forward and backward. Adds their share of the gradient of
-    /// the mean loss to `gradient` and returns the sums of their loss terms.
+    /// Runs the samples at positions `range` of the minibatch forward and backward. Adds their
+    /// share of the gradient of the mean loss to `gradient` and returns the sums of their loss
+    /// terms.
     pub fn chunk<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
@@ -80,10 +81,11 @@ impl Minibatch<'_> {
     }
 }
 
-/// Writes the advantages at `indices`, shifted and scaled to mean 0 and sample standard deviation 1.
+/// Writes the advantages at `indices`, shifted and scaled to mean 0 and sample standard deviation
+/// 1.
 ///
-/// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation details of PPO" (Huang
-/// et al., ICLR blog track 2022).
+/// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation
+/// details of PPO" (Huang et al., ICLR blog track 2022).
 pub(crate) fn normalised_advantages(advantages: &[f32], indices: &[usize], out: &mut Vec<f64>) {
     out.clear();
     out.extend(indices.iter().map(|&i| f64::from(advantages[i])));

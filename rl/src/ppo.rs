@@ -17,7 +17,8 @@ use crate::pass::Workspace;
 use crate::ppo_settings::PpoSettings;
 use crate::ppo_stats::{Totals, UpdateStats};
 
-/// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a quarter more time.
+/// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
+/// quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
 /// Names of the optimiser's state in a checkpoint.
@@ -25,8 +26,8 @@ const FIRST_MOMENT: &str = "adam.first";
 const SECOND_MOMENT: &str = "adam.second";
 const STEPS: &str = "adam.steps";
 
-/// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser state of one
-/// policy.
+/// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
+/// state of one policy.
 pub struct Ppo {
     settings: PpoSettings,
     optimiser: Adam,
@@ -85,9 +86,9 @@ impl Algorithm for Ppo {
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] for an unfinished rollout, [`RlError::SpecMismatch`] or
-    /// [`RlError::Parameters`] for one of another environment or policy, [`RlError::NotFinite`] when
-    /// returns, the loss or the gradient diverge; the parameters are then those before the offending
-    /// step.
+    /// [`RlError::Parameters`] for one of another environment or policy, [`RlError::NotFinite`]
+    /// when returns, the loss or the gradient diverge; the parameters are then those before the
+    /// offending step.
     fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,
@@ -160,7 +161,8 @@ impl Ppo {
         Ok(true)
     }
 
-    /// The encoder is trained at a rate of its own: its drift under the critic's loss moves the actor, too.
+    /// The encoder is trained at a rate of its own: its drift under the critic's loss moves the
+    /// actor, too.
     fn groups(&self, policy: &ActorCriticPolicy) -> [ParamGroup; 2] {
         let group = |range, learning_rate| ParamGroup {
             range,
@@ -175,7 +177,8 @@ impl Ppo {
         ]
     }
 
-    /// Leaves the gradient of the minibatch that starts at position `start` of the order in `self.gradient`.
+    /// Leaves the gradient of the minibatch that starts at position `start` of the order in
+    /// `self.gradient`.
     fn minibatch_gradient(
         &mut self,
         policy: &ActorCriticPolicy,

@@ -27,7 +27,8 @@ pub struct PpoSettings {
     pub entropy_weight: f32,
     /// Largest Euclidean norm of the whole gradient, above 0.
     pub max_grad_norm: f32,
-    /// KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5 times this.
+    /// KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5 times
+    /// this.
     pub max_kl: f32,
     /// Adam's step size for everything but the encoder, above 0.
     pub head_learning_rate: f32,
@@ -45,8 +46,9 @@ pub struct PpoSettings {
 }
 
 impl PpoSettings {
-    /// The hyper-parameters of COVERS (Liu et al., CoRL 2023, appendix); what the paper does not list (value weight,
-    /// gradient norm, epsilon) as in "The 37 implementation details of PPO" (Huang et al., ICLR blog track 2022).
+    /// The hyper-parameters of COVERS (Liu et al., CoRL 2023, appendix); what the paper does not
+    /// list (value weight, gradient norm, epsilon) as in "The 37 implementation details of PPO"
+    /// (Huang et al., ICLR blog track 2022).
     pub fn paper() -> Self {
         Self {
             gamma: 0.99,
@@ -70,10 +72,10 @@ impl PpoSettings {
     /// (docs/ppo.md); a discount of 0.95 and 12 passes instead of 8, from the comparisons in
     /// docs/results/covers.md.
     ///
-    /// A slow encoder keeps the KL divergence of an update below its limit. Values of many decisions
-    /// ahead are large, so at a weight of 0.5 their error takes up almost all of the clipped
-    /// gradient, and mean actions wander. Rewards are dense and episodes last 50 decisions: looking
-    /// 20 ahead is enough, and the advantages are less noisy.
+    /// A slow encoder keeps the KL divergence of an update below its limit. Values of many
+    /// decisions ahead are large, so at a weight of 0.5 their error takes up almost all of the
+    /// clipped gradient, and mean actions wander. Rewards are dense and episodes last 50 decisions:
+    /// looking 20 ahead is enough, and the advantages are less noisy.
     pub fn measured() -> Self {
         Self {
             gamma: 0.95,
@@ -85,7 +87,8 @@ impl PpoSettings {
         }
     }
 
-    /// The KL divergence in nats above which an update stops, 1.5 * `max_kl` (Stable-Baselines3, `PPO.train`).
+    /// The KL divergence in nats above which an update stops, 1.5 * `max_kl` (Stable-Baselines3,
+    /// `PPO.train`).
     pub fn kl_stop(&self) -> f64 {
         1.5 * f64::from(self.max_kl)
     }

@@ -3,7 +3,8 @@
 use crate::algorithm::Metrics;
 use crate::loss::LossSums;
 
-/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that were run.
+/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that
+/// were run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UpdateStats {
     /// The clipped surrogate, negated: what the actor minimises.
@@ -16,7 +17,8 @@ pub struct UpdateStats {
     pub approx_kl: f64,
     /// Share in [0, 1] of decisions whose probability ratio left the clip interval.
     pub clip_fraction: f64,
-    /// 1 - Var(return - value) / Var(return), before the update; 1 is a perfect critic, 0 a constant one.
+    /// 1 - Var(return - value) / Var(return), before the update; 1 is a perfect critic, 0 a
+    /// constant one.
     pub explained_variance: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,

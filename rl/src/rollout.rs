@@ -135,8 +135,8 @@ fn fresh(env: usize) -> Episode {
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] or [`RlError::SpecMismatch`] when
-/// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for rewards,
-/// observations or decisions that are not numbers.
+/// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for
+/// rewards, observations or decisions that are not numbers.
 pub fn collect<A: Actor, E: Experience<A>>(
     env: &mut dyn VectorEnv,
     actor: &mut A,

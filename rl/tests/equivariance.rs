@@ -77,7 +77,8 @@ fn observations() -> Observations {
     out
 }
 
-/// The observations with pixels moved by `pixels` and vectors changed by `vectors`: the group action when both agree.
+/// The observations with pixels moved by `pixels` and vectors changed by `vectors`: the group
+/// action when both agree.
 fn transformed(from: &Observations, pixels: D2, vectors: D2) -> Observations {
     let [h, w, c] = spec().image;
     let images = from
@@ -119,7 +120,8 @@ fn error(a: &[f32], b: &[f32]) -> f32 {
         / size
 }
 
-/// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the mean by `action`.
+/// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the
+/// mean by `action`.
 fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
     errors_of(&mut policy(), pixels, vectors, action)
 }
@@ -160,8 +162,8 @@ fn mean_is_equivariant_and_value_and_features_are_invariant() {
     }
 }
 
-/// What is no symmetry of the group is none of the network: the check fails for every other element of D2, so a plain CNN is not
-/// equivariant by accident.
+/// What is no symmetry of the group is none of the network: the check fails for every other element
+/// of D2, so a plain CNN is not equivariant by accident.
 #[test]
 fn elements_outside_the_group_change_mean_value_and_features() {
     for settings in networks() {
@@ -237,8 +239,9 @@ fn the_check_of_the_mean_fails_for_a_wrong_group_action() {
     }
 }
 
-/// Pooling comes right after the concatenation, so features, and the values of the paper's critic, do not notice a symmetry of one input
-/// alone: where the vector's hand is relative to the image's object. The joint critic does.
+/// Pooling comes right after the concatenation, so features, and the values of the paper's critic,
+/// do not notice a symmetry of one input alone: where the vector's hand is relative to the image's
+/// object. The joint critic does.
 #[test]
 fn only_the_joint_critic_sees_how_the_vector_lies_relative_to_the_image() {
     for g in [D2::FlipX, D2::FlipY, D2::HalfTurn] {

@@ -1,4 +1,5 @@
-//! PPO learns a toy task from pixels within seconds, and a frozen policy does not pass the same threshold.
+//! PPO learns a toy task from pixels within seconds, and a frozen policy does not pass the same
+//! threshold.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 

@@ -1,4 +1,5 @@
-//! A policy that learns from another one's rollout: its own log-probabilities and values replace the recorded ones.
+//! A policy that learns from another one's rollout: its own log-probabilities and values replace
+//! the recorded ones.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 

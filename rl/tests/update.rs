@@ -8,9 +8,9 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, AlgorithmState, Decisions, Encoder, EnvSpec, Metrics,
-    NetworkSettings, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState,
-    RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
+    Actor, ActorCriticPolicy, Algorithm, Decisions, Encoder, EnvSpec, Metrics, NetworkSettings,
+    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
+    VectorEnv, collect, evaluate,
 };
 
 const ENVS: usize = 9;
@@ -126,6 +126,28 @@ fn the_divergence_limit_stops_the_update() {
         patient.approx_kl > 0.075 && patient.clip_fraction > 0.0,
         "{patient:?}"
     );
+}
+
+/// The floor is where the standard deviations start, and without it they fall.
+#[test]
+fn exploration_stays_above_its_floor() {
+    let narrowing = |min_log_std| {
+        let settings = PpoSettings {
+            head_learning_rate: 0.05,
+            entropy_weight: 0.0,
+            max_kl: 1e9,
+            min_log_std,
+            ..PpoSettings::default()
+        };
+        updated(settings).1.log_std
+    };
+    let free = narrowing(-10.0);
+    let lowest = free.iter().copied().fold(0.0, f32::min);
+    assert!(lowest < -0.55, "{free:?}");
+    let held = narrowing(-0.5);
+    assert!(held.iter().all(|&s| s >= -0.5), "{held:?}");
+    // a floor that is never met changes nothing
+    assert_eq!(free, narrowing(-9.0));
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly D2-symmetric.
+//! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly
+//! D2-symmetric.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,8 +15,9 @@ const STEP: f32 = 0.4;
 /// Distance from the goal, per axis, that counts as success.
 const NEAR: f32 = 0.25;
 
-/// N points in [-1, 1]^2. Picture: the goal in channel 0, the point in channel 1. Vector: the point. Reward: 1 minus the
-/// mean distance per axis, in [0, 1]. Episodes last [`EPISODE`] decisions.
+/// N points in [-1, 1]^2. Picture: the goal in channel 0, the point in channel 1. Vector: the
+/// point. Reward: 1 minus the mean distance per axis, in [0, 1]. Episodes last [`EPISODE`]
+/// decisions.
 pub struct PointReach {
     spec: EnvSpec,
     points: Vec<[f32; 2]>,
@@ -82,6 +84,10 @@ fn draw(image: &mut [u8], channel: usize, [x, y]: [f32; 2]) {
 impl VectorEnv for PointReach {
     fn spec(&self) -> &EnvSpec {
         &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(EPISODE)
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {

@@ -1,0 +1,171 @@
+//! An actor with a memory: collection and evaluation forget an episode when it ends, and never
+//! before.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+#[path = "common/ages.rs"]
+mod ages;
+
+use ages::Ages;
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, Decisions, Memory, Observations, OnPolicy, RlError, RolloutBuffer, RolloutState, Values,
+    VectorEnv, collect, evaluate,
+};
+
+/// Counts the steps of each running episode: the smallest recurrent actor there is.
+struct Counter {
+    forgets: Forgets,
+}
+
+/// What a counter's memory does when it is told that an episode ended.
+#[derive(Clone, Copy)]
+enum Forgets {
+    ThisOne,
+    Nothing,
+    TheFirst,
+    Everything,
+}
+
+struct Counts {
+    steps: Vec<u8>,
+    forgets: Forgets,
+}
+
+impl Memory for Counts {
+    fn forget(&mut self, env: usize) {
+        match self.forgets {
+            Forgets::ThisOne => self.steps[env] = 0,
+            Forgets::Nothing => {}
+            Forgets::TheFirst => self.steps[0] = 0,
+            Forgets::Everything => self.steps.fill(0),
+        }
+    }
+}
+
+impl Actor for Counter {
+    type Memory = Counts;
+
+    fn memory(&self, envs: usize) -> Counts {
+        Counts {
+            steps: vec![0; envs],
+            forgets: self.forgets,
+        }
+    }
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Counts,
+        _: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.mean_actions(observations, memory, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        _: &Observations,
+        memory: &mut Counts,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        for (action, steps) in out.iter_mut().zip(&mut memory.steps) {
+            *action = f32::from(*steps);
+            *steps = steps.saturating_add(1);
+        }
+        Ok(())
+    }
+}
+
+impl Values for Counter {
+    fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+impl OnPolicy for Counter {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Counts,
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        self.act(observations, memory, rng, &mut out.actions)?;
+        out.log_probs.fill(0.0);
+        self.values(observations, &mut out.values)
+    }
+}
+
+/// Rewards of `rollouts` rollouts of `steps` steps that follow one another, after a reset.
+fn rewards(env: &mut dyn VectorEnv, forgets: Forgets, [rollouts, steps]: [usize; 2]) -> Vec<f32> {
+    let mut actor = Counter { forgets };
+    let mut buffer = RolloutBuffer::new(env.spec(), steps).unwrap();
+    let mut state = RolloutState::reset(env, &actor).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut all = Vec::new();
+    for _ in 0..rollouts {
+        collect(env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
+        all.extend_from_slice(buffer.rewards());
+    }
+    all
+}
+
+fn right(rewards: &[f32]) -> bool {
+    rewards.iter().all(|&reward| reward == 1.0)
+}
+
+proptest! {
+    /// Every action tells the age of its own episode: within a rollout, from one rollout to the
+    /// next where the episode goes on, and after another reset of the same environments.
+    #[test]
+    fn a_memory_lasts_as_long_as_its_episode(
+        lengths in prop::collection::vec(1usize..9, 1..6),
+        rollouts in 1usize..4,
+        steps in 1usize..12,
+    ) {
+        let mut env = Ages::new(&lengths);
+        for _ in 0..2 {
+            prop_assert!(right(&rewards(&mut env, Forgets::ThisOne, [rollouts, steps])));
+        }
+        let mut actor = Counter { forgets: Forgets::ThisOne };
+        for episode in evaluate(&mut env, &mut actor, 2).unwrap().episodes {
+            prop_assert_eq!(episode.length, lengths[episode.env]);
+            prop_assert_eq!(episode.total_reward, episode.length as f64);
+        }
+    }
+}
+
+#[test]
+fn the_check_fails_for_memories_that_leak() {
+    for forgets in [Forgets::Nothing, Forgets::TheFirst, Forgets::Everything] {
+        assert!(!right(&rewards(&mut Ages::new(&[3, 4]), forgets, [2, 5])));
+        let stats = evaluate(&mut Ages::new(&[3, 4]), &mut Counter { forgets }, 2).unwrap();
+        assert!(
+            stats
+                .episodes
+                .iter()
+                .any(|e| e.total_reward < e.length as f64)
+        );
+    }
+}
+
+/// The state carries the memory: a fresh one in the middle of an episode gives wrong actions.
+#[test]
+fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
+    let mut env = Ages::new(&[5]);
+    let mut actor = Counter {
+        forgets: Forgets::ThisOne,
+    };
+    let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
+    let mut state = RolloutState::reset(&mut env, &actor).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
+    assert!(right(buffer.rewards()));
+    state.memory = actor.memory(1);
+    collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
+    assert!(!right(buffer.rewards()));
+}

@@ -1,0 +1,174 @@
+//! Numbers that are infinite or not a number are refused by name before they change a parameter.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+#[path = "common/parts.rs"]
+mod parts;
+
+use common::PointReach;
+use parts::{ENVS, Parts, parts, policy, push, rolled_out, spec};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Algorithm, AlgorithmState, BoxError, EnvSpec, Observations, Outcome, Ppo, PpoSettings, RlError,
+    RolloutBuffer, Transition, VectorEnv, evaluate,
+};
+
+/// What makes a number wrong.
+type Change<T> = fn(&mut T);
+
+/// An environment whose transitions are changed before they are handed out.
+struct Spoiling {
+    env: PointReach,
+    spoil: Change<Transition>,
+}
+
+impl VectorEnv for Spoiling {
+    fn spec(&self) -> &EnvSpec {
+        self.env.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.env.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.env.step(actions, out)?;
+        (self.spoil)(out);
+        Ok(())
+    }
+}
+
+/// What a `NotFinite` error names.
+fn not_finite(result: Result<(), RlError>) -> &'static str {
+    match result {
+        Err(RlError::NotFinite { what, .. }) => what,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_sees_them() {
+    let spoils: [(Change<Transition>, &str); 3] = [
+        (|t| t.rewards[1] = f32::NAN, "a reward"),
+        (
+            |t| t.observations.vectors[3] = f32::INFINITY,
+            "a component of an observation vector",
+        ),
+        (
+            |t| {
+                t.outcomes[2] = Outcome::Terminated;
+                t.final_observations.vectors[5] = f32::NAN;
+            },
+            "a component of a final observation vector",
+        ),
+    ];
+    for (spoil, name) in spoils {
+        let mut env = Spoiling {
+            env: PointReach::new(ENVS, 0),
+            spoil,
+        };
+        assert_eq!(not_finite(rolled_out(&mut env)), name);
+        let result = evaluate(&mut env, &mut policy(), 1).map(|_| ());
+        assert_eq!(not_finite(result), name);
+    }
+}
+
+#[test]
+fn final_observations_of_running_episodes_have_no_meaning() {
+    let mut env = Spoiling {
+        env: PointReach::new(ENVS, 0),
+        spoil: |t| t.final_observations.vectors[5] = f32::NAN,
+    };
+    assert!(rolled_out(&mut env).is_ok());
+}
+
+#[test]
+fn decisions_and_values_that_are_not_numbers_are_refused() {
+    let spoils: [(Change<Parts>, &str); 5] = [
+        (|p| p.decisions.actions[1] = f32::NAN, "an action"),
+        (
+            |p| p.decisions.log_probs[1] = f32::NEG_INFINITY,
+            "a log-probability",
+        ),
+        (|p| p.decisions.values[2] = f32::NAN, "a value"),
+        (
+            |p| p.values[0] = f32::NAN,
+            "the value of a final observation",
+        ),
+        (
+            |p| p.observations.vectors[0] = f32::NAN,
+            "a component of an observation vector",
+        ),
+    ];
+    for (spoil, name) in spoils {
+        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+        let mut wrong = parts();
+        spoil(&mut wrong);
+        assert_eq!(not_finite(push(&mut buffer, &wrong)), name);
+    }
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    push(&mut buffer, &parts()).unwrap();
+    let result = buffer.finish(&parts().observations, &[0.0, f32::NAN, 0.0]);
+    assert_eq!(not_finite(result), "a value");
+}
+
+/// Rewards that are finite, but whose sum is not.
+#[test]
+fn returns_that_overflow_leave_the_parameters_alone() {
+    let mut policy = policy();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
+    let mut huge = parts();
+    huge.transition.outcomes.fill(Outcome::Running);
+    huge.transition.rewards.fill(3e38);
+    push(&mut buffer, &huge).unwrap();
+    push(&mut buffer, &huge).unwrap();
+    buffer.finish(&huge.observations, &[0.0; ENVS]).unwrap();
+    let before = policy.params().to_vec();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
+    assert_eq!(not_finite(result), "a return");
+    assert_eq!(
+        (policy.params(), ppo.save().counters[0].1),
+        (&before[..], 0)
+    );
+}
+
+fn saved<'a>(first: &'a [f32], second: &'a [f32], counter: (&'a str, u64)) -> AlgorithmState<'a> {
+    AlgorithmState {
+        tensors: vec![("adam.first", first), ("adam.second", second)],
+        counters: vec![counter],
+    }
+}
+
+#[test]
+fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
+    let policy = policy();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let zeros = vec![0.0; policy.params().len()];
+    let steps = ("adam.steps", 7);
+    for state in [
+        saved(&zeros[1..], &zeros, steps),
+        saved(&zeros, &zeros[1..], steps),
+        saved(&zeros, &zeros, ("steps", 7)),
+        AlgorithmState::default(),
+    ] {
+        let result = ppo.restore(&state);
+        assert!(matches!(result, Err(RlError::State { .. })), "{result:?}");
+    }
+    for (value, expected) in [(f32::NAN, "finite"), (-1.0, "no negative number")] {
+        let mut wrong = zeros.clone();
+        wrong[3] = value;
+        let error = ppo.restore(&saved(&zeros, &wrong, steps)).unwrap_err();
+        let message = error.to_string();
+        assert!(
+            message.contains("`adam.second`") && message.contains(expected),
+            "{message}"
+        );
+        assert_eq!(ppo.save(), saved(&zeros, &zeros, ("adam.steps", 0)));
+    }
+    ppo.restore(&saved(&zeros, &zeros, steps)).unwrap();
+    assert_eq!(ppo.save(), saved(&zeros, &zeros, steps));
+}

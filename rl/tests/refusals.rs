@@ -1,0 +1,281 @@
+//! Slices of wrong length are refused by name at every public entry.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+#[path = "common/parts.rs"]
+mod parts;
+
+use common::PointReach;
+use parts::{ENVS, Parts, parts, policy, push, rolled_out, spec};
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, Adam, Assess, BoxError, Decisions, EnvSpec, Features, GaeInputs, Observations, OnPolicy,
+    Outcome, ParamGroup, RlError, RolloutBuffer, RolloutState, Transition, Values, VectorEnv,
+    collect, evaluate, gae,
+};
+
+fn resize<T: Clone + Default>(values: &mut Vec<T>, change: isize) {
+    let len = values.len().saturating_add_signed(change);
+    values.resize(len, T::default());
+}
+
+/// The arrays of a step by name.
+const ARRAYS: [&str; 13] = [
+    "images",
+    "vectors",
+    "actions",
+    "log_probs",
+    "values",
+    "next images",
+    "next vectors",
+    "final images",
+    "final vectors",
+    "rewards",
+    "outcomes",
+    "success",
+    "success_at_end",
+];
+
+/// Lengthens or shortens one array of a step; returns the name that the error gives it.
+fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
+    let Parts {
+        observations,
+        decisions,
+        transition,
+        ..
+    } = parts;
+    match ARRAYS[array] {
+        "images" => resize(&mut observations.images, change),
+        "vectors" => resize(&mut observations.vectors, change),
+        "actions" => resize(&mut decisions.actions, change),
+        "log_probs" => resize(&mut decisions.log_probs, change),
+        "values" => resize(&mut decisions.values, change),
+        "next images" => resize(&mut transition.observations.images, change),
+        "next vectors" => resize(&mut transition.observations.vectors, change),
+        "final images" => resize(&mut transition.final_observations.images, change),
+        "final vectors" => resize(&mut transition.final_observations.vectors, change),
+        "rewards" => resize(&mut transition.rewards, change),
+        "outcomes" => resize(&mut transition.outcomes, change),
+        "success" => resize(&mut transition.success, change),
+        _ => resize(&mut transition.success_at_end, change),
+    }
+    ARRAYS[array].split(' ').next_back().unwrap_or("")
+}
+
+/// Whether a result is the error of an array of that name.
+fn names(result: Result<(), RlError>, array: &str) -> bool {
+    matches!(result, Err(RlError::Shape { what, .. }) if what == array)
+}
+
+fn panics(run: impl FnOnce() + std::panic::UnwindSafe) -> String {
+    let panic = std::panic::catch_unwind(run).unwrap_err();
+    panic
+        .downcast_ref::<String>()
+        .map_or_else(String::new, Clone::clone)
+}
+
+fn off_by() -> impl Strategy<Value = isize> {
+    (-3isize..=3).prop_filter("a change", |change| *change != 0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_step_with_an_array_of_another_length_is_refused(
+        array in 0..ARRAYS.len(),
+        change in off_by(),
+    ) {
+        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+        let mut wrong = parts();
+        let name = spoil(&mut wrong, array, change);
+        prop_assert!(names(push(&mut buffer, &wrong), name));
+        // the buffer takes the right one afterwards
+        prop_assert!(push(&mut buffer, &parts()).is_ok());
+    }
+
+    #[test]
+    fn values_of_another_length_are_refused(change in off_by()) {
+        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+        let mut wrong = parts();
+        resize(&mut wrong.values, change);
+        prop_assert!(names(push(&mut buffer, &wrong), "final_values"));
+        push(&mut buffer, &parts()).unwrap();
+        let result = buffer.finish(&parts().observations, &wrong.values);
+        prop_assert!(names(result, "last_values"));
+        buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+        let (right, wrong) = (&mut [0.0; ENVS], &mut wrong.values);
+        prop_assert!(names(buffer.advantages(0.9, 0.9, wrong, right), "advantages"));
+        prop_assert!(names(buffer.advantages(0.9, 0.9, right, wrong), "returns"));
+    }
+
+    #[test]
+    fn a_policy_refuses_outputs_of_another_length(change in off_by()) {
+        let (mut policy, seen) = (policy(), parts().observations);
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let sized = |width: usize| {
+            let mut out = vec![0.0; ENVS * width];
+            resize(&mut out, change);
+            out
+        };
+        let dim = policy.feature_dim();
+        prop_assert!(names(policy.act(&seen, &mut (), &mut rng, &mut sized(2)), "actions"));
+        prop_assert!(names(policy.mean_actions(&seen, &mut (), &mut sized(2)), "mean actions"));
+        prop_assert!(names(policy.values(&seen, &mut sized(1)), "values"));
+        prop_assert!(names(policy.features(&seen, &mut sized(dim)), "features"));
+        for array in 2..5 {
+            let mut wrong = parts();
+            let name = spoil(&mut wrong, array, change);
+            let decisions = &mut wrong.decisions;
+            prop_assert!(names(policy.decide(&seen, &mut (), &mut rng, decisions), name));
+            prop_assert!(names(policy.assess(&seen, decisions), name));
+        }
+    }
+
+    #[test]
+    fn a_policy_refuses_observations_of_another_length(
+        array in 0..2usize,
+        change in off_by(),
+    ) {
+        let (mut policy, mut wrong) = (policy(), parts());
+        spoil(&mut wrong, array, change);
+        let seen = &wrong.observations;
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let shape = |result| matches!(result, Err(RlError::Shape { .. }));
+        let mut decisions = Decisions::new(&spec());
+        prop_assert!(shape(policy.act(seen, &mut (), &mut rng, &mut [0.0; 2 * ENVS])));
+        prop_assert!(shape(policy.mean_actions(seen, &mut (), &mut [0.0; 2 * ENVS])));
+        prop_assert!(shape(policy.decide(seen, &mut (), &mut rng, &mut decisions)));
+        prop_assert!(shape(policy.assess(seen, &mut decisions)));
+        prop_assert!(shape(policy.values(seen, &mut [0.0; ENVS])));
+        let mut features = vec![0.0; ENVS * policy.feature_dim()];
+        prop_assert!(shape(policy.features(seen, &mut features)));
+    }
+
+    /// Whatever array an environment spoils, collection and evaluation say which one it was.
+    #[test]
+    fn an_environment_that_changes_a_length_is_refused(
+        array in 5..ARRAYS.len(),
+        change in off_by(),
+    ) {
+        let mut env = Spoiling { env: PointReach::new(ENVS, 0), array, change };
+        let name = ARRAYS[array].split(' ').next_back().unwrap();
+        prop_assert!(names(rolled_out(&mut env), name));
+        prop_assert!(names(evaluate(&mut env, &mut policy(), 1).map(|_| ()), name));
+    }
+}
+
+/// An environment that changes the length of one array of its transitions.
+struct Spoiling {
+    env: PointReach,
+    array: usize,
+    change: isize,
+}
+
+impl VectorEnv for Spoiling {
+    fn spec(&self) -> &EnvSpec {
+        self.env.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.env.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.env.step(actions, out)?;
+        let mut all = parts();
+        std::mem::swap(&mut all.transition, out);
+        spoil(&mut all, self.array, self.change);
+        std::mem::swap(&mut all.transition, out);
+        Ok(())
+    }
+}
+
+/// x and y exchanged in the actions: every length fits, and only the types tell.
+#[test]
+fn a_rollout_of_other_environments_is_refused() {
+    let mut other = spec();
+    other.action.swap(0, 1);
+    let mut buffer = RolloutBuffer::new(&other, 2).unwrap();
+    let (mut env, mut policy) = (PointReach::new(ENVS, 0), policy());
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let result = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng);
+    assert!(matches!(
+        result,
+        Err(RlError::SpecMismatch { field: "action" })
+    ));
+}
+
+#[test]
+fn free_functions_name_the_slice_that_does_not_fit() {
+    let gae_with = |lens: [usize; 7]| {
+        let [rewards, values, finals, last] = [0, 1, 3, 4].map(|i: usize| vec![0.0; lens[i]]);
+        let outcomes = vec![Outcome::Running; lens[2]];
+        let inputs = GaeInputs {
+            rewards: &rewards,
+            values: &values,
+            outcomes: &outcomes,
+            final_values: &finals,
+            last_values: &last,
+        };
+        gae(
+            &inputs,
+            0.9,
+            0.9,
+            &mut vec![0.0; lens[5]],
+            &mut vec![0.0; lens[6]],
+        );
+    };
+    let names = [
+        "rewards",
+        "values",
+        "outcomes",
+        "final_values",
+        "rewards",
+        "advantages",
+        "returns",
+    ];
+    for (i, name) in names.into_iter().enumerate() {
+        for change in [-1, 1] {
+            let mut lens: [usize; 7] = [6, 6, 6, 6, 3, 6, 6];
+            lens[i] = lens[i].saturating_add_signed(change);
+            // six rewards are whole steps of two environments, too
+            if (i, change) != (4, -1) {
+                let message = panics(|| gae_with(lens));
+                assert!(message.starts_with(&format!("{name}: got")), "{message}");
+            }
+        }
+    }
+    let step = |params: usize, gradient: usize, first: usize, second: usize, end: usize| {
+        panics(move || {
+            let mut adam = Adam::new(first, 1e-5);
+            adam.second_moment.resize(second, 0.0);
+            let group = ParamGroup {
+                range: 0..end,
+                learning_rate: 0.1,
+            };
+            adam.step(&[group], &mut vec![0.0; params], &vec![0.0; gradient]);
+        })
+    };
+    for (message, start) in [
+        (step(4, 3, 4, 4, 4), "gradient: got 3 values, expected 4"),
+        (
+            step(4, 4, 3, 4, 4),
+            "first_moment: got 3 values, expected 4",
+        ),
+        (
+            step(4, 4, 4, 5, 4),
+            "second_moment: got 5 values, expected 4",
+        ),
+        (
+            step(4, 4, 4, 4, 5),
+            "the group 0..5 reaches beyond the 4 parameters",
+        ),
+    ] {
+        assert!(message.starts_with(start), "{message}");
+    }
+}
