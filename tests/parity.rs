@@ -1,4 +1,5 @@
-//! Meta-World itself, recorded by `benches/peers/record_metaworld.sh`, against the `metaworld` layout; and recordings that are none.
+//! Meta-World itself, recorded by `benches/peers/record_metaworld.sh`, against the `metaworld`
+//! layout; and recordings that are none.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -30,7 +31,8 @@ fn rewards_steps_and_replays_are_meta_worlds() {
     }
 }
 
-/// Figures of Meta-World 3.1.1 on MuJoCo 2.2.2 after a reset: joints 0 to 6 in radians, then the fingers.
+/// Figures of Meta-World 3.1.1 on MuJoCo 2.2.2 after a reset: joints 0 to 6 in radians, then the
+/// fingers.
 #[test]
 fn episodes_start_where_meta_worlds_do() {
     let over_the_centre = [

@@ -1,9 +1,11 @@
 //! Table-top manipulation tasks with D2 variants on MuJoCo, seen by a top-down camera.
 //!
-//! Four task groups ([`TaskGroup`]), each in four variants that are one another's images under [`symmetry::D2`]:
-//! 16 tasks in all ([`TaskVariant`]). A learner sees the table without the arm, a disc at the gripper, and the episode's first picture.
+//! Four task groups ([`TaskGroup`]), each in four variants that are one another's images under
+//! [`symmetry::D2`]: 16 tasks in all ([`TaskVariant`]). A learner sees the table without the arm, a
+//! disc at the gripper, and the episode's first picture.
 //!
-//! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner uses.
+//! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
+//!   uses.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
 //! - [`Painter`]: the picture of a [`TableTop`].
 //! - [`inpainting`]: for an arm that cannot be left out of the picture, a real one.

@@ -27,7 +27,8 @@ pub(crate) struct Recording {
     pub action: Array,
     /// `[E, T]`.
     pub reward: Array,
-    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target, reward.
+    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target,
+    /// reward.
     pub info: Array,
     /// `[E, T]`: a convex mesh, which our scenes replace by boxes, touched something.
     pub mesh_contact: Array,
