@@ -64,7 +64,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
         b.iter(|| {
             assert!(
                 renderer
-                    .paint_over(&mut table, &mut backdrop, &mut rgb)
+                    .render_over(&mut table, &mut backdrop, &mut rgb)
                     .is_ok()
             )
         });

@@ -7,7 +7,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use covers::cli::{StreamOptions, run_name};
-use covers::report::{rollout_line, summary_table};
+use covers::presets::Method;
+use covers::tables::{rollout_line, summary_table};
 use covers::{CoversError, Run, RunFolder};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
@@ -23,7 +24,9 @@ fn main() -> ExitCode {
 }
 
 fn learn(options: &StreamOptions) -> Result<(), CoversError> {
-    let experiment = options.changes.apply(options.budget.experiment());
+    let experiment = options
+        .changes
+        .apply(options.budget.experiment(Method::Covers));
     experiment.check()?;
     let name = run_name(options.budget.name(), &experiment);
     let folder = RunFolder::create(&options.output.runs, &name)?;

@@ -97,7 +97,10 @@ impl Log {
             writer.write_record(&names).map_err(write)?;
             self.names = names;
         } else if self.names != names {
-            let problem = format!("a row of {names:?} does not fit the columns {:?}", self.names);
+            let problem = format!(
+                "a row of {names:?} does not fit the columns {:?}",
+                self.names
+            );
             return Err(CoversError::write(path, Error::other(problem)));
         }
         writer.write_record(&cells).map_err(write)?;

@@ -174,7 +174,12 @@ mod tests {
     #[test]
     fn methods_differ_in_networks_and_groupings_alone() {
         let covers = Method::Covers.learner();
-        for method in [Method::CoversGt, Method::CoversCnn, Method::Equi, Method::Cnn] {
+        for method in [
+            Method::CoversGt,
+            Method::CoversCnn,
+            Method::Equi,
+            Method::Cnn,
+        ] {
             let mut settings = method.learner();
             assert_ne!(settings, covers, "{method:?}");
             settings.network.group = covers.network.group;

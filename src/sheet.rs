@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Mark, SceneRenderer, RGB, Scene, TableTop, TaskGroup, VecEnvSettings};
+use envs::{Mark, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;

@@ -6,6 +6,8 @@ use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::D2;
 
+use crate::error::CoversError;
+
 /// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
 /// Network inputs per metre: positions become numbers of order one.
@@ -29,9 +31,13 @@ impl Stream {
     /// groups are prepared, so that a switch costs nothing.
     ///
     /// # Errors
-    /// [`EnvError::NoTasks`] for no groups, or what the environments say.
-    pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, EnvError> {
-        let first = *groups.first().ok_or(EnvError::NoTasks)?;
+    /// [`CoversError::Setting`] for no groups, or what the environments say.
+    pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, CoversError> {
+        let first = *groups.first().ok_or_else(|| CoversError::Setting {
+            name: "groups",
+            value: "empty".to_owned(),
+            expected: "at least one task group",
+        })?;
         let mut env = VecEnv::new(settings, first, &D2::ALL)?;
         env.prepare(groups)?;
         Ok(Self {
@@ -115,7 +121,6 @@ impl VectorEnv for Stream {
         )?;
         self.failures += failures.len();
         self.seconds += clock.elapsed().as_secs_f64();
-        out.success_at_end.copy_from_slice(&out.success);
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated {
                 Outcome::Truncated

@@ -2,8 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
-use cluster::{Evidence, Verdict};
-use covers::{Covers, CoversSettings, Embedding, Extent, Handover, NewPolicy, Report};
+use cluster::{Assignment, Decision, Evidence, Verdict};
+use covers::{
+    Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
+    Handover, Learner, Metric, NewPolicy, Turn,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -15,7 +18,8 @@ use symmetry::{D2, Irrep};
 const SIZE: usize = 8;
 const HORIZON: usize = 5;
 
-/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the reward is the first action.
+/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the
+/// reward is the first action.
 #[derive(Clone)]
 struct Bars {
     spec: EnvSpec,
@@ -125,8 +129,8 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
         [false, false, true, false, false, false, false, false]
     );
     assert_eq!(covers.policies(), 2);
-    // the first rollout has nothing to be compared with; a rollout that changes hands is collected twice, and a policy is opened
-    // after a second look
+    // the first rollout has nothing to be compared with; a rollout that changes hands is collected
+    // twice, and a policy is opened after a second look
     assert!(assigned[0].evidence.is_empty());
     let decisions: Vec<usize> = assigned.iter().map(|report| report.decisions).collect();
     assert_eq!(decisions, [100, 100, 300, 100, 200, 200, 200, 100]);
@@ -198,7 +202,7 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
         covers.learn(&mut env).unwrap()
     };
     let (with, without) = (run(true), run(false));
-    assert_eq!(with.update, without.update);
+    assert_eq!(with.metrics, without.metrics);
     assert_eq!(with.evidence, without.evidence);
 }
 
@@ -211,7 +215,7 @@ fn a_policy_that_does_not_exist_is_named() {
 }
 
 /// The learner of `settings` after rollouts in these groups, with what it reported.
-fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Report>) {
+fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Turn>) {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings, env.spec()).unwrap();
     let reports = groups.iter().map(|&group| {
@@ -243,13 +247,17 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
         assert_eq!(policies, groups);
         reports
     };
-    let decisions = |reports: &[Report]| reports.iter().map(|r| r.decisions).collect::<Vec<_>>();
+    let decisions = |reports: &[Turn]| reports.iter().map(|r| r.decisions).collect::<Vec<_>>();
     let (again, reused) = (run(Handover::CollectAgain), run(Handover::Reuse));
     // the second rollout opens a policy, after a second look
     assert_eq!(decisions(&again), [100, 300, 200, 200]);
     assert_eq!(decisions(&reused), [100, 200, 100, 100]);
-    for report in reused {
-        assert!(report.update.approx_kl < 1e-9 && report.update.clip_fraction == 0.0);
+    for turn in reused {
+        let figure = |name| match turn.metrics.get(name) {
+            Some(Metric::Number(value)) => *value,
+            other => panic!("{name} is {other:?}"),
+        };
+        assert!(figure("approx_kl") < 1e-9 && figure("clip_fraction") == 0.0);
     }
 }
 
@@ -332,6 +340,115 @@ fn the_papers_reading_learns_and_asks_for_its_pictures() {
 }
 
 #[test]
+fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
+    let single = CoversSettings {
+        grouping: GroupingSettings::Single,
+        ..settings()
+    };
+    let (covers, turns) = after(single, &[0, 1, 0]);
+    assert_eq!(covers.policies(), 1);
+    for turn in &turns {
+        assert!(turn.policy == 0 && !turn.created && turn.evidence.is_empty());
+        assert_eq!(turn.decisions, 100);
+    }
+    let oracle = CoversSettings {
+        grouping: GroupingSettings::Oracle,
+        ..settings()
+    };
+    let message = Covers::new(oracle, &Bars::new().spec).err().unwrap();
+    assert!(message.to_string().contains("only a run knows labels"));
+}
+
+/// A grouping of somebody else's: rollouts take turns.
+struct TakingTurns(usize);
+
+impl Grouping for TakingTurns {
+    fn min_episodes(&self) -> usize {
+        1
+    }
+
+    fn assign(
+        &self,
+        candidates: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        let opens = self.0 == 1;
+        assert_eq!(candidates.policies(), self.0.min(2));
+        let decision = if opens {
+            Decision::New
+        } else {
+            Decision::Existing(self.0 % 2)
+        };
+        Ok(Assignment {
+            decision,
+            evidence: Vec::new(),
+        })
+    }
+
+    fn adopt(&mut self, _: usize) {
+        self.0 += 1;
+    }
+
+    fn state(&self) -> serde_json::Value {
+        self.0.into()
+    }
+
+    fn restore(&mut self, _: &serde_json::Value) -> Result<(), String> {
+        Err("not needed here".to_owned())
+    }
+}
+
+#[test]
+fn a_grouping_of_somebody_elses_decides() {
+    let mut env = Bars::new();
+    let grouping = Box::new(TakingTurns(0));
+    let mut covers = Covers::with_grouping(settings(), env.spec(), grouping).unwrap();
+    let turns = (0..4).map(|_| covers.learn(&mut env).unwrap());
+    let turns: Vec<_> = turns.map(|turn| (turn.policy, turn.created)).collect();
+    assert_eq!(turns, [(0, false), (1, true), (0, false), (1, false)]);
+}
+
+#[test]
+fn a_turn_logs_the_same_names_whatever_happens() {
+    let (_, turns) = after(settings(), &[0, 1, 0]);
+    let names = |turn: &Turn| -> Vec<String> {
+        turn.metrics
+            .iter()
+            .map(|(name, _)| name.to_owned())
+            .collect()
+    };
+    assert!(names(&turns[0]).contains(&"distances".to_owned()));
+    for turn in &turns {
+        assert_eq!(names(turn), names(&turns[0]));
+    }
+    let distances = |turn: &Turn| turn.metrics.get("distances").unwrap().to_string();
+    assert_eq!(distances(&turns[0]), "");
+    assert_eq!(distances(&turns[2]).split(';').count(), 2);
+}
+
+#[test]
+fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
+    let path = std::env::temp_dir().join(format!("covers-nan-{}", std::process::id()));
+    let (covers, _) = after(settings(), &[0]);
+    covers.save(&path, Extent::Everything, "").unwrap();
+    let mut bytes = std::fs::read(&path).unwrap();
+    // arrays of numbers come first, behind the header and its length
+    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap());
+    let first = 8 + usize::try_from(header).unwrap();
+    bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(&path, bytes).unwrap();
+    let message = Covers::load(&path, covers.spec())
+        .err()
+        .unwrap()
+        .to_string();
+    std::fs::remove_file(path).unwrap();
+    assert!(
+        message.contains("policy.0.") && message.contains("NaN"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_saved_learner_goes_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
     for embedding in [Embedding::Afresh, Embedding::AtArrival] {
@@ -355,7 +472,7 @@ fn a_saved_learner_goes_on_alike() {
             (env.group, twin_env.group) = (group, group);
             let report = covers.learn(&mut env).unwrap();
             let again = twin.learn(&mut twin_env).unwrap();
-            assert_eq!(report.update, again.update);
+            assert_eq!(report.metrics, again.metrics);
             assert_eq!(report.evidence, again.evidence);
         }
     }

@@ -5,8 +5,8 @@
 use std::path::Path;
 
 use covers::evaluation::Evaluator;
-use covers::{Covers, RunFolder, Stream};
-use envs::{TaskGroup, TaskVariant};
+use covers::{Labels, RunFolder, Stream};
+use envs::{TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
 #[test]
@@ -18,13 +18,16 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
         plan.variants = vec![D2::Identity];
     }
     let spec = Stream::spec_of(&experiment.envs);
-    let (mut covers, _) = Covers::load(&folder.checkpoint(), &spec).unwrap();
-    assert_eq!(covers.policies(), 4);
-    let mut evaluator = Evaluator::new(experiment.envs, experiment.schedule, 5).unwrap();
+    let labels = Labels::default();
+    let learner = &experiment.learner;
+    let (mut learner, _) = learner.load(&folder.checkpoint(), &spec, &labels).unwrap();
+    assert_eq!(learner.policies(), 4);
+    let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
+    let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
     let mut chosen = Vec::new();
     for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
-        let score = evaluator.variant(&mut covers, variant, 1).unwrap();
+        let score = evaluator.variant(&mut *learner, variant, 1).unwrap();
         assert!(score.success >= 0.9, "{score:?}");
         assert_eq!(score.seen, element == D2::Identity);
         chosen.push(score.policy);

@@ -8,7 +8,11 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use covers::cli::StreamOptions;
 use covers::commands::Command;
-use covers::{Covers, CoversError, CoversSettings, Experiment, Run, RunFolder, Stream, Summary};
+use covers::presets::{Budget, Method};
+use covers::{
+    Covers, CoversError, CoversSettings, Experiment, LearnerSettings, Run, RunFolder, Stream,
+    Summary,
+};
 use envs::{Camera, Embodiment, Layout, VecEnvSettings};
 use rl::EnvSpec;
 use symmetry::Group;
@@ -59,9 +63,14 @@ const FILES: [&str; 4] = [
     "contact_sheet.png",
 ];
 
-/// A run over all four groups with visits of 2 rollouts, evaluated after each visit and after every third rollout.
+fn smoke() -> Experiment {
+    Budget::Smoke.experiment(Method::Covers)
+}
+
+/// A run over all four groups with visits of 2 rollouts, evaluated after each visit and after every
+/// third rollout.
 fn experiment(seed: u64, threads: usize) -> Experiment {
-    let mut experiment = Experiment::smoke().with_seed(seed).with_threads(threads);
+    let mut experiment = smoke().with_seed(seed).with_threads(threads);
     experiment.evaluation.visit_rounds = 1;
     experiment.evaluation.every = Some(3);
     experiment
@@ -88,7 +97,7 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let whole = |seed, threads| {
         finish(start(
             &scratch.0,
-            Experiment::smoke().with_seed(seed).with_threads(threads),
+            smoke().with_seed(seed).with_threads(threads),
         ))
     };
     let (summary, reference) = whole(3, 1);
@@ -134,6 +143,39 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let mut ended = Run::resume(&folder, None).unwrap();
     assert!(ended.advance().unwrap().is_none());
     assert_eq!(timeless(&ended.summary().unwrap()), timeless(&summary));
+}
+
+/// Every method's smoke run as the program starts it, the paper's with small pictures.
+#[test]
+fn every_method_runs_its_smoke_budget_and_resumes() {
+    let scratch = Scratch::new("methods");
+    for method in Method::ALL {
+        let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
+        if method == Method::Paper {
+            let LearnerSettings::Covers(settings) = &mut experiment.learner;
+            settings.network = CoversSettings::default().network;
+            experiment.envs.camera.size = Camera::default().size;
+            experiment.envs.control.horizon = 500;
+            experiment.envs.num_envs = 2;
+            settings.rollout_steps = 100;
+        }
+        let (whole, reference) = finish(start(&scratch.0, experiment.clone()));
+        let single = matches!(method, Method::Equi | Method::Cnn);
+        assert_eq!(whole.policies == 1, single, "{method:?}");
+        if method == Method::CoversGt {
+            assert_eq!((whole.policies, whole.assignment_accuracy), (4, 1.0));
+            let of_groups = whole.groups.iter().map(|group| group.policies.len());
+            assert!(of_groups.into_iter().all(|policies| policies == 1));
+        }
+        let mut run = start(&scratch.0, experiment);
+        for _ in 0..4 {
+            run.advance().unwrap();
+        }
+        let folder = run.folder().path().to_owned();
+        drop(run);
+        let (_, bytes) = finish(Run::resume(&folder, Some(1)).unwrap());
+        assert!(bytes == reference, "{method:?} resumed differently");
+    }
 }
 
 #[test]
@@ -279,8 +321,7 @@ fn options_are_checked_and_named() {
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
-        refuse(&["--budget", "long"])
-            .contains("[possible values: smoke, short, covers, zero-shot]")
+        refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full, zero-shot]")
     );
     assert!(refuse(&["--threads", "0"]).contains("0 is not in 1..=1024"));
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
@@ -294,9 +335,12 @@ fn options_are_checked_and_named() {
 fn changes_reach_the_experiment() {
     let options =
         StreamOptions::parse_from(["continual_stream", "--embodiment", "hand", "--group", "C1"]);
-    let experiment = options.changes.apply(options.budget.experiment());
+    let experiment = options
+        .changes
+        .apply(options.budget.experiment(Method::Covers));
     assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
-    assert_eq!(experiment.covers.network.group, Group::C1);
+    let LearnerSettings::Covers(settings) = experiment.learner;
+    assert_eq!(settings.network.group, Group::C1);
 }
 
 fn spec(size: usize) -> EnvSpec {

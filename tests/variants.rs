@@ -5,7 +5,7 @@
 use std::collections::HashSet;
 
 use covers::sheet::{contact_sheet, variant_pictures};
-use envs::{ACTION_IRREPS, IMAGE_CHANNELS, RGB, VECTOR_IRREPS, VecEnvSettings};
+use envs::{ACTION_IRREPS, IMAGE_CHANNELS, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
 use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Policy};
 use symmetry::D2;
 
@@ -13,7 +13,7 @@ use symmetry::D2;
 fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
     let settings = VecEnvSettings::default();
     let size = settings.camera.size;
-    let groups = variant_pictures(&settings).unwrap();
+    let groups = variant_pictures(&settings, &TaskGroup::STANDARD).unwrap();
     let different: HashSet<_> = groups.iter().flatten().collect();
     assert_eq!(different.len(), 16);
     for variants in &groups {
@@ -29,10 +29,14 @@ fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
 fn the_contact_sheet_shows_every_picture_in_its_place() {
     let settings = VecEnvSettings::default();
     let (size, enlarge, gap) = (settings.camera.size, 4, 6);
-    let sheet = contact_sheet(&settings).unwrap();
+    let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
     assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB);
     let cell = size * enlarge + gap;
-    for (row, variants) in variant_pictures(&settings).unwrap().iter().enumerate() {
+    for (row, variants) in variant_pictures(&settings, &TaskGroup::STANDARD)
+        .unwrap()
+        .iter()
+        .enumerate()
+    {
         for (column, picture) in variants.iter().enumerate() {
             for (i, pixel) in picture.chunks(RGB).enumerate() {
                 let y = gap + row * cell + (i / size) * enlarge + 1;
@@ -85,7 +89,7 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
         action
     };
     let mut worst: f32 = 0.0;
-    for variants in variant_pictures(&settings).unwrap() {
+    for variants in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap() {
         let reference = act(&variants[0], D2::Identity);
         let scale = reference
             .iter()

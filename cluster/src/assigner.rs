@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use crate::ClusterError;
+use crate::error::ClusterError;
 use crate::frames::Candidate;
 use crate::permutation::{PermutationTest, permutation_test};
 use crate::settings::{AssignerSettings, Calibrated, Rule};

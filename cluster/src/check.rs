@@ -1,6 +1,6 @@
 //! Checks of input that several modules share.
 
-use crate::ClusterError;
+use crate::error::ClusterError;
 
 /// Checks that `values` is a non-empty list of whole rows of `row` finite values; returns the
 /// number of rows.

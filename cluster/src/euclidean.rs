@@ -7,8 +7,8 @@ use faer::{Accum, MatMut, MatRef, Par};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use crate::ClusterError;
 use crate::check::{positive, rows};
+use crate::error::ClusterError;
 
 /// A squared distance below this fraction of the squared norms has lost more than three digits to
 /// cancellation and is computed from the differences instead.

@@ -1,7 +1,7 @@
 //! Feature vectors of the first frames of episodes.
 
-use crate::ClusterError;
 use crate::check::{positive, rows};
+use crate::error::ClusterError;
 
 /// Feature vectors of whole episodes, `[episodes, frames_per_episode, dim]`, all values finite.
 #[derive(Clone, Debug, PartialEq)]

@@ -63,26 +63,19 @@
 //! ```
 
 mod assigner;
-mod basis;
-mod certificate;
 mod check;
 mod error;
 mod euclidean;
 mod frames;
-mod lanes;
 mod line;
-mod mass;
 mod permutation;
-mod pricing;
 mod reservoir;
 mod settings;
-mod start;
 mod tail;
 mod transport;
 mod wasserstein;
 
 pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
-pub use certificate::{Certificate, RELATIVE_TOLERANCE, certify};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
@@ -90,7 +83,10 @@ pub use line::wasserstein1_line;
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
-pub use transport::{Entry, MAX_COST, Solver, TransportPlan, Weights, transport};
+pub use transport::{
+    Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan, Weights, certify,
+    transport,
+};
 pub use wasserstein::{Wasserstein, wasserstein1};
 
 /// Compiles and runs the example of the README.

@@ -2,10 +2,9 @@
 
 use std::iter::zip;
 
-use crate::ClusterError;
 use crate::check::rows;
-use crate::mass::check_weights_of;
-use crate::transport::Weights;
+use crate::error::ClusterError;
+use crate::transport::{Weights, check_weights_of};
 
 /// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in their unit.
 ///

@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::ClusterError;
+use crate::error::ClusterError;
 use crate::euclidean::EuclideanCosts;
 use crate::frames::{Candidate, Frames};
 use crate::tail::pearson3_tail;

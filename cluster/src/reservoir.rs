@@ -2,8 +2,8 @@
 
 use rand::{Rng, RngExt};
 
-use crate::ClusterError;
 use crate::check::positive;
+use crate::error::ClusterError;
 
 /// A uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
 ///

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::ClusterError;
 use crate::check::at_least;
+use crate::error::ClusterError;
 use crate::permutation::TestSize;
 
 /// How the assigner decides whether a rollout belongs to a policy's group.

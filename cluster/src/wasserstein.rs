@@ -1,10 +1,9 @@
 //! The 1-Wasserstein distance between point clouds.
 
-use crate::ClusterError;
 use crate::check::{positive, rows};
+use crate::error::ClusterError;
 use crate::euclidean::EuclideanCosts;
-use crate::mass::check_weights_of;
-use crate::transport::{Solver, TransportPlan, Weights};
+use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]` with equal
 /// weights, in their unit.

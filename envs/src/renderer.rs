@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Backdrop, Mirror, RenderOptions, Renderer, View};
+use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 
 use crate::camera::Mark;
 use crate::error::EnvError;
@@ -115,10 +115,10 @@ impl SceneRenderer {
     /// The camera. Where variants are exact mirror images, each is drawn in the mirror that brings
     /// it to the canonical one. So all four hand the same numbers to OpenGL, and their pictures
     /// mirror bit for bit.
-    fn view(&self, table: &TableTop) -> Result<View, EnvError> {
+    fn view(&self, table: &TableTop) -> Result<CameraView, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();
-        Ok(View {
+        Ok(CameraView {
             camera: self.scene.camera_id,
             mirror: Mirror {
                 columns: mirrors && element.flips_x(),

@@ -5,6 +5,10 @@ use std::slice;
 use std::sync::Arc;
 
 use crate::error::{Quantity, SimError};
+use crate::fields::Field;
+use crate::fields::data::{
+    CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QPOS, QVEL, SITE_XPOS, XPOS, XQUAT,
+};
 use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
 use crate::raw;
@@ -37,7 +41,7 @@ impl Data {
     /// Makes a simulation in the model's initial state.
     pub fn new(model: Arc<Model>) -> Self {
         // SAFETY: live model; MuJoCo never returns NULL for one (it calls the error handler).
-        let raw = unsafe { NonNull::new_unchecked(raw::mj_makeData(model.as_ptr())) };
+        let raw = unsafe { NonNull::new_unchecked(raw::mj_makeData(model.as_raw())) };
         Self { raw, model }
     }
 
@@ -49,7 +53,7 @@ impl Data {
     /// Returns to the model's initial state, at time 0.
     pub fn reset(&mut self) {
         // SAFETY: live data of this model.
-        unsafe { raw::mj_resetData(self.model.as_ptr(), self.as_ptr()) };
+        unsafe { raw::mj_resetData(self.model.as_raw(), self.as_mut_ptr()) };
         self.clear_warnings();
     }
 
@@ -64,7 +68,7 @@ impl Data {
         for _ in 0..n {
             let time = self.time();
             // SAFETY: live data of this model.
-            unsafe { raw::mj_step(self.model.as_ptr(), self.as_ptr()) };
+            unsafe { raw::mj_step(self.model.as_raw(), self.as_mut_ptr()) };
             self.check_warnings(time)?;
         }
         Ok(())
@@ -82,7 +86,7 @@ impl Data {
         check_finite(Quantity::Qvel, self.qvel())?;
         check_finite(Quantity::Ctrl, self.ctrl())?;
         // SAFETY: live data of this model.
-        unsafe { raw::mj_forward(self.model.as_ptr(), self.as_ptr()) };
+        unsafe { raw::mj_forward(self.model.as_raw(), self.as_mut_ptr()) };
         self.check_warnings(self.time())
     }
 
@@ -97,41 +101,41 @@ impl Data {
         check_finite(Quantity::Qpos, self.qpos())?;
         // SAFETY: live data of this model.
         unsafe {
-            raw::mj_kinematics(self.model.as_ptr(), self.as_ptr());
-            raw::mj_camlight(self.model.as_ptr(), self.as_ptr());
+            raw::mj_kinematics(self.model.as_raw(), self.as_mut_ptr());
+            raw::mj_camlight(self.model.as_raw(), self.as_mut_ptr());
         }
         Ok(())
     }
 
     /// Simulation time, in seconds.
     pub fn time(&self) -> f64 {
-        self.get().time
+        self.as_raw().time
     }
 
     /// Generalised positions `[nq]`, in metres and radians; a free joint is 3 positions and a
     /// quaternion (w, x, y, z).
     pub fn qpos(&self) -> &[f64] {
-        self.array(self.get().qpos, self.model.nq())
+        self.values(&QPOS)
     }
 
     /// Generalised positions `[nq]`, to be set. A NaN is an error of the next step.
     pub fn qpos_mut(&mut self) -> &mut [f64] {
-        self.array_mut(self.get().qpos, self.model.nq())
+        self.values_mut(&QPOS)
     }
 
     /// Generalised velocities `[nv]`, in metres and radians per second.
     pub fn qvel(&self) -> &[f64] {
-        self.array(self.get().qvel, self.model.nv())
+        self.values(&QVEL)
     }
 
     /// Generalised velocities `[nv]`, to be set. A NaN is an error of the next step.
     pub fn qvel_mut(&mut self) -> &mut [f64] {
-        self.array_mut(self.get().qvel, self.model.nv())
+        self.values_mut(&QVEL)
     }
 
     /// Controls `[nu]`, one per actuator.
     pub fn ctrl(&self) -> &[f64] {
-        self.array(self.get().ctrl, self.model.nu())
+        self.values(&CTRL)
     }
 
     /// Sets all controls `[nu]`.
@@ -141,14 +145,13 @@ impl Data {
     pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
         check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
         check_finite(Quantity::Ctrl, ctrl)?;
-        self.array_mut(self.get().ctrl, self.model.nu())
-            .copy_from_slice(ctrl);
+        self.values_mut(&CTRL).copy_from_slice(ctrl);
         Ok(())
     }
 
     /// Position of a mocap body in the world, in metres.
     pub fn mocap_position(&self, mocap: MocapId) -> [f64; 3] {
-        self.row(self.get().mocap_pos, self.model.nmocap(), mocap.index())
+        self.rows(&MOCAP_POS)[mocap.index()]
     }
 
     /// Puts a mocap body at a position in the world, in metres.
@@ -161,13 +164,13 @@ impl Data {
         position: [f64; 3],
     ) -> Result<(), SimError> {
         check_finite(Quantity::Mocap, &position)?;
-        self.rows_mut(self.get().mocap_pos, self.model.nmocap())[mocap.index()] = position;
+        self.rows_mut(&MOCAP_POS)[mocap.index()] = position;
         Ok(())
     }
 
     /// Orientation of a mocap body, (w, x, y, z).
     pub fn mocap_quat(&self, mocap: MocapId) -> [f64; 4] {
-        self.row(self.get().mocap_quat, self.model.nmocap(), mocap.index())
+        self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
     /// Turns a mocap body; (w, x, y, z) of any norm but 0, which MuJoCo normalises.
@@ -179,59 +182,99 @@ impl Data {
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
         }
-        self.rows_mut(self.get().mocap_quat, self.model.nmocap())[mocap.index()] = quat;
+        self.rows_mut(&MOCAP_QUAT)[mocap.index()] = quat;
         Ok(())
     }
 
     /// Position of a body's frame in the world, in metres (derived).
     pub fn body_position(&self, body: BodyId) -> [f64; 3] {
-        self.row(self.get().xpos, self.model.nbody(), body.index())
+        self.rows(&XPOS)[body.index()]
     }
 
     /// Orientation of a body's frame in the world, (w, x, y, z) (derived).
     pub fn body_quat(&self, body: BodyId) -> [f64; 4] {
-        self.row(self.get().xquat, self.model.nbody(), body.index())
+        self.rows(&XQUAT)[body.index()]
     }
 
     /// Position of a geom's centre in the world, in metres (derived).
     pub fn geom_position(&self, geom: GeomId) -> [f64; 3] {
-        self.row(self.get().geom_xpos, self.model.ngeom(), geom.index())
+        self.rows(&GEOM_XPOS)[geom.index()]
     }
 
     /// The x, y and z axis of a geom's frame, unit vectors in the world (derived).
     pub fn geom_axes(&self, geom: GeomId) -> [[f64; 3]; 3] {
-        let m: [f64; 9] = self.row(self.get().geom_xmat, self.model.ngeom(), geom.index());
+        let m = self.rows(&GEOM_XMAT)[geom.index()];
         // MuJoCo's matrices are row-major
         [0, 1, 2].map(|axis| [m[axis], m[3 + axis], m[6 + axis]])
     }
 
     /// Position of a site in the world, in metres (derived).
     pub fn site_position(&self, site: SiteId) -> [f64; 3] {
-        self.row(
-            self.get().site_xpos,
-            self.model.get().nsite as usize,
-            site.index(),
-        )
+        self.rows(&SITE_XPOS)[site.index()]
     }
 
     /// Number of contacts (derived).
     pub fn contact_count(&self) -> usize {
-        self.get().ncon as usize
+        self.as_raw().ncon as usize
     }
 
     /// Contacts, in MuJoCo's order (derived).
     pub fn contacts(&self) -> impl Iterator<Item = Contact> {
-        self.array(self.get().contact, self.contact_count())
-            .iter()
-            .map(|contact| Contact {
-                geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
-                distance: contact.dist,
-                position: contact.pos,
-            })
+        self.raw_contacts().iter().map(|contact| Contact {
+            geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
+            distance: contact.dist,
+            position: contact.pos,
+        })
+    }
+
+    fn raw_contacts(&self) -> &[raw::mjContact] {
+        match self.contact_count() {
+            0 => &[],
+            // SAFETY: MuJoCo has filled `ncon` entries of the array, which nobody writes to while
+            // `self` is borrowed.
+            count => unsafe { slice::from_raw_parts(self.as_raw().contact, count) },
+        }
+    }
+
+    /// The C struct, for reading what this crate has no method for.
+    ///
+    /// Its numbers can be read as they are. Its arrays are pointers, and reading through one is
+    /// `unsafe`: `mjdata.h` says how many elements each holds.
+    ///
+    /// ```
+    /// # use std::sync::Arc;
+    /// # let xml = "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>";
+    /// # let model = Arc::new(mujoco::Model::from_xml(xml)?);
+    /// let mut data = mujoco::Data::new(model);
+    /// data.forward()?;
+    /// let (raw, nv) = (data.as_raw(), data.model().nv());
+    /// // SAFETY: `qfrc_bias` is an array of `nv` numbers that live as long as `data`.
+    /// let bias = unsafe { std::slice::from_raw_parts(raw.qfrc_bias, nv) };
+    /// assert_eq!((raw.ncon, bias.len()), (0, 1));
+    /// # Ok::<(), mujoco::MujocoError>(())
+    /// ```
+    pub fn as_raw(&self) -> &raw::mjData {
+        // SAFETY: the pointer is valid until `drop`, and nobody writes while `self` is borrowed.
+        unsafe { self.raw.as_ref() }
+    }
+
+    /// The C struct, for calling what this crate has no method for.
+    ///
+    /// The pointer is valid as long as this value lives. Using it is `unsafe`, and whoever does
+    /// promises to call MuJoCo with it and [`Model::as_raw`] of the same model only, to free
+    /// nothing, and to change no pointer and no count but as MuJoCo does. Warnings that MuJoCo
+    /// raises meanwhile become errors of the next [`Data::step`] or [`Data::forward`].
+    pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
+        self.raw.as_ptr()
     }
 
     fn check_warnings(&mut self, time: f64) -> Result<(), SimError> {
-        if self.get().warning.iter().all(|warning| warning.number == 0) {
+        if self
+            .as_raw()
+            .warning
+            .iter()
+            .all(|warning| warning.number == 0)
+        {
             return Ok(());
         }
         let divergence = self.divergence(time);
@@ -252,7 +295,7 @@ impl Data {
             (raw::mjWARN_INERTIA, Quantity::Inertia),
         ];
         kinds.into_iter().find_map(|(warning, what)| {
-            let warning = self.get().warning[warning as usize];
+            let warning = self.as_raw().warning[warning as usize];
             (warning.number > 0).then_some(SimError::Diverged {
                 what,
                 index: warning.lastinfo as usize,
@@ -262,7 +305,7 @@ impl Data {
     }
 
     fn overflow(&self, time: f64) -> Option<SimError> {
-        let model = self.model.get();
+        let model = self.model.as_raw();
         let kinds = [
             (
                 raw::mjWARN_CONTACTFULL,
@@ -275,7 +318,7 @@ impl Data {
         kinds
             .into_iter()
             .find_map(|(warning, what, limit, setting)| {
-                let raised = self.get().warning[warning as usize].number > 0;
+                let raised = self.as_raw().warning[warning as usize].number > 0;
                 raised.then_some(SimError::Overflow {
                     what,
                     limit: limit as usize,
@@ -291,49 +334,31 @@ impl Data {
         }
     }
 
-    /// Row `index` of a `[count, N]` array.
-    fn row<T: Copy, const N: usize>(&self, start: *const T, count: usize, index: usize) -> [T; N] {
-        self.array(start.cast::<[T; N]>(), count)[index]
+    pub(crate) fn rows<T, const N: usize>(&self, field: &Field<raw::mjData, T, N>) -> &[[T; N]] {
+        // SAFETY: MuJoCo made the data for this model; it is written through `&mut self` only.
+        unsafe { field.rows(self.as_raw(), self.model.as_raw()) }
     }
 
-    fn rows_mut<const N: usize>(&mut self, start: *mut f64, count: usize) -> &mut [[f64; N]] {
-        self.array_mut(start.cast(), count)
+    pub(crate) fn rows_mut<T, const N: usize>(
+        &mut self,
+        field: &Field<raw::mjData, T, N>,
+    ) -> &mut [[T; N]] {
+        // SAFETY: MuJoCo made the data, which lives until `drop`, for this model; the result borrows
+        // `self` exclusively.
+        unsafe { field.rows_mut(self.raw.as_mut(), self.model.as_raw()) }
     }
 
-    /// An array of the data; `start` and `count` must be a field of the mjData and its length.
-    fn array<T>(&self, start: *const T, count: usize) -> &[T] {
-        if count == 0 {
-            return &[];
-        }
-        // SAFETY: only called by the methods of this file, with a pointer that MuJoCo allocated
-        // for `count` elements; it is written through `&mut self` only.
-        unsafe { slice::from_raw_parts(start, count) }
+    fn values<const N: usize>(&self, field: &Field<raw::mjData, f64, N>) -> &[f64] {
+        self.rows(field).as_flattened()
     }
 
-    fn array_mut<T>(&mut self, start: *mut T, count: usize) -> &mut [T] {
-        if count == 0 {
-            return &mut [];
-        }
-        // SAFETY: as in `array`; the exclusive borrow of `self` makes this the only view.
-        unsafe { slice::from_raw_parts_mut(start, count) }
-    }
-
-    pub(crate) fn get(&self) -> &raw::mjData {
-        // SAFETY: the pointer is valid until `drop`.
-        unsafe { self.raw.as_ref() }
+    fn values_mut<const N: usize>(&mut self, field: &Field<raw::mjData, f64, N>) -> &mut [f64] {
+        self.rows_mut(field).as_flattened_mut()
     }
 
     pub(crate) fn get_mut(&mut self) -> &mut raw::mjData {
         // SAFETY: the pointer is valid until `drop`, and borrowed exclusively.
         unsafe { self.raw.as_mut() }
-    }
-
-    pub(crate) fn as_ptr(&mut self) -> *mut raw::mjData {
-        self.raw.as_ptr()
-    }
-
-    pub(crate) fn raw(&self) -> NonNull<raw::mjData> {
-        self.raw
     }
 }
 

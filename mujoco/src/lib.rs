@@ -41,25 +41,32 @@
 //! loads sets it to 0 where it is unset and the process has one thread only, because small images
 //! are drawn faster without the pool. So load a model before starting threads.
 
-use mujoco_sys as raw;
+/// The raw declarations of the C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
+pub use mujoco_sys as raw;
 
+mod backend;
 mod data;
 mod error;
+mod fields;
 mod gl;
 pub mod ids;
 mod init;
+mod load;
 mod model;
+mod references;
 mod renderer;
+mod renderer_id;
 mod shape;
 mod state;
 mod vfs;
 
+pub use backend::Backend;
 pub use data::{Contact, Data};
-pub use error::{ModelError, MujocoError, Quantity, RenderError, SimError};
-pub use gl::Backend;
+pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
 pub use model::Model;
-pub use renderer::{Backdrop, Mirror, RenderOptions, Renderer, View};
+pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
+pub use renderer_id::RendererId;
 pub use shape::Shape;
 pub use state::State;
 

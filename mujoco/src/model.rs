@@ -1,19 +1,22 @@
 //! `mjModel`: what is simulated, immutable and shared.
 
-use std::ffi::{CStr, CString, c_char};
+use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
-use std::slice;
-use std::sync::{Mutex, PoisonError};
 
 use crate::error::ModelError;
+use crate::fields::Field;
+use crate::fields::model::{
+    ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
+    GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_DOFADR,
+    JNT_LIMITED, JNT_QPOSADR, JNT_RANGE,
+};
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, CameraId, Geom, GeomId, Id, Joint, JointId, Lookup,
     MocapId, Named, Site, SiteId,
 };
-use crate::init;
+use crate::load::load;
 use crate::raw;
 use crate::shape::Shape;
-use crate::vfs::{Vfs, file_name};
 
 /// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
 /// [`Renderer`](crate::Renderer) of any number of threads.
@@ -42,28 +45,14 @@ impl Model {
     }
 
     /// Compiles the MJCF (or URDF) file `main`, whose `<include>`s, meshes and textures are
-    /// looked up by plain name among `files`: (name, content) each.
+    /// looked up by plain name among `files`: (name, content) each. The disk is never read.
     ///
     /// # Errors
-    /// As [`Model::from_xml`]; and where a file's name or size cannot be used.
+    /// As [`Model::from_xml`]; and where a file's name or size cannot be used, where a file that
+    /// another one names is missing, and where an absolute path stands for one.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
-        init::ready()?;
-        let c_main = file_name(main)?;
-        if !files.iter().any(|(name, _)| *name == main) {
-            let files = files.iter().map(|(name, _)| (*name).into()).collect();
-            return Err(ModelError::NoMainFile {
-                main: main.into(),
-                files,
-            });
-        }
-        let mut vfs = Vfs::new();
-        for (name, content) in files {
-            vfs.add(name, content)?;
-        }
-        load(&c_main, &vfs).map_err(|message| ModelError::Load {
-            file: main.into(),
-            message,
-        })
+        let (raw, warning) = load(main, files)?;
+        Ok(Self { raw, warning })
     }
 
     /// What MuJoCo warned of while it compiled this model, if anything.
@@ -73,37 +62,37 @@ impl Model {
 
     /// Number of generalised positions, the length of `qpos`.
     pub fn nq(&self) -> usize {
-        self.get().nq as usize
+        self.as_raw().nq as usize
     }
 
     /// Number of degrees of freedom, the length of `qvel`.
     pub fn nv(&self) -> usize {
-        self.get().nv as usize
+        self.as_raw().nv as usize
     }
 
     /// Number of actuators, the length of `ctrl`.
     pub fn nu(&self) -> usize {
-        self.get().nu as usize
+        self.as_raw().nu as usize
     }
 
     /// Number of mocap bodies.
     pub fn nmocap(&self) -> usize {
-        self.get().nmocap as usize
+        self.as_raw().nmocap as usize
     }
 
     /// Number of bodies, the world included.
     pub fn nbody(&self) -> usize {
-        self.get().nbody as usize
+        self.as_raw().nbody as usize
     }
 
     /// Number of geoms.
     pub fn ngeom(&self) -> usize {
-        self.get().ngeom as usize
+        self.as_raw().ngeom as usize
     }
 
     /// Physics step, in seconds.
     pub fn timestep(&self) -> f64 {
-        self.get().opt.timestep
+        self.as_raw().opt.timestep
     }
 
     /// Finds a body by name.
@@ -171,7 +160,7 @@ impl Model {
     pub fn name<K: Named>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
-        let name = unsafe { raw::mj_id2name(self.as_ptr(), K::OBJECT.cast_signed(), index) };
+        let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
         if name.is_null() {
             return None;
         }
@@ -194,41 +183,34 @@ impl Model {
 
     /// Index of a joint's first element in `qpos`.
     pub fn joint_qpos_address(&self, joint: JointId) -> usize {
-        self.array(self.get().jnt_qposadr, self.get().njnt)[joint.index()] as usize
+        self.value(&JNT_QPOSADR, joint) as usize
     }
 
     /// Index of a joint's first element in `qvel`.
     pub fn joint_dof_address(&self, joint: JointId) -> usize {
-        self.array(self.get().jnt_dofadr, self.get().njnt)[joint.index()] as usize
+        self.value(&JNT_DOFADR, joint) as usize
     }
 
     /// Limits of a joint, in metres or radians; `None` where it is not limited.
     pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
-        let limited = self.array(self.get().jnt_limited, self.get().njnt)[joint.index()] != 0;
-        limited.then(|| self.row(self.get().jnt_range, self.get().njnt, joint.index()))
+        let limited = self.value(&JNT_LIMITED, joint) != 0;
+        limited.then(|| self.rows(&JNT_RANGE)[joint.index()])
     }
 
     /// Limits of an actuator's control; `None` where it is not limited.
     pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
-        let limited =
-            self.array(self.get().actuator_ctrllimited, self.get().nu)[actuator.index()] != 0;
-        limited.then(|| {
-            self.row(
-                self.get().actuator_ctrlrange,
-                self.get().nu,
-                actuator.index(),
-            )
-        })
+        let limited = self.value(&ACTUATOR_CTRLLIMITED, actuator) != 0;
+        limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
     }
 
     /// Inverse weight of a body at the initial pose: translation in 1/kg, rotation in 1/(kg m^2).
     pub fn body_invweight0(&self, body: BodyId) -> [f64; 2] {
-        self.row(self.get().body_invweight0, self.get().nbody, body.index())
+        self.rows(&BODY_INVWEIGHT0)[body.index()]
     }
 
     /// Body that a geom is fixed to.
     pub fn geom_body(&self, geom: GeomId) -> BodyId {
-        Id::new(self.array(self.get().geom_bodyid, self.get().ngeom)[geom.index()] as usize)
+        Id::new(self.value(&GEOM_BODYID, geom) as usize)
     }
 
     /// Every geom, in the model's order.
@@ -236,11 +218,11 @@ impl Model {
         (0..self.ngeom()).map(Id::new)
     }
 
-    /// Shape of a geom; its axis, where it has one, is the z axis of its frame. None for planes, meshes and other shapes
-    /// that three figures do not describe.
+    /// Shape of a geom; its axis, where it has one, is the z axis of its frame. None for planes,
+    /// ellipsoids, meshes and height fields.
     pub fn geom_shape(&self, geom: GeomId) -> Option<Shape> {
         let [x, y, z] = self.geom_size(geom);
-        let kind = self.array(self.get().geom_type, self.get().ngeom)[geom.index()];
+        let kind = self.value(&GEOM_TYPE, geom);
         match kind.cast_unsigned() {
             raw::mjGEOM_SPHERE => Some(Shape::Sphere { radius: x }),
             raw::mjGEOM_CAPSULE => Some(Shape::Capsule {
@@ -258,24 +240,36 @@ impl Model {
 
     /// Group of a geom, 0 to 5; [`RenderOptions`](crate::RenderOptions) shows and hides groups.
     pub fn geom_group(&self, geom: GeomId) -> usize {
-        self.array(self.get().geom_group, self.get().ngeom)[geom.index()] as usize
+        self.value(&GEOM_GROUP, geom) as usize
     }
 
     /// Colour of a geom, (red, green, blue, opacity) in [0, 1]; a material's colour is not seen here.
     pub fn geom_rgba(&self, geom: GeomId) -> [f32; 4] {
-        self.row(self.get().geom_rgba, self.get().ngeom, geom.index())
+        self.rows(&GEOM_RGBA)[geom.index()]
     }
 
     /// Size of a geom in metres; what the three figures mean depends on its type.
     pub fn geom_size(&self, geom: GeomId) -> [f64; 3] {
-        self.row(self.get().geom_size, self.get().ngeom, geom.index())
+        self.rows(&GEOM_SIZE)[geom.index()]
     }
 
     /// Collision masks of a geom: (contype, conaffinity); (0, 0) never collides.
     pub fn geom_collision_masks(&self, geom: GeomId) -> (i32, i32) {
-        let model = self.get();
-        let read = |masks| self.array(masks, model.ngeom)[geom.index()];
-        (read(model.geom_contype), read(model.geom_conaffinity))
+        (
+            self.value(&GEOM_CONTYPE, geom),
+            self.value(&GEOM_CONAFFINITY, geom),
+        )
+    }
+
+    /// The C struct, for reading what this crate has no method for, and for calls of MuJoCo's that
+    /// take a `const mjModel*`.
+    ///
+    /// Its numbers can be read as they are. Its arrays are pointers, and reading through one is
+    /// `unsafe`: `mjmodel.h` says how many elements each holds. Writing through one is never
+    /// allowed, since models are shared between threads.
+    pub fn as_raw(&self) -> &raw::mjModel {
+        // SAFETY: the pointer is valid until `drop`, and nobody writes to the model.
+        unsafe { self.raw.as_ref() }
     }
 
     fn find<K: Named>(&self, name: &str) -> Result<Id<K>, ModelError> {
@@ -293,25 +287,24 @@ impl Model {
         let c_name = CString::new(name).ok().filter(|name| !name.is_empty())?;
         // SAFETY: live model and NUL-terminated name; MuJoCo returns -1 where it finds nothing.
         let index =
-            unsafe { raw::mj_name2id(self.as_ptr(), K::OBJECT.cast_signed(), c_name.as_ptr()) };
+            unsafe { raw::mj_name2id(self.as_raw(), K::OBJECT.cast_signed(), c_name.as_ptr()) };
         usize::try_from(index).ok()
     }
 
     fn names<K: Named>(&self) -> impl Iterator<Item = &str> {
-        let count = <K as Lookup>::count(self.get()) as usize;
+        let count = <K as Lookup>::count(self.as_raw()) as usize;
         (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
     }
 
     fn unnamed_of<K: Named>(&self) -> Vec<String> {
-        (0..<K as Lookup>::count(self.get()) as usize)
+        (0..<K as Lookup>::count(self.as_raw()) as usize)
             .filter(|&index| self.name(Id::<K>::new(index)).is_none())
             .map(|index| format!("{} {index}", K::NOUN))
             .collect()
     }
 
     fn mocap_index(&self, body: BodyId) -> Option<usize> {
-        let model = self.get();
-        usize::try_from(self.array(model.body_mocapid, model.nbody)[body.index()]).ok()
+        usize::try_from(self.value(&BODY_MOCAPID, body)).ok()
     }
 
     fn mocap_names(&self) -> Vec<String> {
@@ -323,28 +316,13 @@ impl Model {
             .collect()
     }
 
-    /// Row `index` of a `[count, N]` array of the model.
-    fn row<T: Copy, const N: usize>(&self, start: *const T, count: i32, index: usize) -> [T; N] {
-        self.array(start.cast::<[T; N]>(), count)[index]
+    fn rows<T, const N: usize>(&self, field: &Field<raw::mjModel, T, N>) -> &[[T; N]] {
+        // SAFETY: MuJoCo made the model, and nobody writes to it.
+        unsafe { field.rows(self.as_raw(), self.as_raw()) }
     }
 
-    /// An array of the model; `start` and `count` must be a field of the mjModel and its length.
-    fn array<T>(&self, start: *const T, count: i32) -> &[T] {
-        if count == 0 {
-            return &[];
-        }
-        // SAFETY: only called by the methods above, with a pointer that MuJoCo allocated for
-        // `count` elements and that lives and stays unchanged as long as the model.
-        unsafe { slice::from_raw_parts(start, count as usize) }
-    }
-
-    pub(crate) fn get(&self) -> &raw::mjModel {
-        // SAFETY: the pointer is valid until `drop`, and nobody writes to the model.
-        unsafe { self.raw.as_ref() }
-    }
-
-    pub(crate) fn as_ptr(&self) -> *const raw::mjModel {
-        self.raw.as_ptr()
+    fn value<T: Copy, K>(&self, field: &Field<raw::mjModel, T, 1>, id: Id<K>) -> T {
+        self.rows(field)[id.index()][0]
     }
 }
 
@@ -367,27 +345,5 @@ impl std::fmt::Debug for Model {
             .field("nbody", &self.nbody())
             .field("ngeom", &self.ngeom());
         debug.finish()
-    }
-}
-
-fn load(main: &CStr, vfs: &Vfs) -> Result<Model, String> {
-    // the parser keeps the last XML in a global variable
-    static PARSER: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = PARSER.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut message: [c_char; 1024] = [0; 1024];
-    let size = message.len() as i32;
-    // SAFETY: NUL-terminated name, live file system, and a message buffer of the size given.
-    let model = unsafe { raw::mj_loadXML(main.as_ptr(), vfs.as_ptr(), message.as_mut_ptr(), size) };
-    // SAFETY: MuJoCo leaves a NUL-terminated text in the buffer, which began as all NUL.
-    let text = unsafe { CStr::from_ptr(message.as_ptr()) }
-        .to_string_lossy()
-        .trim()
-        .to_string();
-    match NonNull::new(model) {
-        Some(raw) => Ok(Model {
-            raw,
-            warning: Some(text).filter(|text| !text.is_empty()),
-        }),
-        None => Err(text),
     }
 }

@@ -2,19 +2,21 @@
 
 use std::sync::Arc;
 
+use crate::backend::Backend;
 use crate::data::Data;
 use crate::error::RenderError;
-use crate::gl::{Backend, GlContext};
+use crate::gl::{GlContext, Previous};
 use crate::ids::CameraId;
 use crate::model::Model;
 use crate::raw;
+use crate::renderer_id::RendererId;
 
 mod backdrop;
 mod mirror;
 mod setup;
 
 pub use backdrop::Backdrop;
-pub use mirror::{Mirror, View};
+pub use mirror::{CameraView, Mirror};
 
 use setup::{fixed_camera, make_drawing, make_scene, visible};
 
@@ -45,22 +47,27 @@ impl Default for RenderOptions {
 
 /// Draws images of one size of one [`Model`], through its fixed cameras.
 ///
-/// Mirrored scenes give mirrored images bit for bit where one of them is drawn in a [`Mirror`]. Without one they do where the
-/// camera looks straight down on the axis of the mirror, the light comes from straight above, round shapes stand upright, and no
-/// edge or colour falls exactly between two pixels or two levels. The pixels of a *lying* cylinder or
-/// capsule may differ by a few levels: each quad of it is cut into triangles that do not mirror.
+/// Mirrored scenes give mirrored images bit for bit where one of them is drawn in a [`Mirror`].
+/// Without one they do where the camera looks straight down on the axis of the mirror, the light
+/// comes from straight above, round shapes stand upright, and no edge or colour falls exactly
+/// between two pixels or two levels. The pixels of a *lying* cylinder or capsule may differ by a
+/// few levels: each quad of it is cut into triangles that do not mirror.
 ///
 /// It stays on the thread that made it (it is not `Send`); a thread may have several.
+///
+/// An OpenGL context that the program around this crate has current, through the same library,
+/// is current again when a method returns. Where the program has none, the renderer's own stays
+/// current.
 ///
 /// ```compile_fail
 /// fn assert_send<T: Send>() {}
 /// assert_send::<mujoco::Renderer>();
 /// ```
 pub struct Renderer {
+    id: RendererId,
     model: Arc<Model>,
     width: usize,
     height: usize,
-    backend: Backend,
     options: Box<raw::mjvOption>,
     scene: Box<raw::mjvScene>,
     drawing: Box<raw::mjrContext>,
@@ -108,19 +115,29 @@ impl Renderer {
                 limit: MAX_SIDE,
             });
         }
-        let (gl, backend) = GlContext::new(backends)?;
-        let drawing = make_drawing(&model, width, height, &options);
-        let scene = make_scene(&model, &options);
-        let (shadows, options) = (options.shadows, visible(&options));
+        let (gl, previous) = GlContext::new(backends)?;
+        let backend = gl.backend();
+        let made = Self::in_context(gl, model, (width, height), &options);
+        let restored = restore(backend, previous);
+        made.and_then(|renderer| restored.map(|()| renderer))
+    }
+
+    /// Makes a renderer in a context that is current.
+    fn in_context(
+        gl: GlContext,
+        model: Arc<Model>,
+        (width, height): (usize, usize),
+        options: &RenderOptions,
+    ) -> Result<Self, RenderError> {
         let renderer = Self {
+            id: RendererId::next(width, height),
+            drawing: make_drawing(&model, width, height, options),
+            scene: make_scene(&model, options),
+            options: visible(options),
             model,
             width,
             height,
-            backend,
-            options,
-            scene,
-            drawing,
-            shadows,
+            shadows: options.shadows,
             depth: Vec::new(),
             gl,
         };
@@ -130,7 +147,12 @@ impl Renderer {
 
     /// The way that OpenGL was reached.
     pub fn backend(&self) -> Backend {
-        self.backend
+        self.gl.backend()
+    }
+
+    /// Tells this renderer from every other one of the process.
+    pub fn id(&self) -> RendererId {
+        self.id
     }
 
     /// Width of an image, in pixels.
@@ -148,34 +170,47 @@ impl Renderer {
         self.width * self.height * 3
     }
 
-    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row 0 is the top of the image.
+    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row 0
+    /// is the top of the image.
     ///
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///
     /// # Errors
     /// [`RenderError::OtherModel`], [`RenderError::Buffer`], [`RenderError::UnknownCamera`],
-    /// [`RenderError::SceneFull`], [`RenderError::Handed`], [`RenderError::Current`], [`RenderError::OpenGl`].
+    /// [`RenderError::SceneFull`], [`RenderError::NotMirrorSymmetric`], [`RenderError::Current`],
+    /// [`RenderError::Restore`], [`RenderError::OpenGl`].
     pub fn render(
         &mut self,
         data: &mut Data,
-        view: impl Into<View>,
+        view: impl Into<CameraView>,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         let view = view.into();
         self.check_arguments(data, view.camera, out)?;
-        self.make_current()?;
+        self.in_own_context(|renderer| renderer.draw_all(data, view, out))
+    }
+
+    fn draw_all(
+        &mut self,
+        data: &mut Data,
+        view: CameraView,
+        out: &mut [u8],
+    ) -> Result<(), RenderError> {
         self.update_scene(data, view, raw::mjCAT_ALL)?;
         self.draw(out, None);
         view.mirror.turn_back(out, self.width);
         check_opengl("drawing")
     }
 
-    fn make_current(&self) -> Result<(), RenderError> {
-        let current = self.gl.make_current();
-        current.map_err(|reason| RenderError::Current {
-            backend: self.backend,
-            reason,
-        })
+    /// Does `work` with this renderer's OpenGL context current, and with the program's own one,
+    /// if it has one, current again afterwards.
+    fn in_own_context(
+        &mut self,
+        work: impl FnOnce(&mut Self) -> Result<(), RenderError>,
+    ) -> Result<(), RenderError> {
+        let previous = self.gl.enter()?;
+        let done = work(self);
+        done.and(restore(self.backend(), previous))
     }
 
     fn check_arguments(
@@ -184,7 +219,7 @@ impl Renderer {
         camera: CameraId,
         out: &[u8],
     ) -> Result<(), RenderError> {
-        let cameras = self.model.get().ncam as usize;
+        let cameras = self.model.as_raw().ncam as usize;
         if !Arc::ptr_eq(data.model(), &self.model) {
             return Err(RenderError::OtherModel);
         }
@@ -207,15 +242,15 @@ impl Renderer {
     fn update_scene(
         &mut self,
         data: &mut Data,
-        view: View,
+        view: CameraView,
         categories: raw::mjtCatBit,
     ) -> Result<(), RenderError> {
         let mut camera = fixed_camera(view.camera);
         // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
         unsafe {
             raw::mjv_updateScene(
-                self.model.as_ptr(),
-                data.as_ptr(),
+                self.model.as_raw(),
+                data.as_mut_ptr(),
                 &raw const *self.options,
                 std::ptr::null(),
                 &raw mut camera,
@@ -256,12 +291,20 @@ impl Drop for Renderer {
         // SAFETY: MuJoCo made both; the context's objects belong to our OpenGL context, and are
         // freed with it anyway where it cannot be made current.
         unsafe {
-            if self.gl.make_current().is_ok() {
+            if let Ok(previous) = self.gl.enter() {
                 raw::mjr_freeContext(&raw mut *self.drawing);
+                // an error here has nobody to go to
+                let _ = previous.restore();
             }
             raw::mjv_freeScene(&raw mut *self.scene);
         }
     }
+}
+
+fn restore(backend: Backend, previous: Previous) -> Result<(), RenderError> {
+    previous
+        .restore()
+        .map_err(|reason| RenderError::Restore { backend, reason })
 }
 
 fn check_opengl(during: &'static str) -> Result<(), RenderError> {
@@ -285,7 +328,7 @@ mod tests {
         let model = Arc::new(Model::from_xml(xml).unwrap());
         let backends = [Backend::EglSurfaceless];
         let options = RenderOptions::default();
-        let renderer = Renderer::with_backends(Arc::clone(&model), 8, 8, options, &backends);
+        let renderer = Renderer::with_backends(Arc::clone(&model), 12, 8, options, &backends);
         (Data::new(model), renderer.unwrap())
     }
 

@@ -1,9 +1,8 @@
 //! Saving and restoring a simulation, which MuJoCo 2.2 has no function for.
 
-use std::slice;
-
 use crate::data::{Data, check_finite, check_length};
 use crate::error::{Quantity, SimError};
+use crate::fields::data::{ACT, CTRL, MOCAP_POS, MOCAP_QUAT, QACC_WARMSTART, QPOS, QVEL, USERDATA};
 
 /// Everything that the future of a simulation depends on.
 ///
@@ -31,12 +30,21 @@ impl From<Vec<f64>> for State {
 impl Data {
     /// Copies the state out.
     pub fn save(&self) -> State {
-        let mut values = Vec::new();
-        for (start, count) in self.state_fields().into_iter().filter(|field| field.1 > 0) {
-            // SAFETY: `state_fields` gives live arrays of the mjData with their lengths.
-            values.extend_from_slice(unsafe { slice::from_raw_parts(start, count) });
+        let time = [self.time()];
+        let parts: [&[f64]; 9] = [
+            &time,
+            self.rows(&QPOS).as_flattened(),
+            self.rows(&QVEL).as_flattened(),
+            self.rows(&ACT).as_flattened(),
+            self.rows(&MOCAP_POS).as_flattened(),
+            self.rows(&MOCAP_QUAT).as_flattened(),
+            self.rows(&USERDATA).as_flattened(),
+            self.rows(&QACC_WARMSTART).as_flattened(),
+            self.rows(&CTRL).as_flattened(),
+        ];
+        State {
+            values: parts.concat(),
         }
-        State { values }
     }
 
     /// Copies a saved state in. Derived quantities are stale until [`Data::forward`] or
@@ -45,38 +53,33 @@ impl Data {
     /// # Errors
     /// [`SimError::Length`] where the state is of another model; [`SimError::NotFinite`].
     pub fn restore(&mut self, state: &State) -> Result<(), SimError> {
-        let fields = self.state_fields();
-        check_length(
-            Quantity::State,
-            fields.iter().map(|field| field.1).sum(),
-            state.values.len(),
-        )?;
+        check_length(Quantity::State, self.state_len(), state.values.len())?;
         check_finite(Quantity::State, &state.values)?;
         let mut rest = state.values.as_slice();
-        for (start, count) in fields.into_iter().filter(|field| field.1 > 0) {
-            let (values, after) = rest.split_at(count);
-            // SAFETY: `start` holds `count` numbers that `self`, borrowed exclusively, owns.
-            unsafe { start.copy_from_nonoverlapping(values.as_ptr(), count) };
-            rest = after;
-        }
+        fill(std::slice::from_mut(&mut self.get_mut().time), &mut rest);
+        fill(self.rows_mut(&QPOS).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&QVEL).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&ACT).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&MOCAP_POS).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&MOCAP_QUAT).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&USERDATA).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&QACC_WARMSTART).as_flattened_mut(), &mut rest);
+        fill(self.rows_mut(&CTRL).as_flattened_mut(), &mut rest);
         self.clear_warnings();
         Ok(())
     }
 
-    fn state_fields(&self) -> [(*mut f64, usize); 9] {
-        let (data, model) = (self.get(), self.model().get());
-        let field = |start, count: i32| (start, count as usize);
-        [
-            // SAFETY: the mjData is live; only the address of a field is taken.
-            (unsafe { &raw mut (*self.raw().as_ptr()).time }, 1),
-            field(data.qpos, model.nq),
-            field(data.qvel, model.nv),
-            field(data.act, model.na),
-            field(data.mocap_pos, 3 * model.nmocap),
-            field(data.mocap_quat, 4 * model.nmocap),
-            field(data.userdata, model.nuserdata),
-            field(data.qacc_warmstart, model.nv),
-            field(data.ctrl, model.nu),
-        ]
+    fn state_len(&self) -> usize {
+        let model = self.model().as_raw();
+        let mocap = 7 * model.nmocap;
+        let total = 1 + model.nq + 2 * model.nv + model.na + mocap + model.nuserdata + model.nu;
+        total as usize
     }
+}
+
+/// Fills `out` with the first numbers of `rest`, which go.
+fn fill(out: &mut [f64], rest: &mut &[f64]) {
+    let (first, others) = rest.split_at(out.len());
+    out.copy_from_slice(first);
+    *rest = others;
 }

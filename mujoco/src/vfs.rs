@@ -6,6 +6,11 @@ use std::ptr;
 use crate::error::ModelError;
 use crate::raw;
 
+/// Folder that the main file is said to lie in, and hence every file that it names: MuJoCo strips
+/// it from the names that it looks for in memory, and nothing can lie there on the disk, because
+/// it is no folder.
+pub(crate) const NOWHERE: &str = "/dev/null/";
+
 /// Owns an `mjVFS`.
 pub(crate) struct Vfs {
     // two megabytes of fixed arrays: on the heap, and never moved
@@ -23,13 +28,15 @@ impl Vfs {
 
     /// Copies `content` in under `name`.
     pub(crate) fn add(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
-        let c_name = file_name(name)?;
+        check_name(name)?;
+        let c_name = c_string(name, name.into())?;
         let size = file_size(name, content)?;
         // SAFETY: live mjVFS, NUL-terminated name shorter than mjMAXVFSNAME, positive size.
         let status = unsafe { raw::mj_makeEmptyFileVFS(&raw mut *self.raw, c_name.as_ptr(), size) };
         check_status(name, status)?;
         let slot = self.raw.filedata[self.last()];
-        // SAFETY: MuJoCo has just allocated `size` bytes for the last file; `content` is no part of them.
+        // SAFETY: MuJoCo has just allocated `size` bytes for the last file; `content` is no part of
+        // them.
         unsafe { ptr::copy_nonoverlapping(content.as_ptr(), slot.cast::<u8>(), content.len()) };
         Ok(())
     }
@@ -50,24 +57,38 @@ impl Drop for Vfs {
     }
 }
 
+/// Path of the file `name` in the folder [`NOWHERE`].
+pub(crate) fn path(name: &str) -> Result<CString, ModelError> {
+    check_name(name)?;
+    c_string(name, format!("{NOWHERE}{name}"))
+}
+
+fn c_string(name: &str, text: String) -> Result<CString, ModelError> {
+    CString::new(text).map_err(|_| refused(name, "it holds a NUL character"))
+}
+
 /// MuJoCo strips folders from names, so names with folders would not be found again.
-pub(crate) fn file_name(name: &str) -> Result<CString, ModelError> {
-    let refuse = |reason| ModelError::FileName {
-        name: name.into(),
-        reason,
-    };
+fn check_name(name: &str) -> Result<(), ModelError> {
     if name.is_empty() {
-        return Err(refuse("it is empty"));
+        return Err(refused(name, "it is empty"));
     }
     if name.len() >= raw::mjMAXVFSNAME as usize {
-        return Err(refuse("it has 1000 bytes or more"));
+        return Err(refused(name, "it has 1000 bytes or more"));
     }
     if name.contains(['/', '\\']) {
-        return Err(refuse(
+        return Err(refused(
+            name,
             "it holds a folder; files are found by their plain name",
         ));
     }
-    CString::new(name).map_err(|_| refuse("it holds a NUL character"))
+    Ok(())
+}
+
+fn refused(name: &str, reason: &'static str) -> ModelError {
+    ModelError::FileName {
+        name: name.into(),
+        reason,
+    }
 }
 
 fn file_size(name: &str, content: &[u8]) -> Result<i32, ModelError> {
@@ -81,16 +102,13 @@ fn file_size(name: &str, content: &[u8]) -> Result<i32, ModelError> {
 }
 
 fn check_status(name: &str, status: i32) -> Result<(), ModelError> {
-    let refuse = |reason| {
-        Err(ModelError::FileName {
-            name: name.into(),
-            reason,
-        })
-    };
     match status {
         0 => Ok(()),
-        1 => refuse("the virtual file system is full (2000 files)"),
-        _ => refuse("another file of this name was given"),
+        1 => Err(refused(
+            name,
+            "the virtual file system is full (2000 files)",
+        )),
+        _ => Err(refused(name, "another file of this name was given")),
     }
 }
 

@@ -208,3 +208,27 @@ fn data_moves_to_another_thread() {
     let moved = std::thread::spawn(move || data.step(3).map(|()| data.time()));
     assert!(moved.join().unwrap().is_ok_and(|time| time > 0.0));
 }
+
+#[test]
+fn what_the_wrapper_lacks_is_within_reach_of_the_c_library() {
+    let mut data = data(&CART.replace("0 0 0", "0 0 -10"));
+    data.forward().unwrap();
+    let model = Arc::clone(data.model());
+    assert_eq!(model.as_raw().nv, 1);
+    let mut jacobian = [0.0; 3];
+    let cart = model.body("cart").unwrap().index() as i32;
+    // SAFETY: model and data go together; the output holds 3 x nv numbers, NULL asks for none.
+    unsafe {
+        let (model, data) = (model.as_raw(), data.as_mut_ptr());
+        mujoco::raw::mj_jacBody(
+            model,
+            data,
+            jacobian.as_mut_ptr(),
+            std::ptr::null_mut(),
+            cart,
+        );
+        mujoco::raw::mj_energyPos(model, data);
+    }
+    assert_eq!(jacobian, [1.0, 0.0, 0.0]);
+    assert_eq!(data.as_raw().energy[0], 0.0, "the cart is at height 0");
+}

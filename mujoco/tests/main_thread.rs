@@ -40,7 +40,7 @@ fn draw() {
     let camera = model.camera("top").unwrap();
     let mut data = Data::new(model.clone());
     data.forward().unwrap();
-    let mut renderer = Renderer::new(model, 8, 8, RenderOptions::default()).unwrap();
+    let mut renderer = Renderer::new(model, 12, 8, RenderOptions::default()).unwrap();
     let mut image = vec![0; renderer.image_len()];
     renderer.render(&mut data, camera, &mut image).unwrap();
     print!("{}", env::var(THREADS).unwrap_or_default());

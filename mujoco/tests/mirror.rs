@@ -5,9 +5,11 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{Backdrop, Data, Mirror, Model, RenderError, RenderOptions, Renderer, View};
+use mujoco::{Backdrop, CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer};
 
-const SIDE: usize = 64;
+/// Size of the images, in pixels. They are not square, or width and height could be exchanged.
+const WIDTH: usize = 80;
+const HEIGHT: usize = 64;
 const MIRRORS: [Mirror; 4] = [
     mirror(false, false),
     mirror(true, false),
@@ -82,13 +84,13 @@ fn scene(seed: u64, mirror: Mirror) -> String {
     )
 }
 
-fn studio(xml: &str) -> (Data, Renderer) {
+fn ready(xml: &str) -> (Data, Renderer) {
     let model = Arc::new(Model::from_xml(xml).unwrap());
     let mut data = Data::new(Arc::clone(&model));
     data.forward().unwrap();
     (
         data,
-        Renderer::new(model, SIDE, SIDE, RenderOptions::default()).unwrap(),
+        Renderer::new(model, WIDTH, HEIGHT, RenderOptions::default()).unwrap(),
     )
 }
 
@@ -99,14 +101,19 @@ fn picture(
     let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
     renderer
-        .render(data, View { camera, mirror }, &mut image)
+        .render(data, CameraView { camera, mirror }, &mut image)
         .map(|()| image)
 }
 
 fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
-    let at = |flips: bool, index: usize| if flips { SIDE - 1 - index } else { index };
-    let pixels =
-        (0..SIDE * SIDE).map(|i| at(mirror.rows, i / SIDE) * SIDE + at(mirror.columns, i % SIDE));
+    let at = |flips: bool, index: usize, size: usize| match flips {
+        true => size - 1 - index,
+        false => index,
+    };
+    let pixels = (0..HEIGHT * WIDTH).map(|i| {
+        let row = at(mirror.rows, i / WIDTH, HEIGHT);
+        row * WIDTH + at(mirror.columns, i % WIDTH, WIDTH)
+    });
     pixels
         .flat_map(|pixel| image[3 * pixel..][..3].to_vec())
         .collect()
@@ -123,12 +130,12 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
     let mut inexact = 0;
     for seed in 0..60 {
         let canonical = picture(
-            &mut studio(&scene(seed, Mirror::default())),
+            &mut ready(&scene(seed, Mirror::default())),
             Mirror::default(),
         )
         .unwrap();
         for mirror in MIRRORS {
-            let mut twin = studio(&scene(seed, mirror));
+            let mut twin = ready(&scene(seed, mirror));
             let expected = mirrored(&canonical, mirror);
             let differs = differing(&picture(&mut twin, mirror).unwrap(), &expected, 0);
             assert_eq!(differs, 0, "scene {seed}, {mirror:?}");
@@ -146,14 +153,14 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
 #[test]
 fn a_mirror_changes_nothing_but_edges() {
     for seed in 0..60 {
-        let mut studio = studio(&scene(seed, Mirror::default()));
-        let direct = picture(&mut studio, Mirror::default()).unwrap();
+        let mut ready = ready(&scene(seed, Mirror::default()));
+        let direct = picture(&mut ready, Mirror::default()).unwrap();
         assert!(
             differing(&direct, &vec![0; direct.len()], 0) > 100,
             "scene {seed} is empty"
         );
         for mirror in MIRRORS {
-            let seen = picture(&mut studio, mirror).unwrap();
+            let seen = picture(&mut ready, mirror).unwrap();
             let [edges, shades] = [24, 8].map(|levels| differing(&direct, &seen, levels));
             assert!(
                 edges <= 8 && shades <= 48,
@@ -165,12 +172,12 @@ fn a_mirror_changes_nothing_but_edges() {
 
 #[test]
 fn a_backdrop_keeps_its_mirror() {
-    let (mut data, mut renderer) = studio(&scene(3, Mirror::default()));
+    let (mut data, mut renderer) = ready(&scene(3, Mirror::default()));
     let camera = data.model().camera("top").unwrap();
     for mirror in MIRRORS {
         let mut backdrop = Backdrop::default();
         renderer
-            .draw_backdrop(&mut data, View { camera, mirror }, &mut backdrop)
+            .draw_backdrop(&mut data, CameraView { camera, mirror }, &mut backdrop)
             .unwrap();
         for height in [0.0, 0.2, 0.4] {
             data.qpos_mut()[0] = height;
@@ -181,7 +188,7 @@ fn a_backdrop_keeps_its_mirror() {
                 .render_over(&mut data, &mut backdrop, &mut over)
                 .unwrap();
             renderer
-                .render(&mut data, View { camera, mirror }, &mut whole)
+                .render(&mut data, CameraView { camera, mirror }, &mut whole)
                 .unwrap();
             assert!(over == whole, "{mirror:?} at {height}");
         }
@@ -191,16 +198,16 @@ fn a_backdrop_keeps_its_mirror() {
 /// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape; two are a rotation.
 #[test]
 fn what_is_not_its_own_mirror_image_is_refused() {
-    let mut studio = studio(
+    let mut ready = ready(
         r#"<mujoco><asset><mesh name="wedge" vertex="0 0 0  .5 0 0  0 .3 0  .1 .1 .4"/></asset>
              <worldbody><camera name="top" pos="0 0 2"/><geom type="mesh" mesh="wedge" pos=".1 .2 0"/></worldbody></mujoco>"#,
     );
-    let direct = picture(&mut studio, MIRRORS[0]).unwrap();
+    let direct = picture(&mut ready, MIRRORS[0]).unwrap();
     for mirror in [MIRRORS[1], MIRRORS[2]] {
-        let refused = picture(&mut studio, mirror).unwrap_err();
+        let refused = picture(&mut ready, mirror).unwrap_err();
         assert_eq!(
             refused,
-            RenderError::Handed {
+            RenderError::NotMirrorSymmetric {
                 what: "geom",
                 index: 0
             }
@@ -208,10 +215,10 @@ fn what_is_not_its_own_mirror_image_is_refused() {
         assert!(
             refused
                 .to_string()
-                .contains("geom 0 is not its own mirror image")
+                .contains("geom 0 is not mirror-symmetric")
         );
     }
-    let turned = picture(&mut studio, MIRRORS[3]).unwrap();
+    let turned = picture(&mut ready, MIRRORS[3]).unwrap();
     assert!(differing(&direct, &vec![0; direct.len()], 0) > 100);
     assert!(
         differing(&direct, &turned, 0) <= 8,

@@ -9,6 +9,10 @@ use std::thread;
 
 use mujoco::{Backdrop, Backend, Data, Model, RenderError, RenderOptions, Renderer};
 
+/// Size of the images, in pixels. They are not square, or width and height could be exchanged.
+const WIDTH: usize = 12;
+const HEIGHT: usize = 8;
+
 const SURFACELESS: [Backend; 1] = [Backend::EglSurfaceless];
 
 const SCENE: &str = r#"<mujoco>
@@ -54,7 +58,7 @@ fn groups_are_shown_and_hidden() {
 fn centre_pixel(options: RenderOptions) -> [u8; 3] {
     let (mut data, mut renderer) = ready(SCENE, options);
     let image = draw(&mut data, &mut renderer);
-    let middle = 3 * (4 * 8 + 4);
+    let middle = 3 * (HEIGHT / 2 * WIDTH + WIDTH / 2);
     [image[middle], image[middle + 1], image[middle + 2]]
 }
 
@@ -64,7 +68,7 @@ fn ready(xml: &str, options: RenderOptions) -> (Data, Renderer) {
     data.forward().unwrap();
     (
         data,
-        Renderer::with_backends(model, 8, 8, options, &SURFACELESS).unwrap(),
+        Renderer::with_backends(model, WIDTH, HEIGHT, options, &SURFACELESS).unwrap(),
     )
 }
 
@@ -230,7 +234,7 @@ fn bad_arguments_are_refused() {
     assert_eq!(
         short,
         Err(RenderError::Buffer {
-            expected: 192,
+            expected: 3 * WIDTH * HEIGHT,
             got: 5
         })
     );
@@ -256,7 +260,7 @@ fn a_camera_of_a_larger_model_is_refused() {
     );
     let camera = two.unwrap().camera("b").unwrap();
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
-    let refused = renderer.render(&mut data, camera, &mut [0; 192]);
+    let refused = renderer.render(&mut data, camera, &mut [0; 3 * WIDTH * HEIGHT]);
     assert_eq!(
         refused,
         Err(RenderError::UnknownCamera { index: 1, count: 1 })

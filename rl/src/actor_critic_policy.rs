@@ -8,21 +8,22 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_finite, check_len};
+use crate::error::{RlError, check_all_finite, check_len};
 use crate::gaussian::{log_prob, standard_normals};
 use crate::network::ActorCritic;
 use crate::network_settings::NetworkSettings;
 use crate::pass::Workspace;
-use crate::policy::{Decisions, Policy};
+use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
 
 /// Samples of one inference chunk: a batch of 20 environments then occupies several threads.
 const INFERENCE_CHUNK: usize = 4;
 
-/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant under the
-/// group of its settings.
+/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
+/// under the group of its settings. It decides from the observation alone.
 ///
-/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed chunks on the current
-/// rayon pool; actions, values and features have the same bits for any number of threads.
+/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed chunks
+/// on the current rayon pool; actions, values and features have the same bits for any number of
+/// threads.
 pub struct ActorCriticPolicy {
     network: Arc<ActorCritic<f32>>,
     params: Vec<f32>,
@@ -42,11 +43,12 @@ impl ActorCriticPolicy {
         Ok(Self::assemble(Arc::new(network), params))
     }
 
-    /// Builds the network for `spec` with the given flat parameters, as [`ActorCriticPolicy::params`] returned them.
+    /// Builds the network for `spec` with the given flat parameters, as
+    /// [`ActorCriticPolicy::params`] returned them.
     ///
     /// # Errors
-    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs and
-    /// [`RlError::NotFinite`] when one is infinite or not a number.
+    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
+    /// and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,
         spec: &EnvSpec,
@@ -58,9 +60,7 @@ impl ActorCriticPolicy {
             return Err(RlError::Parameters { got, expected });
         }
         // later it would only show as a loss that is not finite
-        params
-            .iter()
-            .try_for_each(|&p| check_finite("a parameter", f64::from(p)))?;
+        check_all_finite("a parameter", &params)?;
         Ok(Self::assemble(Arc::new(network), params))
     }
 
@@ -93,9 +93,25 @@ impl ActorCriticPolicy {
         &mut self.params
     }
 
-    /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every state.
+    /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every
+    /// state.
     pub fn log_std(&self) -> &[f32] {
-        &self.params[self.params.len() - self.network.spec().action.len()..]
+        &self.params[self.params.len() - self.width()..]
+    }
+
+    /// Raises every logarithm of a standard deviation that is below `floor` to it. NaN stays.
+    pub(crate) fn raise_log_std(&mut self, floor: f32) {
+        let start = self.params.len() - self.width();
+        for log_std in &mut self.params[start..] {
+            if *log_std < floor {
+                *log_std = floor;
+            }
+        }
+    }
+
+    /// A, the number of action components.
+    fn width(&self) -> usize {
+        self.network.spec().action.len()
     }
 
     /// N, when both arrays hold N observations of the network's sizes.
@@ -109,7 +125,7 @@ impl ActorCriticPolicy {
     /// Fills `outputs` `[N, A + 1]` with means and values; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         let samples = self.samples(observations)?;
-        let width = self.network.spec().action.len();
+        let width = self.width();
         self.outputs.resize(samples * (width + 1), 0.0);
         let (network, params) = (&self.network, &self.params);
         self.chunks
@@ -126,20 +142,28 @@ impl ActorCriticPolicy {
 }
 
 impl ActorCriticPolicy {
-    fn check_decisions(&self, decisions: &Decisions, samples: usize) -> Result<(), RlError> {
-        let width = self.network.spec().action.len();
-        let actions = decisions.actions.len();
-        check_len("actions", "[N, A]", actions, samples * width)?;
-        check_len("log_probs", "[N]", decisions.log_probs.len(), samples)?;
-        check_len("values", "[N]", decisions.values.len(), samples)
-    }
-
     fn log_std_f64(&self) -> Vec<f64> {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
     }
 
-    /// Writes log-probabilities and values from `outputs`. The density belongs to the numbers that are executed, so actions are
-    /// rounded before.
+    /// Draws actions `[N, A]` around the means in `outputs`.
+    fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
+        let width = self.width();
+        self.noise.resize(actions.len(), 0.0);
+        standard_normals(rng, &mut self.noise);
+        let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
+        let rows = actions
+            .chunks_exact_mut(width)
+            .zip(self.noise.chunks_exact(width));
+        for ((actions, noise), output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+            for j in 0..width {
+                actions[j] = (output[j] + std[j] * f64::from(noise[j])) as f32;
+            }
+        }
+    }
+
+    /// Writes log-probabilities and values from `outputs`. The density belongs to the numbers that
+    /// are executed, so actions are rounded before.
     fn weigh(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();
@@ -169,50 +193,31 @@ fn load(
     n
 }
 
-impl Policy for ActorCriticPolicy {
-    fn feature_dim(&self) -> usize {
-        self.network.feature_dim()
-    }
+impl Actor for ActorCriticPolicy {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
 
     fn act(
         &mut self,
         observations: &Observations,
+        (): &mut (),
         rng: &mut ChaCha8Rng,
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        let width = self.network.spec().action.len();
-        let samples = self.run(observations)?;
-        self.check_decisions(out, samples)?;
-        self.noise.resize(samples * width, 0.0);
-        standard_normals(rng, &mut self.noise);
-        let log_std = self.log_std_f64();
-        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
-            for j in 0..width {
-                let action = output[j] + log_std[j].exp() * f64::from(self.noise[i * width + j]);
-                out.actions[i * width + j] = action as f32;
-            }
-        }
-        self.weigh(out);
-        Ok(())
-    }
-
-    fn assess(
-        &mut self,
-        observations: &Observations,
-        decisions: &mut Decisions,
+        out: &mut [f32],
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        self.check_decisions(decisions, samples)?;
-        self.weigh(decisions);
+        check_len("actions", "[N, A]", out.len(), samples * self.width())?;
+        self.sample(rng, out);
         Ok(())
     }
 
     fn mean_actions(
         &mut self,
         observations: &Observations,
+        (): &mut (),
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        let width = self.network.spec().action.len();
+        let width = self.width();
         let samples = self.run(observations)?;
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         for (mean, output) in out
@@ -225,15 +230,52 @@ impl Policy for ActorCriticPolicy {
         }
         Ok(())
     }
+}
 
+impl OnPolicy for ActorCriticPolicy {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        out.check(self.network.spec(), samples)?;
+        self.sample(rng, &mut out.actions);
+        self.weigh(out);
+        Ok(())
+    }
+}
+
+impl Assess for ActorCriticPolicy {
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        decisions.check(self.network.spec(), samples)?;
+        self.weigh(decisions);
+        Ok(())
+    }
+}
+
+impl Values for ActorCriticPolicy {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let width = self.network.spec().action.len();
+        let width = self.width();
         let samples = self.run(observations)?;
         check_len("values", "[N]", out.len(), samples)?;
         for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
             *value = output[width] as f32;
         }
         Ok(())
+    }
+}
+
+impl Features for ActorCriticPolicy {
+    fn feature_dim(&self) -> usize {
+        self.network.feature_dim()
     }
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {

@@ -1,11 +1,16 @@
 //! The rollout buffer: T steps of N environments, time-major.
 
-use crate::env::{EnvSpec, Observations, Outcome, Transition};
-use crate::error::{RlError, check_finite, check_len};
-use crate::gae::{GaeInputs, gae};
-use crate::policy::{Decisions, Policy};
+use rand_chacha::ChaCha8Rng;
 
-/// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`.
+use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::error::{RlError, check_all_finite, check_finite, check_len};
+use crate::experience::Experience;
+use crate::gae::{GaeInputs, gae};
+use crate::policy::{Assess, Decisions, OnPolicy, Values};
+use crate::require::require;
+
+/// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
+/// [`collect`](crate::collect) fills it.
 #[derive(Clone, Debug)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
@@ -22,6 +27,9 @@ pub struct RolloutBuffer {
     finals: Observations,
     truncated: Vec<usize>,
     last: Observations,
+    /// Of the step that is being collected, `[N]`.
+    step_decisions: Decisions,
+    step_final_values: Vec<f32>,
 }
 
 impl RolloutBuffer {
@@ -31,13 +39,7 @@ impl RolloutBuffer {
     /// [`RlError::EmptySpec`] or [`RlError::Setting`] when a size is zero.
     pub fn new(spec: &EnvSpec, steps: usize) -> Result<Self, RlError> {
         spec.check()?;
-        if steps == 0 {
-            return Err(RlError::Setting {
-                name: "steps",
-                value: 0.0,
-                expected: "at least 1 step",
-            });
-        }
+        require("steps", steps as f32, "at least 1 step", steps > 0)?;
         let all = EnvSpec {
             num_envs: spec.num_envs * steps,
             ..spec.clone()
@@ -56,6 +58,8 @@ impl RolloutBuffer {
             finals: Observations::empty(),
             truncated: Vec::new(),
             last: Observations::new(spec),
+            step_decisions: Decisions::new(spec),
+            step_final_values: vec![0.0; spec.num_envs],
         })
     }
 
@@ -63,8 +67,8 @@ impl RolloutBuffer {
     /// final observations `[N]` (read where the outcome is truncated).
     ///
     /// # Errors
-    /// [`RlError::BufferFull`] past T steps, [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for
-    /// a reward that is not a number.
+    /// [`RlError::BufferFull`] past T steps, [`RlError::Shape`] when an array does not fit,
+    /// [`RlError::NotFinite`] for a reward, a decision, a value or a vector that is not a number.
     pub fn push(
         &mut self,
         observations: &Observations,
@@ -75,7 +79,13 @@ impl RolloutBuffer {
         if self.pushed == self.steps {
             return Err(RlError::BufferFull { steps: self.steps });
         }
-        self.check_step(observations, decisions, transition, final_values)?;
+        let n = self.spec.num_envs;
+        observations.check(&self.spec, n)?;
+        observations.check_finite()?;
+        decisions.check(&self.spec, n)?;
+        decisions.check_finite()?;
+        transition.check(&self.spec)?;
+        check_final_values(&transition.outcomes, final_values)?;
         let t = self.pushed;
         copy_row(&mut self.observations.images, t, &observations.images);
         copy_row(&mut self.observations.vectors, t, &observations.vectors);
@@ -102,35 +112,11 @@ impl RolloutBuffer {
         }
     }
 
-    fn check_step(
-        &self,
-        observations: &Observations,
-        decisions: &Decisions,
-        transition: &Transition,
-        final_values: &[f32],
-    ) -> Result<(), RlError> {
-        let n = self.spec.num_envs;
-        observations.check(&self.spec, n)?;
-        transition.check(&self.spec)?;
-        check_len(
-            "actions",
-            "[N, A]",
-            decisions.actions.len(),
-            n * self.spec.action.len(),
-        )?;
-        check_len("log_probs", "[N]", decisions.log_probs.len(), n)?;
-        check_len("values", "[N]", decisions.values.len(), n)?;
-        check_len("final_values", "[N]", final_values.len(), n)?;
-        transition
-            .rewards
-            .iter()
-            .try_for_each(|&r| check_finite("a reward", f64::from(r)))
-    }
-
     /// Closes a full buffer with the observations after its last step, and their values `[N]`.
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::Shape`] for a wrong length.
+    /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::Shape`] for a wrong
+    /// length, [`RlError::NotFinite`] for values or vectors that are not numbers.
     pub fn finish(&mut self, last: &Observations, last_values: &[f32]) -> Result<(), RlError> {
         if self.pushed != self.steps {
             return Err(RlError::BufferNotFinished {
@@ -139,20 +125,23 @@ impl RolloutBuffer {
             });
         }
         check_len("last_values", "[N]", last_values.len(), self.spec.num_envs)?;
+        check_all_finite("a value", last_values)?;
         last.check(&self.spec, self.spec.num_envs)?;
+        last.check_finite()?;
         self.last_values.copy_from_slice(last_values);
         self.last.clone_from(last);
         self.finished = true;
         Ok(())
     }
 
-    /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says. So it can learn from
-    /// actions that another one took: probability ratios start at 1, and advantages are differences to its own values. That the states
-    /// are those the other policy came to is not corrected.
+    /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says.
+    /// So it can learn from actions that another one took: probability ratios start at 1, and
+    /// advantages are differences to its own values. That the states are those the other policy came
+    /// to is not corrected.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other environments.
-    pub fn revalue<P: Policy>(&mut self, policy: &mut P) -> Result<(), RlError> {
+    pub fn revalue<P: Assess>(&mut self, policy: &mut P) -> Result<(), RlError> {
         self.check_finished()?;
         policy.assess(&self.observations, &mut self.decisions)?;
         let mut values = vec![0.0; self.truncated.len()];
@@ -195,6 +184,21 @@ impl RolloutBuffer {
         };
         gae(&inputs, gamma, lambda, advantages, returns);
         Ok(())
+    }
+
+    /// Refuses rollouts that begin with a reset and end before episodes of `horizon` steps do
+    /// ([`VectorEnv::horizon`](crate::VectorEnv::horizon)): nothing would be learnt of late states.
+    ///
+    /// # Errors
+    /// [`RlError::ShortRollout`] when T is below `horizon`.
+    pub fn check_horizon(&self, horizon: usize) -> Result<(), RlError> {
+        if self.steps >= horizon {
+            return Ok(());
+        }
+        Err(RlError::ShortRollout {
+            steps: self.steps,
+            horizon,
+        })
     }
 
     /// Refuses a buffer that is not full and finished.
@@ -245,107 +249,73 @@ impl RolloutBuffer {
     }
 }
 
+impl<P: OnPolicy> Experience<P> for RolloutBuffer {
+    fn steps(&self) -> usize {
+        self.steps
+    }
+
+    fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.spec.check_same(spec)?;
+        check_len("environments", "[N]", spec.num_envs, self.spec.num_envs)?;
+        self.clear();
+        Ok(())
+    }
+
+    fn decide(
+        &mut self,
+        policy: &mut P,
+        observations: &Observations,
+        memory: &mut P::Memory,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        policy.decide(observations, memory, rng, &mut self.step_decisions)?;
+        Ok(&self.step_decisions.actions)
+    }
+
+    fn record(
+        &mut self,
+        policy: &mut P,
+        observations: &Observations,
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        value_truncated(policy, transition, &mut self.step_final_values)?;
+        // lent out, since a push borrows all of the buffer
+        let decisions = std::mem::take(&mut self.step_decisions);
+        let final_values = std::mem::take(&mut self.step_final_values);
+        let result = self.push(observations, &decisions, transition, &final_values);
+        (self.step_decisions, self.step_final_values) = (decisions, final_values);
+        result
+    }
+
+    fn end(&mut self, policy: &mut P, last: &Observations) -> Result<(), RlError> {
+        let mut values = vec![0.0; self.spec.num_envs];
+        policy.values(last, &mut values)?;
+        self.finish(last, &values)
+    }
+}
+
+/// Asks for the values of the final observations where a truncation will bootstrap them.
+fn value_truncated<P: Values>(
+    policy: &mut P,
+    transition: &Transition,
+    out: &mut [f32],
+) -> Result<(), RlError> {
+    if transition.outcomes.contains(&Outcome::Truncated) {
+        policy.values(&transition.final_observations, out)?;
+    }
+    Ok(())
+}
+
+/// Checks the values `[N]` of final observations; those that bootstrap must be finite.
+fn check_final_values(outcomes: &[Outcome], values: &[f32]) -> Result<(), RlError> {
+    check_len("final_values", "[N]", values.len(), outcomes.len())?;
+    let bootstrapped = outcomes.iter().zip(values);
+    bootstrapped
+        .filter(|(outcome, _)| **outcome == Outcome::Truncated)
+        .try_for_each(|(_, &value)| check_finite("the value of a final observation", value.into()))
+}
+
 /// Copies `row` to row `t` of an array of such rows.
 fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
     array[t * row.len()..(t + 1) * row.len()].copy_from_slice(row);
-}
-
-#[cfg(test)]
-mod tests {
-    use symmetry::Irrep;
-
-    use super::*;
-
-    fn spec() -> EnvSpec {
-        EnvSpec {
-            num_envs: 2,
-            image: [2, 2, 1],
-            vector: vec![Irrep::X],
-            action: vec![Irrep::X],
-        }
-    }
-
-    /// Pushes one step whose every array carries `mark`.
-    fn push(buffer: &mut RolloutBuffer, mark: u8, outcome: Outcome) -> Result<(), RlError> {
-        let value = f32::from(mark);
-        let observations = Observations {
-            images: vec![mark; 8],
-            vectors: vec![value; 2],
-        };
-        let decisions = Decisions {
-            actions: vec![value; 2],
-            log_probs: vec![value; 2],
-            values: vec![value; 2],
-        };
-        let mut transition = Transition::new(&spec());
-        transition.rewards.fill(value);
-        transition.outcomes.fill(outcome);
-        buffer.push(&observations, &decisions, &transition, &[10.0, 20.0])
-    }
-
-    #[test]
-    fn pushing_past_the_end_is_an_error() {
-        let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
-        push(&mut buffer, 1, Outcome::Running).unwrap();
-        push(&mut buffer, 2, Outcome::Running).unwrap();
-        assert!(matches!(
-            push(&mut buffer, 3, Outcome::Running),
-            Err(RlError::BufferFull { steps: 2 })
-        ));
-        assert_eq!(
-            buffer.observations().images,
-            [vec![1; 8], vec![2; 8]].concat()
-        );
-        buffer.clear();
-        push(&mut buffer, 3, Outcome::Running).unwrap();
-        assert_eq!(buffer.rewards()[..2], [3.0, 3.0]);
-    }
-
-    #[test]
-    fn a_buffer_is_read_only_when_finished() {
-        let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
-        push(&mut buffer, 1, Outcome::Running).unwrap();
-        assert!(matches!(
-            buffer.finish(&Observations::new(&spec()), &[0.0; 2]),
-            Err(RlError::BufferNotFinished { got: 1, steps: 2 })
-        ));
-        push(&mut buffer, 2, Outcome::Truncated).unwrap();
-        let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
-        assert!(
-            buffer
-                .advantages(1.0, 1.0, &mut advantages, &mut returns)
-                .is_err()
-        );
-        buffer
-            .finish(&Observations::new(&spec()), &[-1000.0; 2])
-            .unwrap();
-        buffer
-            .advantages(1.0, 1.0, &mut advantages, &mut returns)
-            .unwrap();
-        // returns bootstrap the final observations (10, 20), never what came after the reset (-1000)
-        assert_eq!(
-            returns,
-            [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]
-        );
-    }
-
-    #[test]
-    fn a_reward_that_is_not_a_number_is_refused() {
-        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-        let mut transition = Transition::new(&spec());
-        transition.rewards[1] = f32::NAN;
-        let result = buffer.push(
-            &Observations::new(&spec()),
-            &Decisions::new(&spec()),
-            &transition,
-            &[0.0; 2],
-        );
-        assert!(matches!(
-            result,
-            Err(RlError::NotFinite {
-                what: "a reward",
-                ..
-            })
-        ));
-    }
 }

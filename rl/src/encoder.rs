@@ -9,7 +9,8 @@ use equivariant::{
 use serde::{Deserialize, Serialize};
 
 use crate::error::RlError;
-use crate::network_settings::{NetworkSettings, require_width};
+use crate::network_settings::NetworkSettings;
+use crate::require::require_width;
 
 /// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
 const HALVING: Kernel = window(4, 2, 1);

@@ -2,7 +2,7 @@
 
 use symmetry::Irrep;
 
-use crate::error::{BoxError, RlError, check_len};
+use crate::error::{BoxError, RlError, check_all_finite, check_len};
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,6 +37,22 @@ impl EnvSpec {
         ];
         match sizes.iter().find(|(_, size)| *size == 0) {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
+            None => Ok(()),
+        }
+    }
+
+    /// Refuses environments whose images, vectors or actions are others; their number is free.
+    ///
+    /// # Errors
+    /// [`RlError::SpecMismatch`] names the field.
+    pub fn check_same(&self, other: &Self) -> Result<(), RlError> {
+        let equal = [
+            ("image", self.image == other.image),
+            ("vector", self.vector == other.vector),
+            ("action", self.action == other.action),
+        ];
+        match equal.iter().find(|(_, equal)| !equal) {
+            Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
             None => Ok(()),
         }
     }
@@ -85,6 +101,14 @@ impl Observations {
             self.vectors.len(),
             samples * spec.vector.len(),
         )
+    }
+
+    /// Refuses vectors that hold infinities or NaN.
+    ///
+    /// # Errors
+    /// [`RlError::NotFinite`] with the value.
+    pub fn check_finite(&self) -> Result<(), RlError> {
+        check_all_finite("a component of an observation vector", &self.vectors)
     }
 
     /// Image `[H, W, C]` and vector `[D]` of sample `i`.
@@ -152,10 +176,11 @@ impl Transition {
         }
     }
 
-    /// Checks every array against `spec`.
+    /// Checks every array against `spec`, and every number that has a meaning.
     ///
     /// # Errors
-    /// [`RlError::Shape`] names the first array that does not fit.
+    /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
+    /// quantity that is infinite or not a number.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         self.observations.check(spec, spec.num_envs)?;
         self.final_observations.check(spec, spec.num_envs)?;
@@ -167,7 +192,16 @@ impl Transition {
             "[N]",
             self.success_at_end.len(),
             spec.num_envs,
-        )
+        )?;
+        check_all_finite("a reward", &self.rewards)?;
+        self.observations.check_finite()?;
+        let finals = self.final_observations.vectors.chunks(spec.vector.len());
+        let ended = self.outcomes.iter().zip(finals);
+        ended
+            .filter(|(outcome, _)| outcome.ended())
+            .try_for_each(|(_, vector)| {
+                check_all_finite("a component of a final observation vector", vector)
+            })
     }
 }
 
@@ -175,6 +209,11 @@ impl Transition {
 pub trait VectorEnv {
     /// Sizes and types, constant for the life of the environment.
     fn spec(&self) -> &EnvSpec;
+
+    /// Steps after which an episode ends at the latest; `None` where there is no time limit.
+    fn horizon(&self) -> Option<usize> {
+        None
+    }
 
     /// Starts an episode in every environment and writes its first observations.
     ///

@@ -86,11 +86,43 @@ pub enum RlError {
     },
     /// Two things that work together were made for different environments.
     #[error(
-        "the {field} types of the policy and of the rollout buffer differ; build both from the same EnvSpec"
+        "EnvSpec::{field} differs between two things that work together; build environment, policy and experience from the same EnvSpec"
     )]
     SpecMismatch {
         /// The field of [`crate::EnvSpec`] that differs.
         field: &'static str,
+    },
+    /// Rollouts that begin with a reset end before an episode does.
+    #[error(
+        "rollouts of {steps} steps end before an episode of {horizon} steps does, so nothing would be learnt of its late states; collect at least {horizon} steps in every environment"
+    )]
+    ShortRollout {
+        /// T, the steps of a rollout.
+        steps: usize,
+        /// Steps of the longest episode.
+        horizon: usize,
+    },
+    /// The saved state of an algorithm does not fit the one that it is restored to.
+    #[error(
+        "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the network that it was saved from"
+    )]
+    State {
+        /// Names and lengths of what was saved.
+        got: String,
+        /// Names and lengths of what is needed.
+        expected: String,
+    },
+    /// A number of an algorithm's saved state cannot be right.
+    #[error(
+        "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an older one"
+    )]
+    Damaged {
+        /// Name of the array.
+        name: String,
+        /// The number.
+        value: f64,
+        /// What is allowed, in words.
+        expected: &'static str,
     },
     /// A layer refuses its types or sizes.
     #[error(transparent)]
@@ -152,4 +184,10 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
     } else {
         Err(RlError::NotFinite { what, value })
     }
+}
+
+/// Refuses arrays with infinities or NaN.
+pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
+    let wrong = values.iter().find(|value| !value.is_finite());
+    wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
 }

@@ -2,35 +2,35 @@
 
 use crate::env::{Transition, VectorEnv};
 use crate::error::RlError;
-use crate::policy::Policy;
-use crate::rollout::{RolloutState, RolloutStats};
+use crate::policy::Actor;
+use crate::rollout::{RolloutState, RolloutStats, step};
 
-/// Resets the environments and runs the first `rounds` episodes of each with the policy's mean actions.
+/// Resets the environments and runs the first `rounds` episodes of each with the actor's mean
+/// actions.
 ///
-/// Episodes must end, by themselves or by a time limit: an environment that runs for ever is evaluated for ever.
-/// Counting the same number of episodes in every environment keeps short episodes from being over-represented.
+/// Episodes must end, by themselves or by a time limit: an environment that runs for ever is
+/// evaluated for ever. Counting the same number of episodes in every environment keeps short
+/// episodes from being over-represented.
 ///
 /// # Errors
-/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and policy differ in size.
-pub fn evaluate<P: Policy>(
+/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and actor differ
+/// in size, [`RlError::NotFinite`] for rewards or observations that are not numbers.
+pub fn evaluate<A: Actor>(
     env: &mut dyn VectorEnv,
-    policy: &mut P,
+    actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
-    let mut state = RolloutState::reset(env)?;
+    let mut state = RolloutState::reset(env, actor)?;
     let mut transition = Transition::new(&spec);
     let mut actions = vec![0.0; spec.num_envs * spec.action.len()];
     let mut left = vec![rounds; spec.num_envs];
     let mut stats = RolloutStats::default();
     while left.iter().any(|&rounds| rounds > 0) {
-        policy.mean_actions(&state.observations, &mut actions)?;
-        env.step(&actions, &mut transition)
-            .map_err(RlError::Environment)?;
+        actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
+        step(env, &actions, &mut transition)?;
         stats.decisions += spec.num_envs;
-        let mut ended = Vec::new();
-        state.advance(&mut transition, &mut ended);
-        for episode in ended {
+        for episode in state.advance(&mut transition) {
             if left[episode.env] > 0 {
                 left[episode.env] -= 1;
                 stats.episodes.push(episode);

@@ -15,7 +15,7 @@
 //!
 //! ```
 //! use rl::{
-//!     ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
+//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Ppo, PpoSettings, RlError,
 //!     RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
@@ -52,7 +52,7 @@
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;
 //! let mut rng = ChaCha8Rng::seed_from_u64(0);
-//! let mut state = RolloutState::reset(&mut env)?;
+//! let mut state = RolloutState::reset(&mut env, &policy)?;
 //! for _ in 0..2 {
 //!     let rollout = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
 //!     let update = ppo.update(&mut policy, &buffer, &mut rng)?;
@@ -68,15 +68,16 @@ struct Readme;
 
 mod actor_critic_policy;
 mod adam;
+mod algorithm;
 mod buffer;
 mod encoder;
 mod env;
 mod error;
 mod evaluation;
+mod experience;
 mod gae;
 mod gaussian;
 mod loss;
-mod metrics;
 mod minibatch;
 mod network;
 mod network_settings;
@@ -84,21 +85,25 @@ mod pass;
 mod policy;
 mod ppo;
 mod ppo_settings;
+mod ppo_stats;
+mod require;
 mod rollout;
 
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
+pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, RlError};
 pub use evaluation::evaluate;
+pub use experience::Experience;
 pub use gae::{GaeInputs, gae};
-pub use metrics::Metrics;
 pub use network::ActorCritic;
 pub use network_settings::{Critic, NetworkSettings};
 pub use pass::Workspace;
-pub use policy::{Decisions, Policy};
-pub use ppo::{Ppo, UpdateStats};
+pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};
+pub use ppo::Ppo;
 pub use ppo_settings::PpoSettings;
+pub use ppo_stats::UpdateStats;
 pub use rollout::{Episode, RolloutState, RolloutStats, collect};

@@ -6,6 +6,7 @@ use symmetry::Group;
 
 use crate::encoder::Encoder;
 use crate::error::RlError;
+use crate::require::{require, require_positive, require_width};
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x 48 pixels.
 ///
@@ -154,12 +155,7 @@ impl NetworkSettings {
             ("action_gain", self.action_gain),
             ("value_gain", self.value_gain),
         ] {
-            require(
-                name,
-                value,
-                "a finite number above 0",
-                value > 0.0 && value.is_finite(),
-            )?;
+            require_positive(name, value)?;
         }
         require(
             "log_std",
@@ -167,30 +163,6 @@ impl NetworkSettings {
             "a number in [-10, 2]",
             (-10.0..=2.0).contains(&self.log_std),
         )
-    }
-}
-
-/// Refuses a width of zero.
-pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
-    let expected = "at least 1 (a list must not be empty)";
-    require(name, width as f32, expected, width > 0)
-}
-
-/// Refuses a setting that is not `allowed`.
-pub(crate) fn require(
-    name: &'static str,
-    value: f32,
-    expected: &'static str,
-    allowed: bool,
-) -> Result<(), RlError> {
-    if allowed {
-        Ok(())
-    } else {
-        Err(RlError::Setting {
-            name,
-            value: f64::from(value),
-            expected,
-        })
     }
 }
 

@@ -1,12 +1,118 @@
-//! What rollout collection, evaluation and policy assignment ask of a policy.
+//! What collection, evaluation and assignment ask of a policy: acting, valuing and features are
+//! traits of their own, and a policy implements those that it is used for.
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
-use crate::error::RlError;
+use crate::error::{RlError, check_all_finite, check_len};
+
+/// What an actor remembers of the running episodes of N environments.
+pub trait Memory {
+    /// Forgets the running episode of environment `env`, in 0..N. The environment's next
+    /// observation is the first one of another episode.
+    fn forget(&mut self, env: usize);
+}
+
+/// The memory of an actor that decides from the observation alone.
+impl Memory for () {
+    fn forget(&mut self, _: usize) {}
+}
+
+/// Chooses actions `[N, A]`, in their natural order and not clipped.
+///
+/// Every call is one step of N environments: `observations` are those of all environments, and
+/// `memory` is carried from step to step. With the memory `()`, N may differ from call to call.
+///
+/// The contract of an equivariant actor, for every group element g: the mean action of g s is g
+/// applied to the mean action of s, and the standard deviation is the same for s and g s.
+pub trait Actor {
+    /// What is remembered from step to step: `()` where an actor decides from the observation
+    /// alone.
+    type Memory: Memory;
+
+    /// The memory of `envs` environments (N) in which no episode has begun.
+    fn memory(&self, envs: usize) -> Self::Memory;
+
+    /// Samples actions `[N, A]`: what collection executes.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn act(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Self::Memory,
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError>;
+
+    /// Writes the means of the action distribution, `[N, A]`: what an evaluation executes.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Self::Memory,
+        out: &mut [f32],
+    ) -> Result<(), RlError>;
+}
+
+/// Values observations. The contract of an equivariant policy: V(g s) = V(s).
+pub trait Values {
+    /// Writes the values V(s), `[N]`: expected discounted sums of rewards. N is free.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
+}
+
+/// Describes observations by vectors, which policy assignment compares. The contract of an
+/// equivariant policy: the features of g s are those of s.
+pub trait Features {
+    /// F, the length of the feature vector of one observation.
+    fn feature_dim(&self) -> usize;
+
+    /// Writes the features `[N, F]`. N is free.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
+}
+
+/// What on-policy collection asks of a policy at every step: an action, how probable it was, and
+/// what the observation is worth. A network whose actor and critic share an encoder runs it once.
+pub trait OnPolicy: Actor + Values {
+    /// Samples actions as [`Actor::act`] does, with their log-probabilities and the values of the
+    /// observations.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Self::Memory,
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError>;
+}
+
+/// Judges actions that another policy took. Only policies without a memory can: an observation
+/// alone does not tell what an actor would have remembered.
+pub trait Assess: Values {
+    /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the
+    /// values `[N]` of the observations.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError>;
+}
 
 /// What a policy decided for N observations.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decisions {
     /// Sampled actions `[N, A]` in their natural order, not clipped.
     pub actions: Vec<f32>,
@@ -26,54 +132,25 @@ impl Decisions {
             values: vec![0.0; n],
         }
     }
-}
 
-/// A stochastic policy with a value function and features. N, the number of observations, may differ from call to call.
-///
-/// The contract of an equivariant policy, for every group element g: the mean action of g s is g applied to the mean
-/// action of s; standard deviation, value and features are the same for s and g s.
-pub trait Policy {
-    /// F, the length of the feature vector of one observation.
-    fn feature_dim(&self) -> usize;
-
-    /// Samples actions `[N, A]`, with their log-probabilities and the values of the observations.
+    /// Checks that every array holds `samples` decisions for the actions of `spec`.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn act(
-        &mut self,
-        observations: &Observations,
-        rng: &mut ChaCha8Rng,
-        out: &mut Decisions,
-    ) -> Result<(), RlError>;
+    /// [`RlError::Shape`] names the array, what it holds and what it should hold.
+    pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
+        let width = spec.action.len();
+        check_len("actions", "[N, A]", self.actions.len(), samples * width)?;
+        check_len("log_probs", "[N]", self.log_probs.len(), samples)?;
+        check_len("values", "[N]", self.values.len(), samples)
+    }
 
-    /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the values `[N]` of the
-    /// observations.
+    /// Refuses infinities and NaN.
     ///
     /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn assess(
-        &mut self,
-        observations: &Observations,
-        decisions: &mut Decisions,
-    ) -> Result<(), RlError>;
-
-    /// Writes the means of the action distribution, `[N, A]`: what an evaluation executes.
-    ///
-    /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn mean_actions(&mut self, observations: &Observations, out: &mut [f32])
-    -> Result<(), RlError>;
-
-    /// Writes the values V(s), `[N]`.
-    ///
-    /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
-
-    /// Writes the group-invariant features `[N, F]`, which policy assignment compares.
-    ///
-    /// # Errors
-    /// [`RlError::Shape`] when an array does not fit.
-    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
+    /// [`RlError::NotFinite`] names the array's quantity.
+    pub fn check_finite(&self) -> Result<(), RlError> {
+        check_all_finite("an action", &self.actions)?;
+        check_all_finite("a log-probability", &self.log_probs)?;
+        check_all_finite("a value", &self.values)
+    }
 }

@@ -8,62 +8,22 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::actor_critic_policy::ActorCriticPolicy;
 use crate::adam::{Adam, ParamGroup, clip_global_norm};
+use crate::algorithm::{Algorithm, AlgorithmState};
 use crate::buffer::RolloutBuffer;
-use crate::error::{RlError, check_finite};
+use crate::error::{RlError, check_all_finite, check_finite};
 use crate::loss::{LossSums, LossWeights};
-use crate::metrics::Metrics;
 use crate::minibatch::{Minibatch, normalised_advantages};
 use crate::pass::Workspace;
 use crate::ppo_settings::PpoSettings;
+use crate::ppo_stats::{Totals, UpdateStats};
 
 /// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
-/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that were run.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct UpdateStats {
-    /// The clipped surrogate, negated: what the actor minimises.
-    pub policy_loss: f64,
-    /// Squared error of the value function.
-    pub value_loss: f64,
-    /// Entropy of the action distribution in nats.
-    pub entropy: f64,
-    /// Estimated KL divergence of the new policy from the collecting one, in nats, at least 0.
-    pub approx_kl: f64,
-    /// Share in [0, 1] of decisions whose probability ratio left the clip interval.
-    pub clip_fraction: f64,
-    /// 1 - Var(return - value) / Var(return), before the update; 1 is a perfect critic, 0 a constant one.
-    pub explained_variance: f64,
-    /// Euclidean norm of the gradient before clipping, mean over gradient steps.
-    pub grad_norm: f64,
-    /// Gradient steps taken.
-    pub steps: usize,
-    /// Complete passes over the rollout; fewer than set when the KL divergence stopped the update.
-    pub epochs: usize,
-    /// Logarithm of every action component's standard deviation after the update, `[A]`.
-    pub log_std: Vec<f32>,
-}
-
-impl Metrics for UpdateStats {
-    /// The fields in their order; the components of `log_std` are `log_std_0`, `log_std_1`, ...
-    fn metrics(&self) -> Vec<(String, f64)> {
-        let scalars = [
-            ("policy_loss", self.policy_loss),
-            ("value_loss", self.value_loss),
-            ("entropy", self.entropy),
-            ("approx_kl", self.approx_kl),
-            ("clip_fraction", self.clip_fraction),
-            ("explained_variance", self.explained_variance),
-            ("grad_norm", self.grad_norm),
-            ("steps", self.steps as f64),
-            ("epochs", self.epochs as f64),
-        ];
-        let scalars = scalars.map(|(name, value)| (name.to_owned(), value));
-        let components = self.log_std.iter().enumerate();
-        let components = components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s)));
-        scalars.into_iter().chain(components).collect()
-    }
-}
+/// Names of the optimiser's state in a checkpoint.
+const FIRST_MOMENT: &str = "adam.first";
+const SECOND_MOMENT: &str = "adam.second";
+const STEPS: &str = "adam.steps";
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser state of one
 /// policy.
@@ -91,31 +51,15 @@ impl Ppo {
     /// # Errors
     /// [`RlError::Setting`] when a setting is out of range.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        let optimiser = Adam::new(policy.params().len(), settings.adam_epsilon);
-        Self::resume(settings, policy, optimiser)
-    }
-
-    /// Continues with a saved optimiser state.
-    ///
-    /// # Errors
-    /// [`RlError::Setting`] when a setting is out of range, [`RlError::Parameters`] when the state belongs to another
-    /// network.
-    pub fn resume(
-        settings: PpoSettings,
-        policy: &ActorCriticPolicy,
-        optimiser: Adam,
-    ) -> Result<Self, RlError> {
         settings.check()?;
-        check_params(optimiser.first_moment.len(), policy.params().len())?;
-        check_params(optimiser.second_moment.len(), policy.params().len())?;
         let network = policy.network().clone();
         let num_params = network.num_params();
         let chunks = Chunks::new(num_params, TRAINING_CHUNK, move || {
             network.workspace(TRAINING_CHUNK)
         });
         Ok(Self {
+            optimiser: Adam::new(num_params, settings.adam_epsilon),
             settings,
-            optimiser,
             chunks,
             gradient: vec![0.0; num_params],
             rollout: Rollout::default(),
@@ -126,47 +70,94 @@ impl Ppo {
     pub fn settings(&self) -> &PpoSettings {
         &self.settings
     }
+}
 
-    /// The optimiser state, for a checkpoint.
-    pub fn optimiser(&self) -> &Adam {
-        &self.optimiser
-    }
+impl Algorithm for Ppo {
+    type Policy = ActorCriticPolicy;
+    type Experience = RolloutBuffer;
+    type Stats = UpdateStats;
 
-    /// Improves `policy` by several passes over the minibatches of a finished rollout; their order comes from `rng`.
-    /// The same inputs give the same bits on any number of threads.
+    /// Improves `policy` by several passes over the minibatches of a finished rollout; their order
+    /// comes from `rng`. The same inputs give the same bits on any number of threads.
     ///
-    /// The update stops before a gradient step when the minibatch's KL divergence exceeds [`PpoSettings::kl_stop`]
-    /// (Stable-Baselines3, `PPO.train`).
+    /// The update stops before a gradient step when the minibatch's KL divergence exceeds
+    /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] for an unfinished rollout, [`RlError::SpecMismatch`] or [`RlError::Parameters`]
-    /// for one of another environment or policy, [`RlError::NotFinite`] when the loss diverges; the parameters are then
-    /// those before the offending step.
-    pub fn update(
+    /// [`RlError::BufferNotFinished`] for an unfinished rollout, [`RlError::SpecMismatch`] or
+    /// [`RlError::Parameters`] for one of another environment or policy, [`RlError::NotFinite`] when
+    /// returns, the loss or the gradient diverge; the parameters are then those before the offending
+    /// step.
+    fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,
         buffer: &RolloutBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<UpdateStats, RlError> {
         check_params(self.gradient.len(), policy.params().len())?;
-        check_spec(policy, buffer)?;
+        policy.network().spec().check_same(buffer.spec())?;
         self.rollout.prepare(&self.settings, buffer)?;
-        let groups = self.groups(policy);
         let mut totals = Totals::default();
-        for _ in 0..self.settings.epochs {
-            shuffle(&mut self.rollout.order, rng);
-            for start in (0..buffer.samples()).step_by(self.settings.minibatch) {
-                let sums = self.minibatch_gradient(policy, buffer, start)?;
-                totals.losses.add(&sums);
-                if sums.kl / sums.samples > self.settings.kl_stop() {
-                    return Ok(totals.stats(&self.rollout, buffer, policy));
-                }
-                totals.grad_norms += self.descend(policy, &groups)?;
-                totals.steps += 1;
-            }
+        while totals.epochs < self.settings.epochs && self.pass(policy, buffer, rng, &mut totals)? {
             totals.epochs += 1;
         }
-        Ok(totals.stats(&self.rollout, buffer, policy))
+        let values = &buffer.decisions().values;
+        Ok(totals.stats(values, &self.rollout.returns, policy.log_std()))
+    }
+
+    /// Both moments of Adam and its number of steps.
+    fn save(&self) -> AlgorithmState<'_> {
+        AlgorithmState {
+            tensors: vec![
+                (FIRST_MOMENT, &self.optimiser.first_moment),
+                (SECOND_MOMENT, &self.optimiser.second_moment),
+            ],
+            counters: vec![(STEPS, self.optimiser.steps)],
+        }
+    }
+
+    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+        state.check_like(&self.save())?;
+        check_second_moment(state)?;
+        let Adam {
+            first_moment,
+            second_moment,
+            steps,
+            ..
+        } = &mut self.optimiser;
+        for (own, (_, saved)) in [first_moment, second_moment]
+            .into_iter()
+            .zip(&state.tensors)
+        {
+            own.copy_from_slice(saved);
+        }
+        for (own, (_, saved)) in [steps].into_iter().zip(&state.counters) {
+            *own = *saved;
+        }
+        Ok(())
+    }
+}
+
+impl Ppo {
+    /// One pass over the rollout in a new order; false when the KL divergence ended it early.
+    fn pass(
+        &mut self,
+        policy: &mut ActorCriticPolicy,
+        buffer: &RolloutBuffer,
+        rng: &mut ChaCha8Rng,
+        totals: &mut Totals,
+    ) -> Result<bool, RlError> {
+        shuffle(&mut self.rollout.order, rng);
+        for start in (0..buffer.samples()).step_by(self.settings.minibatch) {
+            let sums = self.minibatch_gradient(policy, buffer, start)?;
+            totals.losses.add(&sums);
+            if sums.kl / sums.samples > self.settings.kl_stop() {
+                return Ok(false);
+            }
+            totals.grad_norms += self.descend(policy)?;
+            totals.steps += 1;
+        }
+        Ok(true)
     }
 
     /// The encoder is trained at a rate of its own: its drift under the critic's loss moves the actor, too.
@@ -221,16 +212,15 @@ impl Ppo {
         Ok(sums)
     }
 
-    /// Clips the gradient and takes a step; returns the norm before clipping.
-    fn descend(
-        &mut self,
-        policy: &mut ActorCriticPolicy,
-        groups: &[ParamGroup],
-    ) -> Result<f64, RlError> {
+    /// Clips the gradient, takes a step and keeps exploration above its floor; returns the norm
+    /// before clipping.
+    fn descend(&mut self, policy: &mut ActorCriticPolicy) -> Result<f64, RlError> {
         let norm = clip_global_norm(&mut self.gradient, self.settings.max_grad_norm);
         check_finite("the norm of the gradient", norm)?;
+        let groups = self.groups(policy);
         self.optimiser
-            .step(groups, policy.params_mut(), &self.gradient);
+            .step(&groups, policy.params_mut(), &self.gradient);
+        policy.raise_log_std(self.settings.min_log_std);
         Ok(norm)
     }
 }
@@ -246,6 +236,7 @@ impl Rollout {
             &mut self.advantages,
             &mut self.returns,
         )?;
+        check_all_finite("a return", &self.returns)?;
         self.actions.clear();
         self.actions
             .extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
@@ -253,60 +244,6 @@ impl Rollout {
         self.order.extend(0..buffer.samples());
         Ok(())
     }
-}
-
-/// Running sums of an update.
-#[derive(Default)]
-struct Totals {
-    losses: LossSums,
-    grad_norms: f64,
-    steps: usize,
-    epochs: usize,
-}
-
-impl Totals {
-    fn stats(
-        &self,
-        rollout: &Rollout,
-        buffer: &RolloutBuffer,
-        policy: &ActorCriticPolicy,
-    ) -> UpdateStats {
-        let mean = |sum: f64| sum / self.losses.samples;
-        UpdateStats {
-            policy_loss: mean(self.losses.policy),
-            value_loss: mean(self.losses.value),
-            entropy: mean(self.losses.entropy),
-            approx_kl: mean(self.losses.kl),
-            clip_fraction: mean(self.losses.clipped),
-            explained_variance: explained_variance(&buffer.decisions().values, &rollout.returns),
-            grad_norm: self.grad_norms / self.steps.max(1) as f64,
-            steps: self.steps,
-            epochs: self.epochs,
-            log_std: policy.log_std().to_vec(),
-        }
-    }
-}
-
-/// 1 - Var(return - value) / Var(return); 0 when the returns do not vary.
-fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
-    let total = variance(returns.iter().map(|&r| f64::from(r)));
-    let residual = variance(
-        returns
-            .iter()
-            .zip(values)
-            .map(|(&r, &v)| f64::from(r) - f64::from(v)),
-    );
-    if total > 0.0 {
-        1.0 - residual / total
-    } else {
-        0.0
-    }
-}
-
-fn variance(numbers: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
-    let count = numbers.len() as f64;
-    let mean = numbers.clone().sum::<f64>() / count;
-    numbers.map(|x| (x - mean).powi(2)).sum::<f64>() / count
 }
 
 fn loss_weights(settings: &PpoSettings) -> LossWeights {
@@ -324,24 +261,28 @@ fn shuffle(order: &mut [usize], rng: &mut ChaCha8Rng) {
     }
 }
 
+/// A negative second moment has no root: the next step would be NaN.
+fn check_second_moment(state: &AlgorithmState<'_>) -> Result<(), RlError> {
+    let moments = state
+        .tensors
+        .iter()
+        .filter(|(name, _)| *name == SECOND_MOMENT);
+    let mut numbers = moments.flat_map(|(_, values)| values.iter());
+    match numbers.find(|&&v| v < 0.0) {
+        Some(&value) => Err(RlError::Damaged {
+            name: SECOND_MOMENT.to_owned(),
+            value: value.into(),
+            expected: "no negative number",
+        }),
+        None => Ok(()),
+    }
+}
+
 fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
     if got == expected {
         Ok(())
     } else {
         Err(RlError::Parameters { got, expected })
-    }
-}
-
-fn check_spec(policy: &ActorCriticPolicy, buffer: &RolloutBuffer) -> Result<(), RlError> {
-    let (ours, theirs) = (policy.network().spec(), buffer.spec());
-    let equal = [
-        ("image", ours.image == theirs.image),
-        ("vector", ours.vector == theirs.vector),
-        ("action", ours.action == theirs.action),
-    ];
-    match equal.iter().find(|(_, equal)| !equal) {
-        Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
-        None => Ok(()),
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::RlError;
-use crate::network_settings::require;
+use crate::require::{require, require_positive};
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
 ///
@@ -35,6 +35,13 @@ pub struct PpoSettings {
     pub encoder_learning_rate: f32,
     /// Adam's epsilon, above 0.
     pub adam_epsilon: f32,
+    /// The logarithm of a standard deviation is never below this, in [-10, 2]: each step of the
+    /// update ends with raising it to here, so that exploration cannot vanish.
+    ///
+    /// The default is that of CleanRL's soft actor-critic (`LOG_STD_MIN = -5`): noise of 0.7 % of
+    /// an action's unit. Training stays far above it; the published policies end between -1.4 and
+    /// -0.4. Much below -10, actions in f32 are too coarse for their own density.
+    pub min_log_std: f32,
 }
 
 impl PpoSettings {
@@ -54,16 +61,19 @@ impl PpoSettings {
             head_learning_rate: 3e-4,
             encoder_learning_rate: 3e-4,
             adam_epsilon: 1e-5,
+            min_log_std: -5.0,
         }
     }
 
-    /// The paper's, with what learned faster here: learning rates of 1e-3 for the heads and 1e-4 for the encoder and a value weight of
-    /// 0.1, from this project's feasibility study (docs/ppo.md); a discount of 0.95 and 12 passes instead of 8, from the comparisons in
+    /// The paper's, with what learned faster here: learning rates of 1e-3 for the heads and 1e-4
+    /// for the encoder and a value weight of 0.1, from this project's feasibility study
+    /// (docs/ppo.md); a discount of 0.95 and 12 passes instead of 8, from the comparisons in
     /// docs/results/covers.md.
     ///
-    /// A slow encoder keeps the KL divergence of an update below its limit. Values of many decisions ahead are large, so at a weight
-    /// of 0.5 their error takes up almost all of the clipped gradient, and mean actions wander. Rewards are dense and episodes last
-    /// 50 decisions: looking 20 ahead is enough, and the advantages are less noisy.
+    /// A slow encoder keeps the KL divergence of an update below its limit. Values of many decisions
+    /// ahead are large, so at a weight of 0.5 their error takes up almost all of the clipped
+    /// gradient, and mean actions wander. Rewards are dense and episodes last 50 decisions: looking
+    /// 20 ahead is enough, and the advantages are less noisy.
     pub fn measured() -> Self {
         Self {
             gamma: 0.95,
@@ -111,18 +121,19 @@ impl PpoSettings {
             ("encoder_learning_rate", self.encoder_learning_rate),
             ("adam_epsilon", self.adam_epsilon),
         ] {
-            require(
-                name,
-                value,
-                "a finite number above 0",
-                value > 0.0 && value.is_finite(),
-            )?;
+            require_positive(name, value)?;
         }
         require(
             "clip",
             self.clip,
             "a number in (0, 1)",
             self.clip > 0.0 && self.clip < 1.0,
+        )?;
+        require(
+            "min_log_std",
+            self.min_log_std,
+            "a number in [-10, 2]",
+            (-10.0..=2.0).contains(&self.min_log_std),
         )?;
         require("epochs", self.epochs as f32, "at least 1", self.epochs >= 1)?;
         require(

@@ -1,19 +1,21 @@
-//! Collection of experience: T steps of N environments with the stochastic policy.
+//! Collection of experience: T steps of N environments with sampled actions.
 
 use rand_chacha::ChaCha8Rng;
 
-use crate::buffer::RolloutBuffer;
-use crate::env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use crate::env::{Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len};
-use crate::policy::{Decisions, Policy};
+use crate::experience::Experience;
+use crate::policy::{Actor, Memory};
 
 /// Where N environments stand between two rollouts. The fields are the whole state.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RolloutState {
-    /// What the policy acts on next.
+pub struct RolloutState<M = ()> {
+    /// What the actor acts on next.
     pub observations: Observations,
     /// The running episodes so far, `[N]`.
     pub episodes: Vec<Episode>,
+    /// What the actor remembers of them.
+    pub memory: M,
 }
 
 /// One episode: so far, or as it ended.
@@ -63,26 +65,34 @@ impl RolloutStats {
     }
 }
 
-impl RolloutState {
-    /// Starts an episode in every environment.
+impl<M: Memory> RolloutState<M> {
+    /// Starts an episode in every environment, with a fresh memory of `actor`.
     ///
     /// # Errors
-    /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes of its output.
-    pub fn reset(env: &mut dyn VectorEnv) -> Result<Self, RlError> {
+    /// [`RlError::Environment`] when the reset fails, [`RlError::Shape`] when it changes the sizes
+    /// of its output, [`RlError::NotFinite`] for vectors that are not numbers.
+    pub fn reset<A: Actor<Memory = M>>(
+        env: &mut dyn VectorEnv,
+        actor: &A,
+    ) -> Result<Self, RlError> {
         let spec = env.spec().clone();
         spec.check()?;
         let mut observations = Observations::new(&spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
+        observations.check_finite()?;
         Ok(Self {
             observations,
             episodes: (0..spec.num_envs).map(fresh).collect(),
+            memory: actor.memory(spec.num_envs),
         })
     }
 
-    /// Books one step and moves on to its observations; episodes that ended go to `ended`.
-    pub(crate) fn advance(&mut self, transition: &mut Transition, ended: &mut Vec<Episode>) {
+    /// Books one step and moves on to its observations; returns the episodes that ended, which the
+    /// memory has then forgotten.
+    pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<Episode> {
         std::mem::swap(&mut self.observations, &mut transition.observations);
+        let mut ended = Vec::new();
         for (n, episode) in self.episodes.iter_mut().enumerate() {
             episode.length += 1;
             episode.total_reward += f64::from(transition.rewards[n]);
@@ -90,9 +100,22 @@ impl RolloutState {
             episode.success_at_end = transition.success_at_end[n];
             if transition.outcomes[n].ended() {
                 ended.push(std::mem::replace(episode, fresh(n)));
+                self.memory.forget(n);
             }
         }
+        ended
     }
+}
+
+/// Lets the environments execute `actions` and checks what they say.
+pub(crate) fn step(
+    env: &mut dyn VectorEnv,
+    actions: &[f32],
+    transition: &mut Transition,
+) -> Result<(), RlError> {
+    env.step(actions, transition)
+        .map_err(RlError::Environment)?;
+    transition.check(env.spec())
 }
 
 fn fresh(env: usize) -> Episode {
@@ -102,66 +125,39 @@ fn fresh(env: usize) -> Episode {
     }
 }
 
-/// Clears `buffer`, runs the stochastic policy for its T steps (T * N decisions) from `state` on, and finishes it with
-/// the values that advantages need. Environments restart by themselves; episodes may span rollouts.
+/// Lets `actor` act in the environments from `state` on, for as many steps as `experience` wants,
+/// and fills `experience` with them. Environments restart by themselves.
+///
+/// Episodes span collections where the same `state` is passed again. Where every collection begins
+/// with a reset instead, it must last as long as an episode: a shorter one never sees late states,
+/// nothing is learnt of them, and no episode ends, so that returns are `None`. rl cannot know that
+/// from here; [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon) refuses it.
 ///
 /// # Errors
-/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when the sizes of environment, policy, state and
-/// buffer differ, [`RlError::NotFinite`] for a reward that is not a number.
-pub fn collect<P: Policy>(
+/// [`RlError::Environment`] when a step fails, [`RlError::Shape`] or [`RlError::SpecMismatch`] when
+/// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for rewards,
+/// observations or decisions that are not numbers.
+pub fn collect<A: Actor, E: Experience<A>>(
     env: &mut dyn VectorEnv,
-    policy: &mut P,
-    buffer: &mut RolloutBuffer,
-    state: &mut RolloutState,
+    actor: &mut A,
+    experience: &mut E,
+    state: &mut RolloutState<A::Memory>,
     rng: &mut ChaCha8Rng,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
     check_len("episodes", "[N]", state.episodes.len(), spec.num_envs)?;
-    let mut scratch = Scratch::new(&spec);
-    let mut ended = Vec::new();
-    buffer.clear();
-    for _ in 0..buffer.steps() {
-        policy.act(&state.observations, rng, &mut scratch.decisions)?;
-        env.step(&scratch.decisions.actions, &mut scratch.transition)
-            .map_err(RlError::Environment)?;
-        scratch.value_truncated(policy)?;
-        buffer.push(
-            &state.observations,
-            &scratch.decisions,
-            &scratch.transition,
-            &scratch.final_values,
-        )?;
-        state.advance(&mut scratch.transition, &mut ended);
+    state.observations.check(&spec, spec.num_envs)?;
+    let mut transition = Transition::new(&spec);
+    let mut stats = RolloutStats::default();
+    experience.begin(&spec)?;
+    for _ in 0..experience.steps() {
+        let (memory, observations) = (&mut state.memory, &state.observations);
+        let actions = experience.decide(actor, observations, memory, rng)?;
+        step(env, actions, &mut transition)?;
+        experience.record(actor, &state.observations, &transition)?;
+        stats.decisions += spec.num_envs;
+        stats.episodes.extend(state.advance(&mut transition));
     }
-    policy.values(&state.observations, &mut scratch.final_values)?;
-    buffer.finish(&state.observations, &scratch.final_values)?;
-    Ok(RolloutStats {
-        decisions: buffer.samples(),
-        episodes: ended,
-    })
-}
-
-/// What one step writes, reused from step to step.
-struct Scratch {
-    transition: Transition,
-    decisions: Decisions,
-    final_values: Vec<f32>,
-}
-
-impl Scratch {
-    fn new(spec: &EnvSpec) -> Self {
-        Self {
-            transition: Transition::new(spec),
-            decisions: Decisions::new(spec),
-            final_values: vec![0.0; spec.num_envs],
-        }
-    }
-
-    /// Asks for the values of the final observations where a truncation will bootstrap them.
-    fn value_truncated<P: Policy>(&mut self, policy: &mut P) -> Result<(), RlError> {
-        if self.transition.outcomes.contains(&Outcome::Truncated) {
-            policy.values(&self.transition.final_observations, &mut self.final_values)?;
-        }
-        Ok(())
-    }
+    experience.end(actor, &state.observations)?;
+    Ok(stats)
 }

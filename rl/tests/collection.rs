@@ -10,8 +10,8 @@ use rl::{
 };
 use symmetry::Irrep;
 
-/// Two environments with episodes of three steps. In the first, success holds within the second
-/// step only; in the second, within the third step and at its end.
+/// Two environments with episodes of three steps. Success holds within the last step of both, but
+/// at its end in the second alone.
 struct Scripted {
     spec: EnvSpec,
     time: usize,
@@ -53,7 +53,7 @@ impl VectorEnv for Scripted {
             return Err(FellOver.into());
         }
         self.time = self.time % 3 + 1;
-        out.success = vec![self.time == 2, self.time == 3];
+        out.success = vec![self.time == 3; 2];
         out.success_at_end = vec![false, self.time == 3];
         let over = self.time == 3;
         out.outcomes.fill(if over {
@@ -81,7 +81,7 @@ fn boxed() -> Box<dyn VectorEnv> {
 fn success_at_the_end_is_that_of_the_last_state() {
     let mut env = boxed();
     let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
-    let mut state = RolloutState::reset(&mut *env).unwrap();
+    let mut state = RolloutState::reset(&mut *env, &policy()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
     let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();

@@ -4,7 +4,10 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{ActorCriticPolicy, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Policy};
+use rl::{
+    Actor, ActorCriticPolicy, Critic, Encoder, EnvSpec, Features, NetworkSettings, Observations,
+    Values,
+};
 use symmetry::{D2, Group, Irrep};
 
 const SAMPLES: usize = 6;
@@ -98,7 +101,9 @@ fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
 /// Mean actions, values and features.
 fn outputs(policy: &mut ActorCriticPolicy, observations: &Observations) -> [Vec<f32>; 3] {
     let mut out = [5, 1, policy.feature_dim()].map(|width| vec![0.0; SAMPLES * width]);
-    policy.mean_actions(observations, &mut out[0]).unwrap();
+    policy
+        .mean_actions(observations, &mut (), &mut out[0])
+        .unwrap();
     policy.values(observations, &mut out[1]).unwrap();
     policy.features(observations, &mut out[2]).unwrap();
     out
@@ -196,7 +201,7 @@ fn the_network_for_128_pixels_is_equivariant() {
         let vectors = g.apply_xy([x, y]).map(|v| v as f32).to_vec();
         let mut out = [0.0; 2];
         policy
-            .mean_actions(&Observations { images, vectors }, &mut out)
+            .mean_actions(&Observations { images, vectors }, &mut (), &mut out)
             .unwrap();
         out
     };

@@ -8,8 +8,8 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Critic, Encoder, NetworkSettings, Ppo, PpoSettings, RolloutBuffer,
-    RolloutState, VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, Critic, Encoder, NetworkSettings, Ppo, PpoSettings,
+    RolloutBuffer, RolloutState, VectorEnv, collect,
 };
 
 const ROLLOUTS: usize = 25;
@@ -36,7 +36,7 @@ fn last_return(encoder: Encoder, learn: bool) -> f64 {
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let mut last = 0.0;
     for _ in 0..ROLLOUTS {
         let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();

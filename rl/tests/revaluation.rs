@@ -8,8 +8,9 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, Encoder, NetworkSettings, Observations, Policy, Ppo, PpoSettings,
-    RlError, RolloutBuffer, RolloutState, UpdateStats, VectorEnv, collect,
+    Actor, ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
+    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, UpdateStats, Values,
+    VectorEnv, collect,
 };
 
 const ENVS: usize = 5;
@@ -24,10 +25,10 @@ fn policy(seed: u64) -> ActorCriticPolicy {
 }
 
 /// Episodes end in the middle, and run on at the end.
-fn rollout<P: Policy>(policy: &mut P) -> RolloutBuffer {
+fn rollout<P: OnPolicy<Memory = ()>>(policy: &mut P) -> RolloutBuffer {
     let mut env = PointReach::new(ENVS, 1);
     let mut buffer = RolloutBuffer::new(env.spec(), 2 * EPISODE + 3).unwrap();
-    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut state = RolloutState::reset(&mut env, policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     collect(&mut env, policy, &mut buffer, &mut state, &mut rng).unwrap();
     buffer
@@ -39,35 +40,47 @@ struct Commented {
     critic: ActorCriticPolicy,
 }
 
-impl Policy for Commented {
-    fn feature_dim(&self) -> usize {
-        self.critic.feature_dim()
-    }
+impl Actor for Commented {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
 
     fn act(
         &mut self,
         observations: &Observations,
+        memory: &mut (),
         rng: &mut ChaCha8Rng,
-        out: &mut Decisions,
+        out: &mut [f32],
     ) -> Result<(), RlError> {
-        self.actor.act(observations, rng, out)?;
-        self.critic.assess(observations, out)
+        self.actor.act(observations, memory, rng, out)
     }
 
-    fn assess(&mut self, observations: &Observations, out: &mut Decisions) -> Result<(), RlError> {
-        self.critic.assess(observations, out)
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        memory: &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.actor.mean_actions(observations, memory, out)
     }
+}
 
-    fn mean_actions(&mut self, from: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        self.actor.mean_actions(from, out)
-    }
-
+impl Values for Commented {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         self.critic.values(observations, out)
     }
+}
 
-    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        self.critic.features(observations, out)
+impl OnPolicy for Commented {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        memory: &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        self.actor.decide(observations, memory, rng, out)?;
+        self.critic.assess(observations, out)
     }
 }
 
@@ -136,7 +149,7 @@ fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
     let mut env = PointReach::new(ENVS, 1);
     let mut buffer = rollout(&mut policy(2));
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut state = RolloutState::reset(&mut env, &policy(2)).unwrap();
     let mut twin = Commented {
         actor: policy(2),
         critic: policy(7),
@@ -145,7 +158,7 @@ fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
     buffer.revalue(&mut twin.critic).unwrap();
     let mut env = PointReach::new(ENVS, 1);
     let mut expected = rollout(&mut twin);
-    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut state = RolloutState::reset(&mut env, &policy(2)).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     collect(&mut env, &mut twin, &mut expected, &mut state, &mut rng).unwrap();
     assert!(largest_difference(&buffer, &expected) < 1e-5);

@@ -8,9 +8,9 @@ use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, Encoder, EnvSpec, Metrics, NetworkSettings, Policy, Ppo,
-    PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv,
-    collect, evaluate,
+    Actor, ActorCriticPolicy, Algorithm, AlgorithmState, Decisions, Encoder, EnvSpec, Metrics,
+    NetworkSettings, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState,
+    RolloutStats, UpdateStats, VectorEnv, collect, evaluate,
 };
 
 const ENVS: usize = 9;
@@ -36,7 +36,7 @@ fn rollout() -> Run {
     let mut policy = ActorCriticPolicy::new(&settings(), env.spec(), 2).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env).unwrap();
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
     Run {
         policy,
@@ -173,8 +173,8 @@ fn a_saved_optimiser_continues_to_the_same_bits() {
     let mut restored =
         ActorCriticPolicy::with_params(&settings(), buffer.spec(), policy.params().to_vec())
             .unwrap();
-    let mut resumed =
-        Ppo::resume(PpoSettings::default(), &restored, ppo.optimiser().clone()).unwrap();
+    let mut resumed = Ppo::new(PpoSettings::default(), &restored).unwrap();
+    resumed.restore(&ppo.save()).unwrap();
     ppo.update(&mut policy, &buffer, &mut rng.clone()).unwrap();
     resumed
         .update(&mut restored, &buffer, &mut rng.clone())
@@ -189,7 +189,7 @@ fn log_probabilities_are_those_of_the_actions_taken() {
     } = rollout();
     let mut means = vec![0.0; 2 * buffer.samples()];
     policy
-        .mean_actions(buffer.observations(), &mut means)
+        .mean_actions(buffer.observations(), &mut (), &mut means)
         .unwrap();
     let decisions = buffer.decisions();
     for i in 0..buffer.samples() {
@@ -217,7 +217,7 @@ fn what_does_not_fit_is_refused() {
         ..Decisions::new(buffer.spec())
     };
     let observations = rl::Observations::new(buffer.spec());
-    let result = policy.act(&observations, &mut rng, &mut short);
+    let result = policy.decide(&observations, &mut (), &mut rng, &mut short);
     assert!(matches!(
         result,
         Err(RlError::Shape {

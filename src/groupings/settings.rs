@@ -82,7 +82,10 @@ mod tests {
             let text = serde_json::to_string(&settings).unwrap();
             assert_eq!(read(&text).unwrap(), settings);
         }
-        for wrong in [r#""orakel""#, r#"{"threshold": {"limit": 1.0, "slack": 2.0}}"#] {
+        for wrong in [
+            r#""orakel""#,
+            r#"{"threshold": {"limit": 1.0, "slack": 2.0}}"#,
+        ] {
             assert!(read(wrong).unwrap_err().to_string().contains("unknown"));
         }
     }

@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 /// An element of D2, the symmetry group of a rectangle centred on the origin.
 ///
 /// Two bits: bit 0 flips x, bit 1 flips y. The product is the xor of the bits, so the group is
-/// commutative and every element is its own inverse. Files hold the name that [`Display`](fmt::Display) prints.
+/// commutative and every element is its own inverse. Files hold the name that
+/// [`Display`](fmt::Display) prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum D2 {
     /// Leaves everything in place.

@@ -2,13 +2,16 @@
 
 use std::ops::{Add, Neg, Range};
 
-use crate::{D2, Group, Irrep};
+use crate::d2::D2;
+use crate::group::Group;
+use crate::irrep::Irrep;
 
 /// A representation of a [`Group`], given by its multiplicity per irrep.
 ///
-/// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep. Prints and parses the
-/// notation of the papers, `8 reg + 2 x` for a type of D2 and `C2: 8 reg + 2 x` for one of a
-/// subgroup. [`Group::regular`] and [`Group::trivial`] make the common types.
+/// Channels are irrep-major: [`range`](FieldType::range) gives the channels of an irrep. A type
+/// prints and parses the notation of the papers, `8 reg + 2 x` for a type of D2 and
+/// `C2: 8 reg + 2 x` for one of a subgroup. [`Group::regular`] and [`Group::trivial`] make the
+/// common types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FieldType {
     group: Group,
@@ -17,10 +20,46 @@ pub struct FieldType {
 }
 
 impl FieldType {
+    /// Most channels that a type can have, 2^24.
+    pub const MAX_DIM: usize = 1 << 24;
+
     /// The restriction to `group` of the type of D2 with these multiplicities of 1, x, y and xy.
     ///
     /// Irreps that `group` cannot tell apart are added up.
+    ///
+    /// # Panics
+    /// Where the multiplicities add up to more than [`FieldType::MAX_DIM`].
     pub const fn new(group: Group, multiplicities: [usize; 4]) -> FieldType {
+        match FieldType::checked(group, multiplicities) {
+            Some(field) => field,
+            None => panic!("a field type has at most 2^24 channels"),
+        }
+    }
+
+    /// As [`FieldType::new`]; none where there are too many channels.
+    pub(crate) const fn checked(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
+        let (mut left, mut a) = (FieldType::MAX_DIM, 0);
+        while a < 4 {
+            match left.checked_sub(multiplicities[a]) {
+                Some(rest) => left = rest,
+                None => return None,
+            }
+            a += 1;
+        }
+        Some(FieldType::restricted(group, multiplicities))
+    }
+
+    /// The direct sum with `count` copies of `other`, which has the same group; none where there
+    /// are too many channels.
+    pub(crate) fn with_copies(&self, count: usize, other: FieldType) -> Option<FieldType> {
+        let mut multiplicities = self.multiplicities;
+        for (sum, of_one) in multiplicities.iter_mut().zip(other.multiplicities) {
+            *sum = count.checked_mul(of_one)?.checked_add(*sum)?;
+        }
+        FieldType::checked(self.group, multiplicities)
+    }
+
+    const fn restricted(group: Group, multiplicities: [usize; 4]) -> FieldType {
         let mut restricted = [0; 4];
         let mut a = 0;
         while a < 4 {
@@ -125,25 +164,58 @@ impl FieldType {
     }
 }
 
+impl Group {
+    /// The type of `fields` copies of the regular representation: every irrep `fields` times.
+    pub const fn regular(self, fields: usize) -> FieldType {
+        match self {
+            Group::C1 => FieldType::new(self, [fields, 0, 0, 0]),
+            Group::D1x | Group::C2 => FieldType::new(self, [fields, fields, 0, 0]),
+            Group::D1y => FieldType::new(self, [fields, 0, fields, 0]),
+            Group::D2 => FieldType::new(self, [fields; 4]),
+        }
+    }
+
+    /// The type of `channels` invariant channels.
+    pub const fn trivial(self, channels: usize) -> FieldType {
+        FieldType::new(self, [channels, 0, 0, 0])
+    }
+}
+
 impl Add for FieldType {
     type Output = FieldType;
 
     /// The direct sum. Its channels are irrep-major again: a sum is not a concatenation.
     ///
     /// # Panics
-    /// When the groups differ.
+    /// When the groups differ, or the sum has more than [`FieldType::MAX_DIM`] channels.
     fn add(self, other: FieldType) -> FieldType {
         assert_eq!(
             self.group, other.group,
             "`{self}` and `{other}` are types of different groups, restrict one of them"
         );
-        FieldType {
-            group: self.group,
-            multiplicities: std::array::from_fn(|a| {
-                self.multiplicities[a] + other.multiplicities[a]
-            }),
-        }
+        let sum = |a: usize| self.multiplicities[a] + other.multiplicities[a];
+        FieldType::new(self.group, std::array::from_fn(sum))
     }
+}
+
+/// Sorts the channels of a vector given in its natural order into irrep-major order under `group`.
+///
+/// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
+/// their order.
+///
+/// ```
+/// use symmetry::{Group, Irrep, irrep_order};
+///
+/// // natural order x, y, z, finger
+/// let irreps = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+/// assert_eq!(irrep_order(Group::D2, &irreps), [2, 3, 0, 1]);
+/// // flip x leaves y alone
+/// assert_eq!(irrep_order(Group::D1x, &irreps), [1, 2, 3, 0]);
+/// ```
+pub fn irrep_order(group: Group, irreps: &[Irrep]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..irreps.len()).collect();
+    order.sort_by_key(|&i| group.restrict(irreps[i]).index());
+    order
 }
 
 #[cfg(test)]
@@ -201,7 +273,7 @@ mod tests {
             let field = FieldType::new(group, [1, 2, 1, 3]);
             let irreps: Vec<Irrep> = field.irreps().collect();
             for sub in Group::ALL.into_iter().filter(|h| h.is_subgroup_of(group)) {
-                let order = crate::irrep_order(sub, &irreps);
+                let order = irrep_order(sub, &irreps);
                 for &g in sub.elements() {
                     let mut before = [1, 2, 3, 4, 5, 6, 7];
                     let mut after: Vec<i32> = order.iter().map(|&i| before[i]).collect();
@@ -242,5 +314,12 @@ mod tests {
     #[should_panic(expected = "wrong number of channels for 1 reg")]
     fn acting_on_the_wrong_number_of_channels_is_refused() {
         Group::D2.regular(1).act(D2::FlipX, &mut [0.0; 5]);
+    }
+
+    #[test]
+    fn the_order_is_stable_within_an_irrep() {
+        use Irrep::*;
+        let order = irrep_order(Group::D2, &[XY, Y, Trivial, Y, X, Trivial]);
+        assert_eq!(order, [2, 5, 4, 1, 3, 0]);
     }
 }

@@ -6,7 +6,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{D2, FieldType, Irrep};
+use crate::d2::D2;
+use crate::irrep::Irrep;
 
 /// A subgroup of D2; each is a power of Z2.
 ///
@@ -88,21 +89,6 @@ impl Group {
     /// Whether some element maps y to -y.
     pub fn flips_y(self) -> bool {
         self.elements().iter().any(|g| g.flips_y())
-    }
-
-    /// The type of `fields` copies of the regular representation: every irrep `fields` times.
-    pub const fn regular(self, fields: usize) -> FieldType {
-        match self {
-            Group::C1 => FieldType::new(self, [fields, 0, 0, 0]),
-            Group::D1x | Group::C2 => FieldType::new(self, [fields, fields, 0, 0]),
-            Group::D1y => FieldType::new(self, [fields, 0, fields, 0]),
-            Group::D2 => FieldType::new(self, [fields; 4]),
-        }
-    }
-
-    /// The type of `channels` invariant channels.
-    pub const fn trivial(self, channels: usize) -> FieldType {
-        FieldType::new(self, [channels, 0, 0, 0])
     }
 }
 

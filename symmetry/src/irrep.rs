@@ -3,13 +3,13 @@
 use std::fmt;
 use std::ops::Mul;
 
-use crate::{D2, Group};
+use crate::d2::D2;
 
 /// An irreducible representation of D2: a sign for each group element.
 ///
 /// Irrep `a` gives the element `g` the sign (-1)^popcount(a & g), on the two bits of both
-/// (Serre, "Linear Representations of Finite Groups", section 3.1: commutative groups have one-dimensional
-/// irreps). `X` and `Y` are different irreps.
+/// (Serre, "Linear Representations of Finite Groups", section 3.1: commutative groups have
+/// one-dimensional irreps). `X` and `Y` are different irreps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Irrep {
     /// Never changes sign.
@@ -65,25 +65,6 @@ impl fmt::Display for Irrep {
     }
 }
 
-/// Sorts the channels of a vector given in its natural order into irrep-major order under `group`.
-///
-/// `order[i]` is the natural index of irrep-major channel `i`; channels of one irrep keep
-/// their order.
-///
-/// ```
-/// use symmetry::{Group, Irrep, irrep_order};
-/// // natural order x, y, z, finger
-/// let irreps = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
-/// assert_eq!(irrep_order(Group::D2, &irreps), [2, 3, 0, 1]);
-/// // flip x leaves y alone
-/// assert_eq!(irrep_order(Group::D1x, &irreps), [1, 2, 3, 0]);
-/// ```
-pub fn irrep_order(group: Group, irreps: &[Irrep]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..irreps.len()).collect();
-    order.sort_by_key(|&i| group.restrict(irreps[i]).index());
-    order
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,12 +102,5 @@ mod tests {
                 assert_eq!(product, if a == b { 4 } else { 0 });
             }
         }
-    }
-
-    #[test]
-    fn the_order_is_stable_within_an_irrep() {
-        use Irrep::*;
-        let order = irrep_order(Group::D2, &[XY, Y, Trivial, Y, X, Trivial]);
-        assert_eq!(order, [2, 5, 4, 1, 3, 0]);
     }
 }

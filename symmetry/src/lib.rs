@@ -1,10 +1,10 @@
-//! The group D2 of table-top flips, its subgroups, their irreducible representations and field types.
+//! Says how vectors and images of a table top change when the table is flipped or turned.
 //!
-//! [`D2`] holds the identity, the two mirror flips of the table and the half turn. A [`Group`] is D2 or one of
-//! its subgroups: C1, D1x, D1y, C2. Irreducible representations are signs ([`Irrep`]), so
-//! a representation is fully described by its group and by how often each sign occurs ([`FieldType`]). Channel
-//! vectors are laid out irrep-major: every channel of the trivial irrep first, then of `x`, of `y`
-//! and of `xy`.
+//! [`D2`] holds the identity, the two mirror flips of the table and the half turn. A [`Group`] is
+//! D2 or one of its subgroups: C1, D1x, D1y, C2. Their irreducible representations are signs
+//! ([`Irrep`]). So a representation is fully described by its group and by how often each sign
+//! occurs ([`FieldType`]). Channel vectors are laid out irrep-major: every channel of the trivial
+//! irrep first, then of `x`, of `y` and of `xy`.
 //!
 //! Conventions shared by every crate of the workspace: world x points right and y away from
 //! the robot; images are channels-last with row 0 at the largest y and column 0 at the smallest x.
@@ -37,7 +37,7 @@ mod irrep;
 mod notation;
 
 pub use d2::D2;
-pub use field_type::FieldType;
+pub use field_type::{FieldType, irrep_order};
 pub use group::{Group, ParseGroupError};
-pub use irrep::{Irrep, irrep_order};
+pub use irrep::Irrep;
 pub use notation::ParseFieldTypeError;

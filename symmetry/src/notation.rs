@@ -2,9 +2,12 @@
 
 use std::error::Error;
 use std::fmt;
+use std::num::{IntErrorKind, ParseIntError};
 use std::str::FromStr;
 
-use crate::{FieldType, Group, Irrep, ParseGroupError};
+use crate::field_type::FieldType;
+use crate::group::{Group, ParseGroupError};
+use crate::irrep::Irrep;
 
 impl fmt::Display for FieldType {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -41,11 +44,17 @@ impl fmt::Display for FieldType {
 
 /// Why a text is not a field type; each variant holds the offending part.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ParseFieldTypeError {
     /// What stands before the colon is not a group.
     Group(ParseGroupError),
     /// A term is not a count and a representation.
     Term(String),
+    /// A term brings the type above [`FieldType::MAX_DIM`] channels.
+    TooManyChannels {
+        /// The term.
+        term: String,
+    },
     /// A representation is none of those of the group.
     Representation {
         /// The group whose representations are meant.
@@ -63,6 +72,11 @@ impl fmt::Display for ParseFieldTypeError {
                 f,
                 "got the term `{term}`, expected a count and a representation such as `8 reg`; \
                  join terms with `+`"
+            ),
+            Self::TooManyChannels { term } => write!(
+                f,
+                "got the term `{term}`, but a field type has at most {} channels in all",
+                FieldType::MAX_DIM
             ),
             Self::Representation { group, name } => {
                 let irreps = group.irreps().iter().map(|a| format!(", `{a}`"));
@@ -95,30 +109,41 @@ impl FromStr for FieldType {
             return Ok(group.trivial(0));
         }
         sum.split('+').try_fold(group.trivial(0), |sum, term| {
-            Ok(sum + parse_term(group, term.trim())?)
+            let term = term.trim();
+            let (count, field) = parse_term(group, term)?;
+            let larger = count.and_then(|count| sum.with_copies(count, field));
+            larger.ok_or_else(|| ParseFieldTypeError::TooManyChannels { term: term.into() })
         })
     }
 }
 
-fn parse_term(group: Group, term: &str) -> Result<FieldType, ParseFieldTypeError> {
+/// Parses a count, none where it is too large for any, and the type of a single representation.
+fn parse_term(group: Group, term: &str) -> Result<(Option<usize>, FieldType), ParseFieldTypeError> {
     let malformed = || ParseFieldTypeError::Term(term.to_owned());
     let (count, name) = term.split_once(' ').ok_or_else(malformed)?;
-    let count: usize = count.parse().map_err(|_| malformed())?;
-    let name = name.trim();
+    let count = match count.parse() {
+        Ok(count) => Some(count),
+        Err(error) if is_overflow(&error) => None,
+        Err(_) => return Err(malformed()),
+    };
+    Ok((count, parse_representation(group, name.trim())?))
+}
+
+fn is_overflow(error: &ParseIntError) -> bool {
+    *error.kind() == IntErrorKind::PosOverflow
+}
+
+fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
-        return Ok(group.regular(count));
+        return Ok(group.regular(1));
     }
-    let irrep = group
-        .irreps()
-        .iter()
-        .find(|irrep| irrep.to_string() == name);
+    let mut irreps = group.irreps().iter();
+    let irrep = irreps.find(|irrep| irrep.to_string() == name);
     let irrep = irrep.ok_or_else(|| ParseFieldTypeError::Representation {
         group,
         name: name.to_owned(),
     })?;
-    let mut multiplicities = [0; 4];
-    multiplicities[irrep.index()] = count;
-    Ok(FieldType::new(group, multiplicities))
+    Ok(FieldType::from_irreps(group, &[*irrep]))
 }
 
 #[cfg(test)]

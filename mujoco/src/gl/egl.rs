@@ -3,11 +3,13 @@
 use std::ffi::{CStr, c_void};
 use std::mem;
 use std::ptr;
+use std::rc::Rc;
 
 use khronos_egl as egl;
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
 
-use super::{Context, RTLD_NODELETE};
+use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
+use crate::error::ContextError;
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
 
@@ -34,7 +36,7 @@ const CONFIG: [egl::Int; 13] = [
 
 /// Which display is asked for.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Platform {
+pub(super) enum Platform {
     Surfaceless,
     Device,
 }
@@ -42,8 +44,8 @@ pub(crate) enum Platform {
 /// An EGL context, with a one-pixel buffer where the platform needs a surface.
 ///
 /// MuJoCo draws into a framebuffer object of its own, so the surface is never drawn on.
-pub(crate) struct EglContext {
-    egl: Egl,
+pub(super) struct EglContext {
+    egl: Rc<Egl>,
     library: String,
     display: egl::Display,
     surface: Option<egl::Surface>,
@@ -51,58 +53,70 @@ pub(crate) struct EglContext {
 }
 
 impl EglContext {
-    pub(crate) fn new(library: &str, platform: Platform) -> Result<Self, String> {
+    /// Makes a context, which is not current yet.
+    pub(super) fn new(library: &str, platform: Platform) -> Result<Self, ContextError> {
         let egl = open(library)?;
         let display = connect(&egl, platform)?;
-        egl.bind_api(egl::OPENGL_API)
-            .map_err(explain("OpenGL is not offered"))?;
         let config = egl.choose_first_config(display, &CONFIG);
-        let config = config.map_err(explain("configurations cannot be read"))?;
-        let config = config.ok_or("no configuration has OpenGL, 8-bit colours and 24-bit depth")?;
-        let context = egl.create_context(display, config, None, &[egl::NONE]);
-        let context = context.map_err(explain("no context"))?;
+        let config = config.map_err(explain("eglChooseConfig"))?;
+        let config = config.ok_or(ContextError::NoConfiguration)?;
         let mut made = Self {
-            egl,
+            context: create_context(&egl, display, config)?,
+            egl: Rc::new(egl),
             library: library.into(),
             display,
             surface: None,
-            context,
         };
         if platform == Platform::Device {
             made.add_surface(config)?;
         }
-        made.make_current()?;
         Ok(made)
     }
 
-    fn add_surface(&mut self, config: egl::Config) -> Result<(), String> {
+    fn add_surface(&mut self, config: egl::Config) -> Result<(), ContextError> {
         let size = [egl::WIDTH, 1, egl::HEIGHT, 1, egl::NONE];
         let surface = self.egl.create_pbuffer_surface(self.display, config, &size);
-        self.surface = Some(surface.map_err(explain("no pixel buffer"))?);
+        self.surface = Some(surface.map_err(explain("eglCreatePbufferSurface"))?);
         Ok(())
     }
 
     fn is_current(&self) -> bool {
         self.egl.get_current_context() == Some(self.context)
     }
+
+    /// What it takes to make the thread's current context current again.
+    fn previous(&self, context: egl::Context) -> Previous {
+        let egl = Rc::clone(&self.egl);
+        let display = egl.get_current_display().unwrap_or(self.display);
+        let draw = egl.get_current_surface(egl::DRAW);
+        let read = egl.get_current_surface(egl::READ);
+        Previous::new(move || {
+            egl.make_current(display, draw, read, Some(context))
+                .map_err(explain("eglMakeCurrent"))
+        })
+    }
 }
 
 impl Context for EglContext {
-    fn make_current(&self) -> Result<(), String> {
-        if self.is_current() {
-            return Ok(());
+    fn enter(&self) -> Result<Previous, ContextError> {
+        let current = self.egl.get_current_context();
+        if current == Some(self.context) {
+            return Ok(Previous::nothing());
         }
-        let current =
-            self.egl
-                .make_current(self.display, self.surface, self.surface, Some(self.context));
-        current.map_err(|error| error.to_string())
+        let foreign = current.filter(|context| !is_ours(context.as_ptr()));
+        let previous = foreign.map_or_else(Previous::nothing, |context| self.previous(context));
+        self.egl
+            .make_current(self.display, self.surface, self.surface, Some(self.context))
+            .map_err(explain("eglMakeCurrent"))?;
+        remember(self.context.as_ptr());
+        Ok(previous)
     }
 
-    fn publish(&self) -> Result<(), String> {
+    fn publish(&self) -> Result<(), ContextError> {
         // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
         let visible =
             unsafe { Library::open(Some(&self.library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
-        visible.map(|_| ()).map_err(|error| error.to_string())
+        visible.map(|_| ()).map_err(unusable(&self.library))
     }
 
     fn function(&self, name: &CStr) -> *const c_void {
@@ -118,6 +132,7 @@ impl Drop for EglContext {
     fn drop(&mut self) {
         // the display is shared by every context of the process, so it is never terminated;
         // an error here has nobody to go to
+        forget(self.context.as_ptr());
         if self.is_current() {
             let _ = self.egl.make_current(self.display, None, None, None);
         }
@@ -128,24 +143,38 @@ impl Drop for EglContext {
     }
 }
 
-fn open(library: &str) -> Result<Egl, String> {
+fn open(library: &str) -> Result<Egl, ContextError> {
     // SAFETY: loading EGL runs no initialisers with preconditions. It stays loaded, because Mesa's
     // thread-exit handlers crash once it is gone.
     let opened = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE) };
-    let opened = opened.map_err(|error| error.to_string())?;
+    let opened = opened.map_err(unusable(library))?;
     // SAFETY: the library exports EGL's functions with EGL's signatures.
-    unsafe { Egl::load_required_from(opened.into()) }
-        .map_err(|error| format!("no EGL 1.5: {error}"))
+    unsafe { Egl::load_required_from(opened.into()) }.map_err(unusable(library))
 }
 
-fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, String> {
+/// Makes a context of desktop OpenGL; the thread's choice of API stays as it was.
+fn create_context(
+    egl: &Egl,
+    display: egl::Display,
+    config: egl::Config,
+) -> Result<egl::Context, ContextError> {
+    let api = egl.query_api();
+    egl.bind_api(egl::OPENGL_API)
+        .map_err(explain("eglBindAPI"))?;
+    let context = egl.create_context(display, config, None, &[egl::NONE]);
+    let context = context.map_err(explain("eglCreateContext"));
+    egl.bind_api(api).map_err(explain("eglBindAPI"))?;
+    context
+}
+
+fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> {
     let offered = egl.query_string(None, egl::EXTENSIONS);
     let offered = offered
-        .map_err(explain("extensions cannot be read"))?
+        .map_err(explain("eglQueryString"))?
         .to_string_lossy();
-    let require = |name: &str| match offered.contains(name) {
+    let require = |name: &'static str| match offered.contains(name) {
         true => Ok(()),
-        false => Err(format!("{name} is not offered")),
+        false => Err(ContextError::Extension { name }),
     };
     if platform == Platform::Surfaceless {
         require("EGL_MESA_platform_surfaceless")?;
@@ -153,7 +182,7 @@ fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, String> {
     }
     require("EGL_EXT_platform_device")?;
     require("EGL_EXT_device_enumeration")?;
-    let mut last = Err("no device is listed".into());
+    let mut last = Err(ContextError::NoDevice);
     for device in devices(egl)? {
         last = initialised(egl, PLATFORM_DEVICE_EXT, device);
         if last.is_ok() {
@@ -167,22 +196,21 @@ fn initialised(
     egl: &Egl,
     platform: egl::Enum,
     native: *mut c_void,
-) -> Result<egl::Display, String> {
+) -> Result<egl::Display, ContextError> {
     // SAFETY: `native` is what the platform takes: the default display, or a device that EGL listed.
     let display = unsafe { egl.get_platform_display(platform, native, &[egl::ATTRIB_NONE]) };
-    let display = display.map_err(explain("no display"))?;
-    egl.initialize(display)
-        .map_err(explain("the display cannot be initialised"))?;
+    let display = display.map_err(explain("eglGetPlatformDisplay"))?;
+    egl.initialize(display).map_err(explain("eglInitialize"))?;
     Ok(display)
 }
 
 /// Graphics devices, as `eglQueryDevicesEXT` lists them.
-fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, String> {
+fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     type QueryDevices =
         unsafe extern "system" fn(egl::Int, *mut *mut c_void, *mut egl::Int) -> egl::Boolean;
-    let function = egl
-        .get_proc_address("eglQueryDevicesEXT")
-        .ok_or("no eglQueryDevicesEXT")?;
+    let name = "eglQueryDevicesEXT";
+    let function = egl.get_proc_address(name);
+    let function = function.ok_or(ContextError::Extension { name })?;
     // SAFETY: the extension, which the caller has found on offer, declares this signature.
     let query = unsafe { mem::transmute::<extern "system" fn(), QueryDevices>(function) };
     let mut devices = [ptr::null_mut(); 16];
@@ -196,12 +224,17 @@ fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, String> {
         )
     };
     if done == egl::FALSE {
-        Err("devices cannot be listed".into())
-    } else {
-        Ok(devices[..count as usize].to_vec())
+        return Err(egl
+            .get_error()
+            .map_or(ContextError::NoDevice, explain(name)));
     }
+    Ok(devices[..count as usize].to_vec())
 }
 
-fn explain(what: &'static str) -> impl Fn(egl::Error) -> String {
-    move |error| format!("{what}: {error}")
+fn explain(call: &'static str) -> impl Fn(egl::Error) -> ContextError {
+    move |error| ContextError::Egl {
+        call,
+        code: error.native(),
+        meaning: error.to_string(),
+    }
 }

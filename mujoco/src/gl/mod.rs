@@ -5,34 +5,24 @@
 //! Hence neither library is linked; each is opened privately first, and made visible only once it
 //! has given a context. From then on the process keeps to that library.
 
+mod context;
 mod egl;
 mod osmesa;
 
 use std::env;
-use std::ffi::{CStr, c_char, c_int, c_void};
-use std::fmt;
+use std::ffi::{CStr, c_char, c_void};
 use std::mem;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::error::RenderError;
+use crate::backend::Backend;
+use crate::error::{ContextError, RenderError};
+use context::Context;
 use egl::{EglContext, Platform};
 use osmesa::OsMesaContext;
 
-/// Way to an OpenGL context.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Backend {
-    /// EGL without any surface (Mesa), the first choice.
-    EglSurfaceless,
-    /// EGL with a pixel buffer, on the first device that offers one (a headless GPU, say).
-    EglPbuffer,
-    /// Mesa's software renderer in memory, the last resort.
-    OsMesa,
-}
+pub(crate) use context::Previous;
 
 impl Backend {
-    /// Every backend, in the order in which they are tried.
-    pub const ALL: [Self; 3] = [Self::EglSurfaceless, Self::EglPbuffer, Self::OsMesa];
-
     /// What the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or all when unset.
     ///
     /// # Errors
@@ -49,16 +39,6 @@ impl Backend {
     }
 }
 
-impl fmt::Display for Backend {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::EglSurfaceless => "EGL (surfaceless)",
-            Self::EglPbuffer => "EGL (pixel buffer)",
-            Self::OsMesa => "OSMesa",
-        })
-    }
-}
-
 fn parse_choice(value: &str) -> Result<&'static [Backend], RenderError> {
     match value {
         "" => Ok(&Backend::ALL),
@@ -68,35 +48,28 @@ fn parse_choice(value: &str) -> Result<&'static [Backend], RenderError> {
     }
 }
 
-/// What EGL and OSMesa have in common.
-trait Context {
-    /// Makes this context the thread's current one, unless it is already.
-    fn make_current(&self) -> Result<(), String>;
-    /// Lets MuJoCo find the library's way to OpenGL's functions.
-    fn publish(&self) -> Result<(), String>;
-    /// Address of an OpenGL function; NULL where it is unknown.
-    fn function(&self, name: &CStr) -> *const c_void;
-}
-
 /// An OpenGL context, bound to one thread by `Renderer: !Send`.
-pub(crate) struct GlContext(Box<dyn Context>);
+pub(crate) struct GlContext {
+    backend: Backend,
+    context: Box<dyn Context>,
+}
 
 impl GlContext {
     /// Makes a context with the first backend that works, and makes it current.
-    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, Backend), RenderError> {
+    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, Previous), RenderError> {
         Self::first_of(backends.iter().map(|&backend| (backend, backend.library())))
     }
 
     fn first_of(
         candidates: impl Iterator<Item = (Backend, &'static str)>,
-    ) -> Result<(Self, Backend), RenderError> {
+    ) -> Result<(Self, Previous), RenderError> {
         let mut in_use = library_in_use();
         let mut tried = Vec::new();
         for (backend, library) in candidates {
             match Self::open(backend, library, *in_use) {
-                Ok(context) => {
+                Ok(opened) => {
                     *in_use = Some(library);
-                    return Ok((context, backend));
+                    return Ok(opened);
                 }
                 Err(reason) => tried.push((backend, reason)),
             }
@@ -104,45 +77,66 @@ impl GlContext {
         Err(RenderError::NoContext { tried })
     }
 
-    fn open(backend: Backend, library: &str, in_use: Option<&str>) -> Result<Self, String> {
+    fn open(
+        backend: Backend,
+        library: &str,
+        in_use: Option<&str>,
+    ) -> Result<(Self, Previous), ContextError> {
         if let Some(other) = in_use.filter(|&other| other != library) {
-            return Err(format!(
-                "this process draws through {other} already, and MuJoCo loads OpenGL once"
-            ));
+            let in_use = other.into();
+            return Err(ContextError::LibraryInUse { in_use });
         }
-        let context = Self(match backend {
+        let context: Box<dyn Context> = match backend {
             Backend::EglSurfaceless => Box::new(EglContext::new(library, Platform::Surfaceless)?),
             Backend::EglPbuffer => Box::new(EglContext::new(library, Platform::Device)?),
             Backend::OsMesa => Box::new(OsMesaContext::new(library)?),
-        });
-        context.require_features()?;
-        context.0.publish()?;
-        Ok(context)
+        };
+        let previous = context.enter()?;
+        let opened = Self { backend, context };
+        match opened.prepare() {
+            Ok(()) => Ok((opened, previous)),
+            Err(reason) => {
+                drop(opened);
+                previous.restore().and(Err(reason))
+            }
+        }
+    }
+
+    /// The way that OpenGL was reached.
+    pub(crate) fn backend(&self) -> Backend {
+        self.backend
     }
 
     /// Makes this context the thread's current one, unless it is already.
-    pub(crate) fn make_current(&self) -> Result<(), String> {
-        self.0.make_current()
+    pub(crate) fn enter(&self) -> Result<Previous, RenderError> {
+        self.context.enter().map_err(|reason| RenderError::Current {
+            backend: self.backend,
+            reason,
+        })
+    }
+
+    /// Lets MuJoCo draw in this context, which is current.
+    fn prepare(&self) -> Result<(), ContextError> {
+        self.require_features()?;
+        self.context.publish()
     }
 
     /// MuJoCo would end the process for want of these.
-    fn require_features(&self) -> Result<(), String> {
-        let extensions = self
-            .string(GL_EXTENSIONS)
-            .ok_or("OpenGL reports no extensions")?;
+    fn require_features(&self) -> Result<(), ContextError> {
+        let extensions = self.string(GL_EXTENSIONS).unwrap_or_default();
         let has = |name: &&str| extensions.split(' ').any(|extension| extension == *name);
         match ["GL_ARB_framebuffer_object", "GL_ARB_vertex_buffer_object"]
-            .iter()
+            .into_iter()
             .find(|name| !has(name))
         {
             None => Ok(()),
-            Some(name) => Err(format!("OpenGL lacks {name}")),
+            Some(name) => Err(ContextError::Feature { name }),
         }
     }
 
     fn string(&self, name: u32) -> Option<String> {
         type GetString = unsafe extern "C" fn(u32) -> *const c_char;
-        let pointer = self.0.function(c"glGetString");
+        let pointer = self.context.function(c"glGetString");
         if pointer.is_null() {
             return None;
         }
@@ -163,9 +157,6 @@ impl GlContext {
 }
 
 const GL_EXTENSIONS: u32 = 0x1F03;
-
-/// Linux's flag to keep a library loaded when its last handle closes.
-const RTLD_NODELETE: c_int = 0x1000;
 
 /// The library that MuJoCo got OpenGL from; locked while a context is made, so that two threads
 /// cannot choose two libraries. MuJoCo fills its global table of OpenGL functions later, under a
@@ -216,6 +207,7 @@ mod tests {
         else {
             panic!("two OpenGL libraries in one process");
         };
-        assert!(reason.contains("libEGL.so.1"), "{reason}");
+        let in_use = "libEGL.so.1".into();
+        assert_eq!(reason, ContextError::LibraryInUse { in_use });
     }
 }

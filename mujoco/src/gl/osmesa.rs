@@ -5,9 +5,11 @@ use std::ptr::{self, NonNull};
 
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
 
-use super::{Context, RTLD_NODELETE};
+use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
+use crate::error::ContextError;
 
 const OSMESA_RGBA: u32 = 0x1908;
+const OSMESA_TYPE: c_int = 0x23;
 const GL_UNSIGNED_BYTE: u32 = 0x1401;
 const DEPTH_BITS: c_int = 24;
 const STENCIL_BITS: c_int = 8;
@@ -17,13 +19,18 @@ type Raw = *mut c_void;
 type Create = unsafe extern "C" fn(u32, c_int, c_int, c_int, Raw) -> Raw;
 type MakeCurrent = unsafe extern "C" fn(Raw, Raw, u32, c_int, c_int) -> u8;
 type GetCurrent = unsafe extern "C" fn() -> Raw;
+type GetInteger = unsafe extern "C" fn(c_int, *mut c_int);
+type GetBuffer = unsafe extern "C" fn(Raw, *mut c_int, *mut c_int, *mut c_int, *mut Raw) -> u8;
 type Destroy = unsafe extern "C" fn(Raw);
 type GetFunction = unsafe extern "C" fn(*const c_char) -> *const c_void;
 
+#[derive(Clone, Copy)]
 struct Functions {
     create: Create,
     make_current: MakeCurrent,
     get_current: GetCurrent,
+    get_integer: GetInteger,
+    get_buffer: GetBuffer,
     destroy: Destroy,
     get_function: GetFunction,
 }
@@ -31,22 +38,21 @@ struct Functions {
 /// An OSMesa context on a one-pixel buffer.
 ///
 /// MuJoCo draws into a framebuffer object of its own, so the buffer is never drawn on.
-pub(crate) struct OsMesaContext {
+pub(super) struct OsMesaContext {
     functions: Functions,
     library: String,
     context: NonNull<c_void>,
-    // OSMesa keeps its address while the context is current
-    pixel: Box<[u8; 4]>,
+    // last, so that it outlives the context
+    pixel: Pixel,
 }
 
 impl OsMesaContext {
-    pub(crate) fn new(library: &str) -> Result<Self, String> {
+    /// Makes a context, which is not current yet.
+    pub(super) fn new(library: &str) -> Result<Self, ContextError> {
         if is_visible(c"eglGetProcAddress") {
-            return Err(
-                "the program is linked to EGL, which MuJoCo would use with OSMesa's context".into(),
-            );
+            return Err(ContextError::LinkedToEgl);
         }
-        let functions = open(library).map_err(|error| error.to_string())?;
+        let functions = open(library).map_err(unusable(library))?;
         // SAFETY: valid format and sizes, and no context to share with.
         let context = unsafe {
             (functions.create)(
@@ -57,45 +63,40 @@ impl OsMesaContext {
                 ptr::null_mut(),
             )
         };
-        let context = NonNull::new(context).ok_or("OSMesaCreateContextExt gave no context")?;
-        let made = Self {
+        let call = "OSMesaCreateContextExt";
+        Ok(Self {
             functions,
             library: library.into(),
-            context,
-            pixel: Box::new([0; 4]),
-        };
-        made.make_current()?;
-        Ok(made)
-    }
-
-    fn is_current(&self) -> bool {
-        // SAFETY: takes nothing; gives NULL where no context is current.
-        unsafe { (self.functions.get_current)() == self.context.as_ptr() }
+            context: NonNull::new(context).ok_or(ContextError::OsMesa { call })?,
+            pixel: Pixel::new(),
+        })
     }
 }
 
 impl Context for OsMesaContext {
-    fn make_current(&self) -> Result<(), String> {
-        if self.is_current() {
-            return Ok(());
+    fn enter(&self) -> Result<Previous, ContextError> {
+        let current = self.functions.current();
+        if current == self.context.as_ptr() {
+            return Ok(Previous::nothing());
         }
-        let pixel = self.pixel.as_ptr().cast_mut().cast();
-        // SAFETY: live context, and a buffer of one pixel that lives as long as it.
-        let done = unsafe {
-            (self.functions.make_current)(self.context.as_ptr(), pixel, GL_UNSIGNED_BYTE, 1, 1)
+        let foreign = !current.is_null() && !is_ours(current);
+        let previous = match foreign {
+            true => self.functions.previous(current)?,
+            false => Previous::nothing(),
         };
-        if done == 0 {
-            Err("OSMesaMakeCurrent failed".into())
-        } else {
-            Ok(())
-        }
+        let (context, pixel) = (self.context.as_ptr(), self.pixel.as_ptr());
+        // SAFETY: live context, and a buffer of one pixel that outlives it.
+        let done = unsafe { (self.functions.make_current)(context, pixel, GL_UNSIGNED_BYTE, 1, 1) };
+        check(done, "OSMesaMakeCurrent")?;
+        remember(context);
+        Ok(previous)
     }
 
-    fn publish(&self) -> Result<(), String> {
+    fn publish(&self) -> Result<(), ContextError> {
         // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
         let visible =
             unsafe { Library::open(Some(&self.library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
-        visible.map(|_| ()).map_err(|error| error.to_string())
+        visible.map(|_| ()).map_err(unusable(&self.library))
     }
 
     fn function(&self, name: &CStr) -> *const c_void {
@@ -106,13 +107,76 @@ impl Context for OsMesaContext {
 
 impl Drop for OsMesaContext {
     fn drop(&mut self) {
+        let context = self.context.as_ptr();
+        forget(context);
         // SAFETY: live context, released from this thread first; nothing uses it afterwards.
         unsafe {
-            if self.is_current() {
+            if self.functions.current() == context {
                 (self.functions.make_current)(ptr::null_mut(), ptr::null_mut(), 0, 0, 0);
             }
-            (self.functions.destroy)(self.context.as_ptr());
+            (self.functions.destroy)(context);
         }
+    }
+}
+
+impl Functions {
+    /// The thread's current context; NULL where there is none.
+    fn current(&self) -> Raw {
+        // SAFETY: takes nothing.
+        unsafe { (self.get_current)() }
+    }
+
+    /// What it takes to make `context`, the thread's current one, current again.
+    fn previous(self, context: Raw) -> Result<Previous, ContextError> {
+        let (mut width, mut height, mut format, mut kind) = (0, 0, 0, 0);
+        let mut buffer = ptr::null_mut();
+        // SAFETY: `context` is the current one, and each pointer is to a local variable.
+        let done = unsafe {
+            (self.get_integer)(OSMESA_TYPE, &raw mut kind);
+            (self.get_buffer)(
+                context,
+                &raw mut width,
+                &raw mut height,
+                &raw mut format,
+                &raw mut buffer,
+            )
+        };
+        check(done, "OSMesaGetColorBuffer")?;
+        Ok(Previous::new(move || {
+            // SAFETY: the program had this context current with this buffer a moment ago, and has
+            // had no chance to free either.
+            let done = unsafe {
+                (self.make_current)(context, buffer, kind.cast_unsigned(), width, height)
+            };
+            check(done, "OSMesaMakeCurrent")
+        }))
+    }
+}
+
+/// A buffer of one pixel at a fixed address, which OSMesa keeps and may write to.
+struct Pixel(NonNull<[u8; 4]>);
+
+impl Pixel {
+    fn new() -> Self {
+        Self(NonNull::from(Box::leak(Box::new([0; 4]))))
+    }
+
+    fn as_ptr(&self) -> Raw {
+        self.0.as_ptr().cast()
+    }
+}
+
+impl Drop for Pixel {
+    fn drop(&mut self) {
+        // SAFETY: the pointer came from a leaked box, and OSMesa's context is gone.
+        drop(unsafe { Box::from_raw(self.0.as_ptr()) });
+    }
+}
+
+fn check(done: u8, call: &'static str) -> Result<(), ContextError> {
+    match done {
+        0 => Err(ContextError::OsMesa { call }),
+        _ => Ok(()),
     }
 }
 
@@ -131,6 +195,8 @@ fn open(library: &str) -> Result<Functions, libloading::Error> {
             create: *opened.get::<Create>(b"OSMesaCreateContextExt\0")?,
             make_current: *opened.get::<MakeCurrent>(b"OSMesaMakeCurrent\0")?,
             get_current: *opened.get::<GetCurrent>(b"OSMesaGetCurrentContext\0")?,
+            get_integer: *opened.get::<GetInteger>(b"OSMesaGetIntegerv\0")?,
+            get_buffer: *opened.get::<GetBuffer>(b"OSMesaGetColorBuffer\0")?,
             destroy: *opened.get::<Destroy>(b"OSMesaDestroyContext\0")?,
             get_function: *opened.get::<GetFunction>(b"OSMesaGetProcAddress\0")?,
         })

@@ -1,106 +1,158 @@
 //! Pictures over a backdrop: what stands still is drawn once, what moves is drawn over it.
 
-use super::{Renderer, View, check_opengl};
+use super::{CameraView, Renderer, check_opengl};
 use crate::data::Data;
 use crate::error::RenderError;
 use crate::raw;
+use crate::renderer_id::RendererId;
 
 /// What a camera sees of the geoms that no joint moves, and how far away it is.
+///
+/// It belongs to the renderer that drew it.
 #[derive(Clone, Debug, Default)]
 pub struct Backdrop {
-    /// How it was drawn; none before that.
-    view: Option<View>,
+    /// Who drew it and how; none before that, and while it is being drawn.
+    drawn: Option<(RendererId, CameraView)>,
+    /// Where camera and lights were.
+    viewpoint: Viewpoint,
     /// `[H, W, 3]`, bottom row first, in the view's mirror.
     rgb: Vec<u8>,
     /// `[H, W]`, as OpenGL measures it.
     depth: Vec<f32>,
-    /// The last picture over it, and where the moving geoms were: position and rotation of each.
+    /// The last picture over it, `[H, W, 3]`.
     last: Vec<u8>,
-    poses: Vec<[f32; 12]>,
+    /// Where the moving geoms of the last picture were; none where that picture is not whole.
+    last_poses: Option<Vec<Pose>>,
 }
+
+/// Position, direction and upward direction of the two eyes and the lights; lights have no upward
+/// direction.
+type Viewpoint = Vec<[[f32; 3]; 3]>;
+
+/// Position and rotation matrix of a geom, as MuJoCo's scene holds them.
+type Pose = ([f32; 3], [f32; 9]);
 
 impl Renderer {
     /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over`].
+    ///
+    /// After an error the backdrop holds no picture.
     ///
     /// # Errors
     /// As [`Renderer::render`].
     pub fn draw_backdrop(
         &mut self,
         data: &mut Data,
-        view: impl Into<View>,
+        view: impl Into<CameraView>,
         backdrop: &mut Backdrop,
     ) -> Result<(), RenderError> {
         let view = view.into();
+        backdrop.drawn = None;
+        backdrop.last_poses = None;
         backdrop.rgb.resize(self.image_len(), 0);
         backdrop.depth.resize(self.image_len() / 3, 0.0);
         self.check_arguments(data, view.camera, &backdrop.rgb)?;
-        self.make_current()?;
-        self.update_scene(data, view, raw::mjCAT_STATIC)?;
-        backdrop.view = Some(view);
-        backdrop.last.clear();
-        self.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
-        check_opengl("drawing a backdrop")
+        self.in_own_context(|renderer| {
+            renderer.update_scene(data, view, raw::mjCAT_STATIC)?;
+            backdrop.viewpoint.clear();
+            backdrop.viewpoint.extend(renderer.viewpoint());
+            renderer.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
+            check_opengl("drawing a backdrop")
+        })?;
+        backdrop.drawn = Some((self.id(), view));
+        Ok(())
     }
 
-    /// As [`Renderer::render`] with the view of `backdrop`, to the same bits, but draws only the geoms that joints move; the others are taken from
-    /// there, and everything where none has moved since the last picture. That holds as long as nothing has moved the
-    /// others since the backdrop was drawn, as setting a mocap body does.
+    /// As [`Renderer::render`] with the view of `backdrop`, to the same bits, but draws only the
+    /// geoms that joints move. The others are taken from the backdrop, and everything is taken
+    /// from the last picture over it where no geom has moved since.
     ///
-    /// Where a moving geom is transparent, or there are shadows, everything is drawn.
+    /// That holds as long as nothing has moved the other geoms since the backdrop was drawn, as
+    /// setting a mocap body does. Everything is drawn where a moving geom is transparent, where
+    /// there are shadows or skins, and where the camera or a light has moved.
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Buffer`] for a backdrop of another size, [`RenderError::NoBackdrop`] for one that was never drawn.
+    /// As [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never drawn,
+    /// [`RenderError::OtherRenderer`] for one that another renderer drew.
     pub fn render_over(
         &mut self,
         data: &mut Data,
         backdrop: &mut Backdrop,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        let view = backdrop.view.ok_or(RenderError::NoBackdrop)?;
-        self.check_arguments(data, view.camera, &backdrop.rgb)?;
+        let view = self.view_of(backdrop)?;
         self.check_arguments(data, view.camera, out)?;
-        self.make_current()?;
-        self.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
-        if self.shadows || self.is_transparent() {
-            return self.render(data, view, out);
-        }
-        if self.have_moved(backdrop) {
-            backdrop.last.resize(out.len(), 0);
-            let mut depth = std::mem::take(&mut self.depth);
-            depth.resize(backdrop.depth.len(), 0.0);
-            self.draw(&mut backdrop.last, Some(&mut depth));
-            compose(&mut backdrop.last, &backdrop.rgb, &depth, &backdrop.depth);
-            view.mirror.turn_back(&mut backdrop.last, self.width);
-            self.depth = depth;
-        }
-        out.copy_from_slice(&backdrop.last);
-        check_opengl("drawing over a backdrop")
+        self.in_own_context(|renderer| {
+            renderer.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
+            if renderer.must_draw_all(backdrop) {
+                return renderer.draw_all(data, view, out);
+            }
+            renderer.draw_over(backdrop, view)?;
+            out.copy_from_slice(&backdrop.last);
+            Ok(())
+        })
     }
 
-    /// Whether the scene differs from that of the last picture over `backdrop`, which is taken note of.
-    fn have_moved(&self, backdrop: &mut Backdrop) -> bool {
-        let poses = self.geoms().iter().map(|geom| {
-            let mut pose = [0.0; 12];
-            pose[..3].copy_from_slice(&geom.pos);
-            pose[3..].copy_from_slice(&geom.mat);
-            pose
-        });
-        if !backdrop.last.is_empty() && backdrop.poses.iter().copied().eq(poses.clone()) {
-            return false;
+    /// The view of a backdrop that this renderer has drawn.
+    fn view_of(&self, backdrop: &Backdrop) -> Result<CameraView, RenderError> {
+        let (drawn_by, view) = backdrop.drawn.ok_or(RenderError::NoBackdrop)?;
+        match drawn_by == self.id() {
+            true => Ok(view),
+            false => Err(RenderError::OtherRenderer {
+                drawn_by,
+                used_by: self.id(),
+            }),
         }
-        backdrop.poses.clear();
-        backdrop.poses.extend(poses);
-        true
     }
 
-    /// Whether a geom of the scene lets others shine through.
-    fn is_transparent(&self) -> bool {
-        self.geoms().iter().any(|geom| geom.rgba[3] < 1.0)
+    /// Brings the last picture over `backdrop` up to date with the scene.
+    fn draw_over(&mut self, backdrop: &mut Backdrop, view: CameraView) -> Result<(), RenderError> {
+        if !self.has_moved(backdrop) {
+            return check_opengl("drawing over a backdrop");
+        }
+        // until the picture is known to be whole, no poses go with it
+        let mut poses = backdrop.last_poses.take().unwrap_or_default();
+        let mut depth = std::mem::take(&mut self.depth);
+        depth.resize(backdrop.depth.len(), 0.0);
+        backdrop.last.resize(backdrop.rgb.len(), 0);
+        self.draw(&mut backdrop.last, Some(&mut depth));
+        compose(&mut backdrop.last, &backdrop.rgb, &depth, &backdrop.depth);
+        view.mirror.turn_back(&mut backdrop.last, self.width);
+        self.depth = depth;
+        check_opengl("drawing over a backdrop")?;
+        poses.clear();
+        poses.extend(self.poses());
+        backdrop.last_poses = Some(poses);
+        Ok(())
+    }
+
+    /// Whether the scene differs from that of the last picture over `backdrop`.
+    fn has_moved(&self, backdrop: &Backdrop) -> bool {
+        let last = backdrop.last_poses.as_ref();
+        !last.is_some_and(|last| last.iter().copied().eq(self.poses()))
+    }
+
+    fn poses(&self) -> impl Iterator<Item = Pose> {
+        self.geoms().iter().map(|geom| (geom.pos, geom.mat))
+    }
+
+    /// Whether what moves changes the picture of what stands still.
+    fn must_draw_all(&self, backdrop: &Backdrop) -> bool {
+        let transparent = || self.geoms().iter().any(|geom| geom.rgba[3] < 1.0);
+        let has_moved = || !backdrop.viewpoint.iter().copied().eq(self.viewpoint());
+        self.shadows || self.scene.nskin > 0 || transparent() || has_moved()
+    }
+
+    fn viewpoint(&self) -> impl Iterator<Item = [[f32; 3]; 3]> {
+        let eyes = self.scene.camera.iter();
+        let eyes = eyes.map(|eye| [eye.pos, eye.forward, eye.up]);
+        let lights = self.scene.lights[..self.scene.nlight as usize].iter();
+        eyes.chain(lights.map(|light| [light.pos, light.dir, [0.0; 3]]))
     }
 
     pub(super) fn geoms(&self) -> &[raw::mjvGeom] {
         let count = self.scene.ngeom as usize;
-        // SAFETY: MuJoCo has filled `ngeom` entries of the array, which only `update_scene` writes to.
+        // SAFETY: MuJoCo has filled `ngeom` entries of the array, which only `update_scene` and
+        // `reflect_scene` write to.
         unsafe { std::slice::from_raw_parts(self.scene.geoms, count) }
     }
 }

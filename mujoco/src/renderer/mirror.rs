@@ -7,9 +7,10 @@ use crate::raw;
 
 /// How the scene is mirrored for drawing; the finished picture is mirrored back.
 ///
-/// The picture is that of the scene as it is, whatever the mirror. Only what OpenGL decides by handedness differs: an edge
-/// through the very middle of a pixel belongs to the shape on one side of it, and a mirror swaps the sides. So two scenes that mirror one
-/// another have pictures that mirror one another bit for bit where one of the two is drawn in the mirror between them.
+/// The picture is that of the scene as it is, whatever the mirror. Only what OpenGL decides by
+/// handedness differs: an edge through the very middle of a pixel belongs to the shape on one side
+/// of it, and a mirror swaps the sides. So two scenes that mirror one another have pictures that
+/// mirror one another bit for bit where one of the two is drawn in the mirror between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Mirror {
     /// Left and right change places.
@@ -18,16 +19,18 @@ pub struct Mirror {
     pub rows: bool,
 }
 
-/// A camera and the mirror that it draws in, which a camera alone has not.
+/// A camera, and the mirror that its pictures are drawn in.
+///
+/// A [`CameraId`] alone converts to a view without a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct View {
+pub struct CameraView {
     /// The camera.
     pub camera: CameraId,
     /// The mirror.
     pub mirror: Mirror,
 }
 
-impl From<CameraId> for View {
+impl From<CameraId> for CameraView {
     fn from(camera: CameraId) -> Self {
         let mirror = Mirror::default();
         Self { camera, mirror }
@@ -35,12 +38,13 @@ impl From<CameraId> for View {
 }
 
 impl Mirror {
-    /// Whether it makes left hands of right hands; both flips together are a rotation.
-    fn turns_hands(self) -> bool {
+    /// Whether it makes left hands of right hands; both flips together are a rotation and do not.
+    fn reverses_orientation(self) -> bool {
         self.columns != self.rows
     }
 
-    /// Turns what OpenGL drew in this mirror, `[H, width, 3]` with the bottom row first, to the picture of the scene with the top row first.
+    /// Turns what OpenGL drew in this mirror, `[H, width, 3]` with the bottom row first, to the
+    /// picture of the scene with the top row first.
     ///
     /// The one place where the project turns over what OpenGL draws.
     pub(super) fn turn_back(self, image: &mut [u8], width: usize) {
@@ -86,7 +90,8 @@ impl Renderer {
                 reflect(&mut light.dir, [0.0; 3], normal);
                 reflect(&mut light.pos, eye.pos, normal);
             }
-            // SAFETY: MuJoCo has filled `ngeom` entries of the array, and nobody else holds a view of it.
+            // SAFETY: MuJoCo has filled `ngeom` entries of the array, and nobody else holds a view
+            // of it.
             let geoms =
                 unsafe { std::slice::from_raw_parts_mut(scene.geoms, scene.ngeom as usize) };
             for geom in geoms {
@@ -98,21 +103,21 @@ impl Renderer {
 
     /// Refuses what a reflection cannot bring to its mirror image by moving it.
     fn check_shapes(&self, mirror: Mirror) -> Result<(), RenderError> {
-        let handed = |geom: &&raw::mjvGeom| {
+        let asymmetric = |geom: &&raw::mjvGeom| {
             !OWN_MIRROR_IMAGES.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
         };
         let skins = self.scene.nskin as usize;
         let geom = self
             .geoms()
             .iter()
-            .find(handed)
-            .filter(|_| mirror.turns_hands());
+            .find(asymmetric)
+            .filter(|_| mirror.reverses_orientation());
         match geom {
-            Some(geom) => Err(RenderError::Handed {
+            Some(geom) => Err(RenderError::NotMirrorSymmetric {
                 what: "geom",
                 index: geom.objid as usize,
             }),
-            None if skins > 0 => Err(RenderError::Handed {
+            None if skins > 0 => Err(RenderError::NotMirrorSymmetric {
                 what: "skin",
                 index: 0,
             }),
@@ -137,7 +142,8 @@ fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
     for axis in 0..3 {
         let mut column = [0, 3, 6].map(|row| geom.mat[row + axis]);
         reflect(&mut column, [0.0; 3], normal);
-        // the geom is its own mirror image across its x axis: with that axis turned round the frame is right-handed again
+        // the geom is its own mirror image across its x axis: with that axis turned round the frame
+        // is right-handed again
         let sign = if axis == 0 { -1.0 } else { 1.0 };
         for (row, value) in column.into_iter().enumerate() {
             geom.mat[3 * row + axis] = sign * value;
@@ -145,7 +151,8 @@ fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
     }
 }
 
-/// Mirrors `value` across the plane through `point`: exactly, where the plane holds the origin and is square to an axis.
+/// Mirrors `value` across the plane through `point`: exactly, where the plane holds the origin and
+/// is square to an axis.
 fn reflect(value: &mut [f32; 3], point: [f32; 3], normal: [f32; 3]) {
     let height: f32 = (0..3).map(|i| (value[i] - point[i]) * normal[i]).sum();
     for i in 0..3 {

@@ -15,7 +15,7 @@ pub(super) fn make_drawing(
     options: &RenderOptions,
 ) -> Box<raw::mjrContext> {
     // buffer sizes are read from the model, which is shared: alter a shallow copy
-    let mut copy = *model.get();
+    let mut copy = *model.as_raw();
     copy.vis.global.offwidth = width as i32;
     copy.vis.global.offheight = height as i32;
     copy.vis.quality.offsamples = 0;
@@ -38,14 +38,14 @@ pub(super) fn make_drawing(
 }
 
 pub(super) fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
-    let sizes = model.get();
+    let sizes = model.as_raw();
     // one per geom and site, and one per piece of tendon
     let max_geoms = sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1;
     let mut scene = Box::new(MaybeUninit::uninit());
     // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
     let mut scene: Box<raw::mjvScene> = unsafe {
         raw::mjv_defaultScene(scene.as_mut_ptr());
-        raw::mjv_makeScene(model.as_ptr(), scene.as_mut_ptr(), max_geoms);
+        raw::mjv_makeScene(model.as_raw(), scene.as_mut_ptr(), max_geoms);
         scene.assume_init()
     };
     scene.flags.fill(0);

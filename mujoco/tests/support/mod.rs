@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use mujoco::{Backend, Data, Model, RenderOptions, Renderer};
 
-/// Side of the square images, in pixels.
-const SIDE: usize = 48;
+/// Size of the images, in pixels. They are not square, or width and height could be exchanged.
+const WIDTH: usize = 64;
+const HEIGHT: usize = 48;
 const RED: [f64; 3] = [1.0, 0.0, 0.0];
 const GREEN: [f64; 3] = [0.0, 1.0, 0.0];
 const BLUE: [f64; 3] = [0.0, 0.0, 1.0];
@@ -27,14 +28,13 @@ pub fn check_orientation(backends: &[Backend]) {
         ("box", ".1 .1 .1", [0.0, -0.5], 0.0, YELLOW),
     ];
     let image = draw(&boxes, backends);
-    let middle = SIDE / 2;
-    // half the picture is 2 m * tan(45 deg / 2) = 0.83 m at z = 0: 0.5 m is 15 pixels
-    let (near, far) = (middle - 15, middle + 15);
-    assert_colour(&image, (middle, far), RED);
-    assert_colour(&image, (middle, near), GREEN);
-    assert_colour(&image, (near, middle), BLUE);
-    assert_colour(&image, (far, middle), YELLOW);
-    assert_colour(&image, (middle, middle), [0.0; 3]);
+    let (row, column) = (HEIGHT / 2, WIDTH / 2);
+    // half the height is 2 m * tan(45 deg / 2) = 0.83 m at z = 0: 0.5 m is 15 pixels
+    assert_colour(&image, (row, column + 15), RED);
+    assert_colour(&image, (row, column - 15), GREEN);
+    assert_colour(&image, (row - 15, column), BLUE);
+    assert_colour(&image, (row + 15, column), YELLOW);
+    assert_colour(&image, (row, column), [0.0; 3]);
 }
 
 /// Mirrored scenes give mirrored images, bit for bit, under all four elements of D2; and the
@@ -88,7 +88,7 @@ fn draw(props: &[Prop], backends: &[Backend]) -> Vec<u8> {
     let mut data = Data::new(model.clone());
     data.forward().unwrap();
     let mut renderer =
-        Renderer::with_backends(model, SIDE, SIDE, RenderOptions::default(), backends)
+        Renderer::with_backends(model, WIDTH, HEIGHT, RenderOptions::default(), backends)
             .unwrap_or_else(|error| panic!("this test needs OpenGL and never skips: {error}"));
     assert!(backends.contains(&renderer.backend()));
     let mut image = vec![0; renderer.image_len()];
@@ -120,7 +120,7 @@ fn scene(props: &[Prop]) -> String {
 }
 
 fn assert_colour(image: &[u8], (row, column): (usize, usize), colour: [f64; 3]) {
-    let pixel = &image[3 * (row * SIDE + column)..][..3];
+    let pixel = &image[3 * (row * WIDTH + column)..][..3];
     for (byte, channel) in pixel.iter().zip(colour) {
         let as_asked = if channel > 0.5 {
             *byte > 100
@@ -136,11 +136,11 @@ fn assert_colour(image: &[u8], (row, column): (usize, usize), colour: [f64; 3]) 
 
 fn mirrored(image: &[u8], flip_x: bool, flip_y: bool) -> Vec<u8> {
     let mut out = Vec::with_capacity(image.len());
-    for row in 0..SIDE {
-        for column in 0..SIDE {
-            let row = if flip_y { SIDE - 1 - row } else { row };
-            let column = if flip_x { SIDE - 1 - column } else { column };
-            out.extend_from_slice(&image[3 * (row * SIDE + column)..][..3]);
+    for row in 0..HEIGHT {
+        for column in 0..WIDTH {
+            let row = if flip_y { HEIGHT - 1 - row } else { row };
+            let column = if flip_x { WIDTH - 1 - column } else { column };
+            out.extend_from_slice(&image[3 * (row * WIDTH + column)..][..3]);
         }
     }
     out

@@ -10,8 +10,8 @@ use cluster::{Assignment, Decision, Evidence, PermutationTest, Reservoir};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, EnvSpec, Ppo, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
-    VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, EnvSpec, Metrics as _, Ppo, RolloutBuffer, RolloutState,
+    RolloutStats, UpdateStats, VectorEnv, collect,
 };
 
 use crate::error::CoversError;
@@ -98,7 +98,7 @@ impl Learner for Covers {
         let mut frames = Vec::new();
         while frames.len() < self.grouping.min_episodes() {
             let policy = &mut self.members[self.current].policy;
-            let mut state = RolloutState::reset(env)?;
+            let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut glimpse, &mut state, rng)?;
             let seen = first_frames(&glimpse, k);
             if seen.is_empty() {
@@ -182,7 +182,7 @@ impl Covers {
     fn roll_out(&mut self, env: &mut dyn VectorEnv) -> Result<RolloutStats, CoversError> {
         let clock = Instant::now();
         let policy = &mut self.members[self.current].policy;
-        let mut state = RolloutState::reset(env)?;
+        let mut state = RolloutState::reset(env, policy)?;
         let (buffer, rng) = (&mut self.rollout, &mut self.generators.actions);
         let stats = collect(env, policy, buffer, &mut state, rng)?;
         self.seconds.collection += clock.elapsed().as_secs_f64();

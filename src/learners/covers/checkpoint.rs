@@ -1,10 +1,14 @@
 //! The learner as one file: everything that its next rollout depends on.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use cluster::Reservoir;
-use rl::{ActorCriticPolicy, Adam, EnvSpec, Features, Observations, Ppo, RolloutBuffer};
+use rl::{
+    ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Features, Observations, Ppo,
+    RolloutBuffer,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -36,8 +40,8 @@ struct Header<'a> {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MemberHeader {
-    /// Steps of the optimiser; none where its moments were left out.
-    adam_steps: Option<u64>,
+    /// Counters of the policy update by name; none where its state was left out.
+    counters: Option<BTreeMap<String, u64>>,
     /// Episodes offered to the buffer so far.
     seen: u64,
 }
@@ -88,7 +92,7 @@ impl Covers {
     ) -> Result<(Self, String), CoversError> {
         let grouping = |settings: &CoversSettings| settings.grouping.build_with(labels);
         Self::read_if(path, spec, grouping, |header| {
-            if header.members.iter().all(|m| m.adam_steps.is_some()) {
+            if header.members.iter().all(|m| m.counters.is_some()) {
                 return Ok(());
             }
             Err(CoversError::PoliciesOnly {
@@ -148,14 +152,21 @@ impl Member {
     fn header(&self, extent: Extent) -> MemberHeader {
         match extent {
             Extent::Everything => MemberHeader {
-                adam_steps: Some(self.ppo.optimiser().steps),
+                counters: Some(self.counters()),
                 seen: self.buffer.seen(),
             },
             Extent::Policies { .. } => MemberHeader {
-                adam_steps: None,
+                counters: None,
                 seen: self.kept(extent).len() as u64,
             },
         }
+    }
+
+    fn counters(&self) -> BTreeMap<String, u64> {
+        let counters = self.ppo.save().counters.into_iter();
+        counters
+            .map(|(name, count)| (name.to_owned(), count))
+            .collect()
     }
 
     /// The episodes that are saved.
@@ -169,12 +180,12 @@ impl Member {
 
     fn tensors(&self, index: usize, spec: &EnvSpec, extent: Extent) -> Vec<Tensor> {
         let name = |what: &str| format!("policy.{index}.{what}");
-        let flat = |what, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
+        let flat =
+            |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
         let mut tensors = vec![flat("params", self.policy.params())];
         if extent == Extent::Everything {
-            let optimiser = self.ppo.optimiser();
-            tensors.push(flat("adam.first", &optimiser.first_moment));
-            tensors.push(flat("adam.second", &optimiser.second_moment));
+            let state = self.ppo.save().tensors.into_iter();
+            tensors.extend(state.map(|(name, values)| flat(name, values)));
         }
         let episodes = self.kept(extent);
         let frames = episodes.first().map_or(0, FirstFrames::count);
@@ -208,7 +219,7 @@ impl Arrays<'_> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
         let policy = ActorCriticPolicy::with_params(&self.settings.network, self.spec, params)?;
-        let ppo = self.ppo(&policy, &name, header.adam_steps)?;
+        let ppo = self.ppo(&policy, &name, header.counters.as_ref())?;
         let mut episodes = self.episodes(&name("images"), &name("vectors"))?;
         if self.settings.embedding == Embedding::AtArrival && !episodes.is_empty() {
             let dim = policy.feature_dim();
@@ -223,24 +234,33 @@ impl Arrays<'_> {
         })
     }
 
-    /// The optimiser of a policy, fresh where its moments were left out.
+    /// The update of a policy, fresh where its state was left out.
     fn ppo(
         &self,
         policy: &ActorCriticPolicy,
         name: &impl Fn(&str) -> String,
-        adam_steps: Option<u64>,
+        counters: Option<&BTreeMap<String, u64>>,
     ) -> Result<Ppo, CoversError> {
-        let settings = self.settings.ppo.clone();
-        let Some(steps) = adam_steps else {
-            return Ok(Ppo::new(settings, policy)?);
+        let mut ppo = Ppo::new(self.settings.ppo.clone(), policy)?;
+        let Some(counters) = counters else {
+            return Ok(ppo);
         };
-        let optimiser = Adam {
-            steps,
-            first_moment: self.file.floats(&name("adam.first"))?.1,
-            second_moment: self.file.floats(&name("adam.second"))?.1,
-            ..Adam::new(0, settings.adam_epsilon)
+        let fresh = ppo.save().tensors.into_iter();
+        let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
+        let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, CoversError>>()?;
+        let state = AlgorithmState {
+            tensors: arrays
+                .iter()
+                .map(|(name, a)| (name.as_str(), a.as_slice()))
+                .collect(),
+            counters: counters
+                .iter()
+                .map(|(name, n)| (name.as_str(), *n))
+                .collect(),
         };
-        Ok(Ppo::resume(settings, policy, optimiser)?)
+        let restored = ppo.restore(&state);
+        restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
+        Ok(ppo)
     }
 
     /// The frames that a policy keeps, without features.
@@ -249,7 +269,11 @@ impl Arrays<'_> {
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
-        self.expect(images, &shape, &[&[count, frames], spec.image.as_slice()].concat())?;
+        self.expect(
+            images,
+            &shape,
+            &[&[count, frames], spec.image.as_slice()].concat(),
+        )?;
         let (shape, numbers) = self.file.floats(vectors)?;
         self.expect(vectors, &shape, &[count, frames, spec.vector.len()])?;
         let images = pixels.chunks_exact(k * spec.image_len());

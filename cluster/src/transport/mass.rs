@@ -2,14 +2,10 @@
 
 use std::ops::{AddAssign, Sub, SubAssign};
 
-use crate::ClusterError;
-use crate::transport::Weights;
+use super::problem::Weights;
 
 /// Units of a whole where weights are given as numbers: finer than the rounding of an `f64` near 1.
 const FINE: i64 = 1 << 60;
-
-/// Largest deviation of given weights from a sum of one.
-const SUM_TOLERANCE: f64 = 1e-9;
 
 /// An amount of mass: whole units and, below all of them, a nudge.
 ///
@@ -116,40 +112,6 @@ fn apportion(weights: Weights, masses: &mut [Mass]) {
     let left = FINE - masses.iter().map(|m| m.units).sum::<i64>();
     if let Some(heaviest) = masses.iter_mut().max() {
         heaviest.units += left;
-    }
-}
-
-/// Checks one side's weights: some, finite, none negative, of sum one.
-pub(crate) fn check_weights(side: &'static str, weights: Weights) -> Result<(), ClusterError> {
-    crate::check::positive(side, weights.len())?;
-    let Weights::Given(given) = weights else {
-        return Ok(());
-    };
-    if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
-        let value = given[index];
-        return Err(ClusterError::Weight { side, index, value });
-    }
-    let sum = weights.sum();
-    match (sum - 1.0).abs() <= SUM_TOLERANCE {
-        true => Ok(()),
-        false => Err(ClusterError::WeightSum { side, sum }),
-    }
-}
-
-/// Checks the weights of a cloud of this many points.
-pub(crate) fn check_weights_of(
-    side: &'static str,
-    weights: Weights,
-    points: usize,
-) -> Result<(), ClusterError> {
-    check_weights(side, weights)?;
-    match weights.len() {
-        len if len == points => Ok(()),
-        weights => Err(ClusterError::WeightCount {
-            side,
-            points,
-            weights,
-        }),
     }
 }
 

@@ -1,8 +1,8 @@
 //! The first basis: greedy by costs less prices, or what still fits of an earlier basis.
 
-use crate::basis::Basis;
-use crate::lanes::Lanes;
-use crate::mass::Mass;
+use super::basis::Basis;
+use super::lanes::Lanes;
+use super::mass::Mass;
 
 /// Builds spanning trees by sending mass along one arc after another.
 ///

@@ -5,7 +5,7 @@
 //! two is the parent. `price` is a source's potential `u_i` and *minus* a sink's potential `v_j`, so that
 //! along an arc of the tree `price[source] - price[sink] = cost` and a whole subtree moves by one number.
 
-use crate::mass::Mass;
+use super::mass::Mass;
 
 /// The absent node.
 pub(crate) const NONE: u32 = u32::MAX;

@@ -1,25 +1,12 @@
 //! Proof of optimality of a transport plan, independent of the solver that made it.
 
-use crate::ClusterError;
-use crate::mass::check_weights;
-use crate::transport::{TransportPlan, Weights, check_costs, check_shape};
+use super::plan::{Certificate, TransportPlan};
+use super::problem::{Weights, check};
+use crate::error::ClusterError;
 
 /// Rounding allowance of a certificate, as a fraction of the largest cost or potential in magnitude, whichever is less
 /// (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
-
-/// How exactly a plan and its potentials prove each other optimal.
-///
-/// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Certificate {
-    /// Largest deviation of a row or column sum of the plan from its weight, as a fraction of all mass.
-    pub marginal_error: f64,
-    /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
-    pub violation: f64,
-    /// Cost of the plan less the value of the potentials, in magnitude, in the costs' unit.
-    pub gap: f64,
-}
 
 /// Row and column sums of a plan.
 #[derive(Clone, Debug, Default)]
@@ -47,10 +34,7 @@ pub fn certify(
     sinks: Weights,
     plan: &TransportPlan,
 ) -> Result<Certificate, ClusterError> {
-    check_weights("sources", sources)?;
-    check_weights("sinks", sinks)?;
-    check_shape(cost, sources.len(), sinks.len())?;
-    check_costs(cost)?;
+    check(cost, sources, sinks)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 

@@ -1,87 +1,19 @@
-//! Optimal transport between weighted points on a given cost matrix.
+//! The network simplex method on a cost matrix.
 
-use crate::ClusterError;
-use crate::basis::Basis;
-use crate::certificate::{Certificate, Scratch, certify_into};
-use crate::mass::{Balance, check_weights};
-use crate::pricing::Pricing;
-use crate::start::Start;
-
-/// Largest magnitude accepted in a cost matrix: sums of costs along any path stay far from
-/// overflow.
-pub const MAX_COST: f64 = 1e100;
+use super::basis::Basis;
+use super::certificate::{Scratch, certify_into};
+use super::mass::Balance;
+use super::plan::{Entry, TransportPlan};
+use super::pricing::Pricing;
+use super::problem::{Weights, check};
+use super::start::Start;
+use crate::error::ClusterError;
 
 /// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
 const COARSER: f64 = 16.0;
 
 /// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a line 60.
 const PIVOTS_PER_NODE: usize = 1000;
-
-/// The weights of one side of a transport problem.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Weights<'a> {
-    /// This many points of equal weight.
-    Uniform(usize),
-    /// A weight for each point: not negative, of sum one within 1e-9 (the rest is scaled away).
-    Given(&'a [f64]),
-}
-
-impl Weights<'_> {
-    /// Returns the number of points.
-    #[expect(
-        clippy::len_without_is_empty,
-        reason = "an empty side is refused by whoever takes weights"
-    )]
-    pub fn len(&self) -> usize {
-        match self {
-            Self::Uniform(points) => *points,
-            Self::Given(weights) => weights.len(),
-        }
-    }
-
-    /// Returns the weight of a point.
-    pub(crate) fn get(&self, index: usize) -> f64 {
-        match self {
-            Self::Uniform(points) => 1.0 / *points as f64,
-            Self::Given(weights) => weights[index],
-        }
-    }
-
-    pub(crate) fn sum(&self) -> f64 {
-        match self {
-            Self::Uniform(_) => 1.0,
-            Self::Given(weights) => weights.iter().sum(),
-        }
-    }
-}
-
-/// Mass that goes from one source to one sink.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Entry {
-    /// Row index, in `0..n`.
-    pub source: usize,
-    /// Column index, in `0..m`.
-    pub sink: usize,
-    /// `gamma_ij`, in `(0, 1]`.
-    pub mass: f64,
-}
-
-/// A certified optimal plan and the potentials that prove it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct TransportPlan {
-    /// The optimal value `<gamma, M>` of the transport problem, in the costs' unit.
-    pub cost: f64,
-    /// The positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most once.
-    pub entries: Vec<Entry>,
-    /// Dual potentials `u` of the sources, `[n]`.
-    pub source_potentials: Vec<f64>,
-    /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.
-    pub sink_potentials: Vec<f64>,
-    /// How exactly the plan and the potentials prove each other.
-    pub certificate: Certificate,
-    /// Pivots of the simplex method.
-    pub pivots: usize,
-}
 
 /// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
 ///
@@ -92,7 +24,7 @@ pub struct TransportPlan {
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a cost that is not finite or
-/// exceeds [`MAX_COST`], and an answer that the certificate refuses.
+/// exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the certificate refuses.
 ///
 /// ```
 /// use cluster::{Weights, transport};
@@ -241,83 +173,10 @@ impl Solver {
     }
 }
 
-impl TransportPlan {
-    /// Returns the cost of the entries under `cost` `[n, m]`.
-    pub(crate) fn priced(&self, cost: &[f64]) -> f64 {
-        let sinks = self.sink_potentials.len();
-        let price = |e: &Entry| e.mass * cost[e.source * sinks + e.sink];
-        self.entries.iter().map(price).sum()
-    }
-}
-
-fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<(), ClusterError> {
-    check_weights("sources", sources)?;
-    check_weights("sinks", sinks)?;
-    check_shape(cost, sources.len(), sinks.len())?;
-    check_nodes(sources.len(), sinks.len())?;
-    check_costs(cost)
-}
-
-/// Checks that a basis can number the points of both sides.
-fn check_nodes(sources: usize, sinks: usize) -> Result<(), ClusterError> {
-    match sources.checked_add(sinks) {
-        Some(nodes) if nodes < u32::MAX as usize => Ok(()),
-        _ => Err(ClusterError::OutOfRange {
-            name: "sources + sinks",
-            value: sources as f64 + sinks as f64,
-            expected: "fewer than 2^32 - 1",
-        }),
-    }
-}
-
-/// Checks that `cost` is a matrix `[sources, sinks]`.
-pub(crate) fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<(), ClusterError> {
-    match sources.checked_mul(sinks) == Some(cost.len()) {
-        true => Ok(()),
-        false => Err(ClusterError::CostShape {
-            len: cost.len(),
-            sources,
-            sinks,
-        }),
-    }
-}
-
-/// Checks that all costs are finite and within [`MAX_COST`].
-pub(crate) fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
-    let accepted = |c: &f64| c.abs() <= MAX_COST;
-    // the whole matrix, without a way out: such a loop compiles to vector code
-    if cost.iter().fold(true, |all, c| all & accepted(c)) {
-        return Ok(());
-    }
-    let index = cost.iter().position(|c| !accepted(c)).unwrap_or(0);
-    let value = cost[index];
-    Err(match value.is_finite() {
-        true => ClusterError::CostTooLarge {
-            index,
-            value,
-            limit: MAX_COST,
-        },
-        false => ClusterError::NonFinite {
-            what: "cost",
-            index,
-            value,
-        },
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mass::Mass;
-
-    #[test]
-    fn more_points_than_a_basis_can_number_are_refused() {
-        assert!(check_nodes(4_000_000_000, 294_967_294).is_ok());
-        let error = check_nodes(1, 5_000_000_000).unwrap_err();
-        let message = "sources + sinks is 5000000001: expected fewer than 2^32 - 1";
-        assert_eq!(error.to_string(), message);
-        assert!(check_nodes(usize::MAX, 1).is_err());
-    }
+    use crate::transport::mass::Mass;
 
     #[test]
     fn each_basic_flow_is_positive_and_all_are_balanced() {

@@ -1,7 +1,7 @@
 //! Choice of the entering arc: which arc of negative reduced cost comes into the basis next.
 
-use crate::basis::{Basis, Entering};
-use crate::lanes::Lanes;
+use super::basis::{Basis, Entering};
+use super::lanes::Lanes;
 
 /// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as fast as
 /// the scattered prices of a shortlist.

@@ -1,0 +1,22 @@
+//! Optimal transport between weighted points on a given cost matrix.
+//!
+//! From the bottom up: [`problem`] says what is solved, [`plan`] what comes out, and
+//! [`certificate`] checks one against the other. [`mass`], [`basis`], [`lanes`], [`pricing`] and
+//! [`start`] are the parts of the simplex method that [`solver`] puts together.
+
+mod basis;
+mod certificate;
+mod lanes;
+mod mass;
+mod plan;
+mod pricing;
+mod problem;
+mod solver;
+mod start;
+
+pub use certificate::{RELATIVE_TOLERANCE, certify};
+pub use plan::{Certificate, Entry, TransportPlan};
+pub use problem::{MAX_COST, Weights};
+pub use solver::{Solver, transport};
+
+pub(crate) use problem::check_weights_of;

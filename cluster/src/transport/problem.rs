@@ -1,0 +1,152 @@
+//! A transport problem: costs, weights, and what is refused.
+
+use crate::check::positive;
+use crate::error::ClusterError;
+
+/// Largest magnitude accepted in a cost matrix: sums of costs along any path stay far from
+/// overflow.
+pub const MAX_COST: f64 = 1e100;
+
+/// Largest deviation of given weights from a sum of one.
+const SUM_TOLERANCE: f64 = 1e-9;
+
+/// The weights of one side of a transport problem.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Weights<'a> {
+    /// This many points of equal weight.
+    Uniform(usize),
+    /// A weight for each point: not negative, of sum one within 1e-9 (the rest is scaled away).
+    Given(&'a [f64]),
+}
+
+impl Weights<'_> {
+    /// Returns the number of points.
+    #[expect(
+        clippy::len_without_is_empty,
+        reason = "an empty side is refused by whoever takes weights"
+    )]
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Uniform(points) => *points,
+            Self::Given(weights) => weights.len(),
+        }
+    }
+
+    /// Returns the weight of a point.
+    pub(crate) fn get(&self, index: usize) -> f64 {
+        match self {
+            Self::Uniform(points) => 1.0 / *points as f64,
+            Self::Given(weights) => weights[index],
+        }
+    }
+
+    pub(crate) fn sum(&self) -> f64 {
+        match self {
+            Self::Uniform(_) => 1.0,
+            Self::Given(weights) => weights.iter().sum(),
+        }
+    }
+}
+
+pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<(), ClusterError> {
+    check_weights("sources", sources)?;
+    check_weights("sinks", sinks)?;
+    check_shape(cost, sources.len(), sinks.len())?;
+    check_nodes(sources.len(), sinks.len())?;
+    check_costs(cost)
+}
+
+/// Checks that a basis can number the points of both sides.
+fn check_nodes(sources: usize, sinks: usize) -> Result<(), ClusterError> {
+    match sources.checked_add(sinks) {
+        Some(nodes) if nodes < u32::MAX as usize => Ok(()),
+        _ => Err(ClusterError::OutOfRange {
+            name: "sources + sinks",
+            value: sources as f64 + sinks as f64,
+            expected: "fewer than 2^32 - 1",
+        }),
+    }
+}
+
+/// Checks that `cost` is a matrix `[sources, sinks]`.
+fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<(), ClusterError> {
+    match sources.checked_mul(sinks) == Some(cost.len()) {
+        true => Ok(()),
+        false => Err(ClusterError::CostShape {
+            len: cost.len(),
+            sources,
+            sinks,
+        }),
+    }
+}
+
+/// Checks that all costs are finite and within [`MAX_COST`].
+fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
+    let accepted = |c: &f64| c.abs() <= MAX_COST;
+    // the whole matrix, without a way out: such a loop compiles to vector code
+    if cost.iter().fold(true, |all, c| all & accepted(c)) {
+        return Ok(());
+    }
+    let index = cost.iter().position(|c| !accepted(c)).unwrap_or(0);
+    let value = cost[index];
+    Err(match value.is_finite() {
+        true => ClusterError::CostTooLarge {
+            index,
+            value,
+            limit: MAX_COST,
+        },
+        false => ClusterError::NonFinite {
+            what: "cost",
+            index,
+            value,
+        },
+    })
+}
+
+/// Checks one side's weights: some, finite, none negative, of sum one.
+fn check_weights(side: &'static str, weights: Weights) -> Result<(), ClusterError> {
+    positive(side, weights.len())?;
+    let Weights::Given(given) = weights else {
+        return Ok(());
+    };
+    if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
+        let value = given[index];
+        return Err(ClusterError::Weight { side, index, value });
+    }
+    let sum = weights.sum();
+    match (sum - 1.0).abs() <= SUM_TOLERANCE {
+        true => Ok(()),
+        false => Err(ClusterError::WeightSum { side, sum }),
+    }
+}
+
+/// Checks the weights of a cloud of this many points.
+pub(crate) fn check_weights_of(
+    side: &'static str,
+    weights: Weights,
+    points: usize,
+) -> Result<(), ClusterError> {
+    check_weights(side, weights)?;
+    match weights.len() {
+        len if len == points => Ok(()),
+        weights => Err(ClusterError::WeightCount {
+            side,
+            points,
+            weights,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_points_than_a_basis_can_number_are_refused() {
+        assert!(check_nodes(4_000_000_000, 294_967_294).is_ok());
+        let error = check_nodes(1, 5_000_000_000).unwrap_err();
+        let message = "sources + sinks is 5000000001: expected fewer than 2^32 - 1";
+        assert_eq!(error.to_string(), message);
+        assert!(check_nodes(usize::MAX, 1).is_err());
+    }
+}

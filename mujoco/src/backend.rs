@@ -1,0 +1,30 @@
+//! The names of the ways to OpenGL.
+
+use std::fmt;
+
+/// Way to an OpenGL context.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Backend {
+    /// EGL without any surface (Mesa), the first choice.
+    EglSurfaceless,
+    /// EGL with a pixel buffer, on the first device that offers one (a headless GPU, say).
+    EglPbuffer,
+    /// Mesa's software renderer in memory, the last resort.
+    OsMesa,
+}
+
+impl Backend {
+    /// Every backend, in the order in which they are tried.
+    pub const ALL: [Self; 3] = [Self::EglSurfaceless, Self::EglPbuffer, Self::OsMesa];
+}
+
+impl fmt::Display for Backend {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::EglSurfaceless => "EGL (surfaceless)",
+            Self::EglPbuffer => "EGL (pixel buffer)",
+            Self::OsMesa => "OSMesa",
+        })
+    }
+}

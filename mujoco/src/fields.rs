@@ -1,0 +1,174 @@
+//! Arrays of `mjModel` and `mjData`, each with the length that MuJoCo gave it.
+//!
+//! The constants below are the only place where a pointer meets its length. What reads through
+//! them cannot choose another element type, width or length.
+
+use std::ffi::c_int;
+use std::slice;
+
+use crate::raw;
+
+/// An array `[count, N]` of the struct `S`.
+pub(crate) struct Field<S, T, const N: usize> {
+    start: fn(&S) -> *mut T,
+    count: fn(&raw::mjModel) -> c_int,
+}
+
+impl<S, T, const N: usize> Field<S, T, N> {
+    /// # Safety
+    /// In every `S` that MuJoCo makes for a model, `start` must be the address of an array of
+    /// `count * N` initialised elements that lives as long as the `S`, or `count` must be 0.
+    const unsafe fn new(start: fn(&S) -> *mut T, count: fn(&raw::mjModel) -> c_int) -> Self {
+        Self { start, count }
+    }
+
+    fn len(&self, model: &raw::mjModel) -> usize {
+        (self.count)(model) as usize
+    }
+
+    /// The rows of the array.
+    ///
+    /// # Safety
+    /// MuJoCo must have made `owner` for `model`, and nobody may write to the array while the
+    /// result lives.
+    pub(crate) unsafe fn rows<'a>(&self, owner: &'a S, model: &raw::mjModel) -> &'a [[T; N]] {
+        match self.len(model) {
+            0 => &[],
+            // SAFETY: what `new` asks for, and the caller's promise.
+            len => unsafe { slice::from_raw_parts((self.start)(owner).cast(), len) },
+        }
+    }
+
+    /// The rows of the array, to be written.
+    ///
+    /// # Safety
+    /// As [`Field::rows`], and nobody else may read the array either while the result lives.
+    pub(crate) unsafe fn rows_mut<'a>(
+        &self,
+        owner: &'a mut S,
+        model: &raw::mjModel,
+    ) -> &'a mut [[T; N]] {
+        match self.len(model) {
+            0 => &mut [],
+            // SAFETY: what `new` asks for, and the caller's promise.
+            len => unsafe { slice::from_raw_parts_mut((self.start)(owner).cast(), len) },
+        }
+    }
+}
+
+/// Constants of type [`Field`], and their names for the test.
+macro_rules! fields {
+    (
+        $owner:ident, $table:literal:
+        $($name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
+    ) => {
+        use super::Field;
+        use crate::raw;
+
+        $(
+            pub(crate) const $name: Field<raw::$owner, $kind, $width> = {
+                // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths,
+                // and MuJoCo fills it before it hands the struct out.
+                unsafe { Field::new(|owner| owner.$field, |model| model.$count) }
+            };
+        )*
+
+        #[cfg(test)]
+        pub(super) const TABLE: (&str, &[(&str, &str, &str, usize)]) = (
+            $table,
+            &[$((stringify!($kind), stringify!($field), stringify!($count), $width)),*],
+        );
+    };
+}
+
+/// Arrays of `mjModel`.
+pub(crate) mod model {
+    fields! { mjModel, "MJMODEL_POINTERS":
+        ACTUATOR_CTRLLIMITED = actuator_ctrllimited: [u8; nu, 1],
+        ACTUATOR_CTRLRANGE = actuator_ctrlrange: [f64; nu, 2],
+        BODY_INVWEIGHT0 = body_invweight0: [f64; nbody, 2],
+        BODY_MOCAPID = body_mocapid: [i32; nbody, 1],
+        GEOM_BODYID = geom_bodyid: [i32; ngeom, 1],
+        GEOM_CONAFFINITY = geom_conaffinity: [i32; ngeom, 1],
+        GEOM_CONTYPE = geom_contype: [i32; ngeom, 1],
+        GEOM_GROUP = geom_group: [i32; ngeom, 1],
+        GEOM_RGBA = geom_rgba: [f32; ngeom, 4],
+        GEOM_SIZE = geom_size: [f64; ngeom, 3],
+        GEOM_TYPE = geom_type: [i32; ngeom, 1],
+        JNT_DOFADR = jnt_dofadr: [i32; njnt, 1],
+        JNT_LIMITED = jnt_limited: [u8; njnt, 1],
+        JNT_QPOSADR = jnt_qposadr: [i32; njnt, 1],
+        JNT_RANGE = jnt_range: [f64; njnt, 2],
+    }
+}
+
+/// Arrays of `mjData`.
+pub(crate) mod data {
+    fields! { mjData, "MJDATA_POINTERS":
+        ACT = act: [f64; na, 1],
+        CTRL = ctrl: [f64; nu, 1],
+        GEOM_XMAT = geom_xmat: [f64; ngeom, 9],
+        GEOM_XPOS = geom_xpos: [f64; ngeom, 3],
+        MOCAP_POS = mocap_pos: [f64; nmocap, 3],
+        MOCAP_QUAT = mocap_quat: [f64; nmocap, 4],
+        QACC_WARMSTART = qacc_warmstart: [f64; nv, 1],
+        QPOS = qpos: [f64; nq, 1],
+        QVEL = qvel: [f64; nv, 1],
+        SITE_XPOS = site_xpos: [f64; nsite, 3],
+        USERDATA = userdata: [f64; nuserdata, 1],
+        XPOS = xpos: [f64; nbody, 3],
+        XQUAT = xquat: [f64; nbody, 4],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::{data, model};
+
+    const HEADER: &str = "/usr/include/mujoco/mjxmacro.h";
+
+    /// Element type, count and width of a field, in the header's words.
+    fn declared<'a>(header: &'a str, table: &str, field: &str) -> Option<[&'a str; 3]> {
+        let (_, table) = header.split_once(&format!("#define {table} "))?;
+        let entries = table.lines().skip(1);
+        let entries = entries.take_while(|line| line.trim_start().starts_with("X("));
+        let mut entries = entries.filter_map(|line| {
+            let (_, inside) = line.split_once("X(")?;
+            let words: Vec<_> = inside.split([',', ')']).map(str::trim).collect();
+            (words[1] == field).then_some([words[0], words[2], words[3]])
+        });
+        entries.next()
+    }
+
+    fn c_type(rust: &str) -> &str {
+        match rust {
+            "f64" => "mjtNum",
+            "f32" => "float",
+            "i32" => "int",
+            "u8" => "mjtByte",
+            other => panic!("{other}"),
+        }
+    }
+
+    #[test]
+    fn every_field_has_the_type_and_the_lengths_of_the_header() {
+        let header = fs::read_to_string(HEADER).unwrap();
+        for (table, fields) in [model::TABLE, data::TABLE] {
+            for &(kind, field, count, width) in fields {
+                let width = width.to_string();
+                let expected = Some([c_type(kind), count, &width]);
+                assert_eq!(declared(&header, table, field), expected, "{field}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_width_would_be_noticed() {
+        let header = "#define MJDATA_POINTERS \\\n  X( mjtNum,  xpos,  nbody,  3 ) \\\n\n";
+        let declared = |field| declared(header, "MJDATA_POINTERS", field);
+        assert_eq!(declared("xpos"), Some(["mjtNum", "nbody", "3"]));
+        assert_eq!(declared("xquat"), None);
+    }
+}

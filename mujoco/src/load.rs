@@ -1,0 +1,55 @@
+//! Compiling a model from files in memory.
+
+use std::ffi::{CStr, c_char};
+use std::ptr::NonNull;
+use std::sync::{Mutex, PoisonError};
+
+use crate::error::ModelError;
+use crate::init;
+use crate::raw;
+use crate::references::check_references;
+use crate::vfs::{NOWHERE, Vfs, path};
+
+/// Compiles `main`, one of `files`, and tells what MuJoCo warned of meanwhile.
+pub(crate) fn load(
+    main: &str,
+    files: &[(&str, &[u8])],
+) -> Result<(NonNull<raw::mjModel>, Option<String>), ModelError> {
+    init::ready()?;
+    let c_main = path(main)?;
+    if !files.iter().any(|(name, _)| *name == main) {
+        let files = files.iter().map(|(name, _)| (*name).into()).collect();
+        return Err(ModelError::NoMainFile {
+            main: main.into(),
+            files,
+        });
+    }
+    check_references(files)?;
+    let mut vfs = Vfs::new();
+    for (name, content) in files {
+        vfs.add(name, content)?;
+    }
+    parse(&c_main, &vfs).map_err(|message| ModelError::Load {
+        file: main.into(),
+        message: message.replace(NOWHERE, ""),
+    })
+}
+
+fn parse(main: &CStr, vfs: &Vfs) -> Result<(NonNull<raw::mjModel>, Option<String>), String> {
+    // the parser keeps the last XML in a global variable
+    static PARSER: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = PARSER.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut message: [c_char; 1024] = [0; 1024];
+    let size = message.len() as i32;
+    // SAFETY: NUL-terminated name, live file system, and a message buffer of the size given.
+    let model = unsafe { raw::mj_loadXML(main.as_ptr(), vfs.as_ptr(), message.as_mut_ptr(), size) };
+    // SAFETY: MuJoCo leaves a NUL-terminated text in the buffer, which began as all NUL.
+    let text = unsafe { CStr::from_ptr(message.as_ptr()) }
+        .to_string_lossy()
+        .trim()
+        .to_string();
+    match NonNull::new(model) {
+        Some(raw) => Ok((raw, Some(text).filter(|text| !text.is_empty()))),
+        None => Err(text),
+    }
+}

@@ -1,0 +1,224 @@
+//! Pictures over a backdrop: whose backdrop, and what an OpenGL error leaves behind.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+use std::ffi::c_void;
+use std::mem;
+use std::sync::Arc;
+
+use khronos_egl as egl;
+use mujoco::{Backdrop, Backend, Data, Model, RenderError, RenderOptions, Renderer};
+
+const BACKENDS: [Backend; 1] = [Backend::EglSurfaceless];
+const SCENE: &str = r#"<mujoco><worldbody>
+    <camera name="top" pos="0 0 2"/>
+    <geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>
+    <body pos="-.3 0 .4"><joint type="slide" axis="1 0 0"/><geom size=".2" rgba="1 0 0 1"/></body>
+  </worldbody></mujoco>"#;
+
+fn renderer(model: &Arc<Model>, width: usize, height: usize) -> Renderer {
+    let options = RenderOptions::default();
+    Renderer::with_backends(Arc::clone(model), width, height, options, &BACKENDS).unwrap()
+}
+
+fn simulation() -> Data {
+    let mut data = Data::new(Arc::new(Model::from_xml(SCENE).unwrap()));
+    data.forward().unwrap();
+    data
+}
+
+fn move_ball(data: &mut Data, x: f64) {
+    data.qpos_mut()[0] = x;
+    data.forward().unwrap();
+}
+
+/// A renderer with a backdrop that it has drawn.
+fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
+    let mut renderer = renderer(data.model(), width, height);
+    let camera = data.model().camera("top").unwrap();
+    let mut backdrop = Backdrop::default();
+    renderer.draw_backdrop(data, camera, &mut backdrop).unwrap();
+    (renderer, backdrop)
+}
+
+fn whole(renderer: &mut Renderer, data: &mut Data) -> Vec<u8> {
+    let camera = data.model().camera("top").unwrap();
+    let mut image = vec![0; renderer.image_len()];
+    renderer.render(data, camera, &mut image).unwrap();
+    image
+}
+
+/// Turned by a quarter, a picture has as many bytes and other rows.
+#[test]
+fn a_backdrop_of_another_renderer_is_refused_whatever_its_size() {
+    let mut data = simulation();
+    let (painter, mut backdrop) = drawn(&mut data, 8, 4);
+    for (width, height) in [(4, 8), (8, 4), (16, 4)] {
+        let mut other = renderer(data.model(), width, height);
+        let mut out = vec![0; other.image_len()];
+        let refused = other.render_over(&mut data, &mut backdrop, &mut out);
+        let expected = RenderError::OtherRenderer {
+            drawn_by: painter.id(),
+            used_by: other.id(),
+        };
+        assert_eq!(refused, Err(expected.clone()));
+        let text = expected.to_string();
+        assert!(text.contains("(8 x 4)"), "{text}");
+        assert!(text.contains(&format!("({width} x {height})")), "{text}");
+        assert!(out.iter().all(|byte| *byte == 0), "nothing is drawn");
+    }
+}
+
+#[test]
+fn a_backdrop_of_another_model_is_refused() {
+    let (mut data, mut other_data) = (simulation(), simulation());
+    let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
+    let mut other = renderer(other_data.model(), 8, 4);
+    let refused = other.render_over(&mut other_data, &mut backdrop, &mut [0; 96]);
+    assert!(matches!(refused, Err(RenderError::OtherRenderer { .. })));
+}
+
+#[test]
+fn a_backdrop_may_be_drawn_afresh_by_another_renderer() {
+    let mut data = simulation();
+    let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
+    let mut other = renderer(data.model(), 4, 8);
+    let camera = data.model().camera("top").unwrap();
+    other
+        .draw_backdrop(&mut data, camera, &mut backdrop)
+        .unwrap();
+    let mut out = vec![0; other.image_len()];
+    other
+        .render_over(&mut data, &mut backdrop, &mut out)
+        .unwrap();
+    assert_eq!(out, whole(&mut other, &mut data));
+}
+
+/// Makes OpenGL spoil every picture of the current context, and report an error, until it is
+/// dropped.
+struct Spoilt {
+    disable: unsafe extern "C" fn(u32),
+}
+
+const GL_COLOR_LOGIC_OP: u32 = 0x0BF2;
+/// Writes zeros whatever is drawn.
+const GL_CLEAR: u32 = 0x1500;
+const NO_CAPABILITY: u32 = 0xFFFF;
+
+impl Spoilt {
+    fn new() -> Self {
+        // SAFETY: EGL is loaded already; loading it again runs nothing.
+        let egl = unsafe { egl::DynamicInstance::<egl::EGL1_5>::load_required() }.unwrap();
+        assert!(egl.get_current_context().is_some(), "a renderer's context");
+        let function = |name| egl.get_proc_address(name).unwrap() as *const c_void;
+        // SAFETY: OpenGL declares the three functions with this signature.
+        let [enable, disable, logic_op] = unsafe {
+            ["glEnable", "glDisable", "glLogicOp"].map(|name| {
+                mem::transmute::<*const c_void, unsafe extern "C" fn(u32)>(function(name))
+            })
+        };
+        // SAFETY: a context is current; a wrong value is an error that OpenGL keeps.
+        unsafe {
+            logic_op(GL_CLEAR);
+            enable(GL_COLOR_LOGIC_OP);
+            enable(NO_CAPABILITY);
+        }
+        Self { disable }
+    }
+}
+
+impl Drop for Spoilt {
+    fn drop(&mut self) {
+        // SAFETY: the context of `new` is still current.
+        unsafe { (self.disable)(GL_COLOR_LOGIC_OP) };
+    }
+}
+
+fn is_opengl_error(result: Result<(), RenderError>) -> bool {
+    matches!(result, Err(RenderError::OpenGl { code: 0x0500, .. }))
+}
+
+#[test]
+fn what_an_error_has_spoilt_is_drawn_again() {
+    let mut data = simulation();
+    let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
+    let mut out = vec![0; renderer.image_len()];
+    renderer
+        .render_over(&mut data, &mut backdrop, &mut out)
+        .unwrap();
+    move_ball(&mut data, 0.3);
+    let spoilt = Spoilt::new();
+    assert!(is_opengl_error(renderer.render_over(
+        &mut data,
+        &mut backdrop,
+        &mut out
+    )));
+    drop(spoilt);
+    // the ball has not moved since
+    renderer
+        .render_over(&mut data, &mut backdrop, &mut out)
+        .unwrap();
+    let expected = whole(&mut renderer, &mut data);
+    assert!(expected.iter().any(|byte| *byte > 0));
+    assert_eq!(out, expected);
+}
+
+#[test]
+fn a_backdrop_that_an_error_has_spoilt_is_none() {
+    let mut data = simulation();
+    let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
+    let camera = data.model().camera("top").unwrap();
+    let spoilt = Spoilt::new();
+    assert!(is_opengl_error(renderer.draw_backdrop(
+        &mut data,
+        camera,
+        &mut backdrop
+    )));
+    drop(spoilt);
+    let mut out = vec![0; renderer.image_len()];
+    let refused = renderer.render_over(&mut data, &mut backdrop, &mut out);
+    assert_eq!(refused, Err(RenderError::NoBackdrop));
+}
+
+/// What moves here alters the picture of what stands still, or is no geom.
+#[test]
+fn moving_cameras_lights_and_skins_are_drawn_as_they_are() {
+    let table = r#"<geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>"#;
+    let still = r#"<camera name="top" pos="0 0 2"/>"#;
+    let slide = r#"<joint type="slide" axis="1 0 0"/>"#;
+    let scenes = [
+        format!(
+            r#"<worldbody>{table}<body>{slide}<geom size=".1" pos="0 0 .3"/>
+               <camera name="top" pos="0 0 2"/></body></worldbody>"#
+        ),
+        format!(
+            r#"<worldbody>{table}{still}<body>{slide}<geom size=".1" pos="0 0 .3"/>
+               <light pos="0 0 2" dir="0 0 -1" cutoff="10"/></body></worldbody>"#
+        ),
+        format!(
+            r#"<asset><skin name="cloth" rgba="1 0 0 1" face="0 1 2"
+                 vertex="-.2 -.2 .5  .2 -.2 .5  0 .2 .5">
+                 <bone body="bone" bindpos="0 0 0" bindquat="1 0 0 0"
+                   vertid="0 1 2" vertweight="1 1 1"/></skin></asset>
+               <worldbody>{table}{still}<body name="bone">{slide}
+                 <geom size=".1" group="3"/></body></worldbody>"#
+        ),
+    ];
+    for scene in scenes {
+        let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
+        let mut data = Data::new(Arc::new(model));
+        data.forward().unwrap();
+        let (mut renderer, mut backdrop) = drawn(&mut data, 24, 16);
+        let before = whole(&mut renderer, &mut data);
+        for x in [0.0, 0.3, -0.2] {
+            move_ball(&mut data, x);
+            let mut out = vec![0; renderer.image_len()];
+            renderer
+                .render_over(&mut data, &mut backdrop, &mut out)
+                .unwrap();
+            let expected = whole(&mut renderer, &mut data);
+            assert_eq!(expected == before, x == 0.0, "the motion must show");
+            assert!(out == expected, "{scene} at {x}");
+        }
+    }
+}

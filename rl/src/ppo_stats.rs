@@ -1,0 +1,100 @@
+//! What an update of proximal policy optimisation reports.
+
+use crate::algorithm::Metrics;
+use crate::loss::LossSums;
+
+/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that were run.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct UpdateStats {
+    /// The clipped surrogate, negated: what the actor minimises.
+    pub policy_loss: f64,
+    /// Squared error of the value function.
+    pub value_loss: f64,
+    /// Entropy of the action distribution in nats.
+    pub entropy: f64,
+    /// Estimated KL divergence of the new policy from the collecting one, in nats, at least 0.
+    pub approx_kl: f64,
+    /// Share in [0, 1] of decisions whose probability ratio left the clip interval.
+    pub clip_fraction: f64,
+    /// 1 - Var(return - value) / Var(return), before the update; 1 is a perfect critic, 0 a constant one.
+    pub explained_variance: f64,
+    /// Euclidean norm of the gradient before clipping, mean over gradient steps.
+    pub grad_norm: f64,
+    /// Gradient steps taken.
+    pub steps: usize,
+    /// Complete passes over the rollout; fewer than set when the KL divergence stopped the update.
+    pub epochs: usize,
+    /// Logarithm of every action component's standard deviation after the update, `[A]`.
+    pub log_std: Vec<f32>,
+}
+
+impl Metrics for UpdateStats {
+    /// The fields in their order; the components of `log_std` are `log_std_0`, `log_std_1`, ...
+    fn metrics(&self) -> Vec<(String, f64)> {
+        let scalars = [
+            ("policy_loss", self.policy_loss),
+            ("value_loss", self.value_loss),
+            ("entropy", self.entropy),
+            ("approx_kl", self.approx_kl),
+            ("clip_fraction", self.clip_fraction),
+            ("explained_variance", self.explained_variance),
+            ("grad_norm", self.grad_norm),
+            ("steps", self.steps as f64),
+            ("epochs", self.epochs as f64),
+        ];
+        let scalars = scalars.map(|(name, value)| (name.to_owned(), value));
+        let components = self.log_std.iter().enumerate();
+        let components = components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s)));
+        scalars.into_iter().chain(components).collect()
+    }
+}
+
+/// Running sums of an update.
+#[derive(Default)]
+pub(crate) struct Totals {
+    pub losses: LossSums,
+    pub grad_norms: f64,
+    pub steps: usize,
+    pub epochs: usize,
+}
+
+impl Totals {
+    /// `values` and `returns` are those of the whole rollout, `[T, N]`.
+    pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> UpdateStats {
+        let mean = |sum: f64| sum / self.losses.samples;
+        UpdateStats {
+            policy_loss: mean(self.losses.policy),
+            value_loss: mean(self.losses.value),
+            entropy: mean(self.losses.entropy),
+            approx_kl: mean(self.losses.kl),
+            clip_fraction: mean(self.losses.clipped),
+            explained_variance: explained_variance(values, returns),
+            grad_norm: self.grad_norms / self.steps.max(1) as f64,
+            steps: self.steps,
+            epochs: self.epochs,
+            log_std: log_std.to_vec(),
+        }
+    }
+}
+
+/// 1 - Var(return - value) / Var(return); 0 when the returns do not vary.
+fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
+    let total = variance(returns.iter().map(|&r| f64::from(r)));
+    let residual = variance(
+        returns
+            .iter()
+            .zip(values)
+            .map(|(&r, &v)| f64::from(r) - f64::from(v)),
+    );
+    if total > 0.0 {
+        1.0 - residual / total
+    } else {
+        0.0
+    }
+}
+
+fn variance(numbers: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
+    let count = numbers.len() as f64;
+    let mean = numbers.clone().sum::<f64>() / count;
+    numbers.map(|x| (x - mean).powi(2)).sum::<f64>() / count
+}

@@ -1,0 +1,32 @@
+//! Checks that settings of all kinds share.
+
+use crate::error::RlError;
+
+/// Refuses a setting that is not `allowed`.
+pub(crate) fn require(
+    name: &'static str,
+    value: f32,
+    expected: &'static str,
+    allowed: bool,
+) -> Result<(), RlError> {
+    if allowed {
+        return Ok(());
+    }
+    Err(RlError::Setting {
+        name,
+        value: f64::from(value),
+        expected,
+    })
+}
+
+/// Refuses a width of zero.
+pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
+    let expected = "at least 1 (a list must not be empty)";
+    require(name, width as f32, expected, width > 0)
+}
+
+/// Refuses what is not a finite number above 0.
+pub(crate) fn require_positive(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = value > 0.0 && value.is_finite();
+    require(name, value, "a finite number above 0", allowed)
+}

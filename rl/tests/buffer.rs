@@ -1,0 +1,99 @@
+//! The rollout buffer by itself: its order of calls, what it bootstraps and what it refuses.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+use rl::{Decisions, EnvSpec, Observations, Outcome, RlError, RolloutBuffer, Transition};
+use symmetry::Irrep;
+
+fn spec() -> EnvSpec {
+    EnvSpec {
+        num_envs: 2,
+        image: [2, 2, 1],
+        vector: vec![Irrep::X],
+        action: vec![Irrep::X],
+    }
+}
+
+/// Pushes one step whose every array carries `mark`.
+fn push(buffer: &mut RolloutBuffer, mark: u8, outcome: Outcome) -> Result<(), RlError> {
+    let value = f32::from(mark);
+    let observations = Observations {
+        images: vec![mark; 8],
+        vectors: vec![value; 2],
+    };
+    let decisions = Decisions {
+        actions: vec![value; 2],
+        log_probs: vec![value; 2],
+        values: vec![value; 2],
+    };
+    let mut transition = Transition::new(&spec());
+    transition.rewards.fill(value);
+    transition.outcomes.fill(outcome);
+    buffer.push(&observations, &decisions, &transition, &[10.0, 20.0])
+}
+
+#[test]
+fn pushing_past_the_end_is_an_error() {
+    let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
+    push(&mut buffer, 1, Outcome::Running).unwrap();
+    push(&mut buffer, 2, Outcome::Running).unwrap();
+    assert!(matches!(
+        push(&mut buffer, 3, Outcome::Running),
+        Err(RlError::BufferFull { steps: 2 })
+    ));
+    assert_eq!(
+        buffer.observations().images,
+        [vec![1; 8], vec![2; 8]].concat()
+    );
+    buffer.clear();
+    push(&mut buffer, 3, Outcome::Running).unwrap();
+    assert_eq!(buffer.rewards()[..2], [3.0, 3.0]);
+}
+
+#[test]
+fn a_buffer_is_read_only_when_finished() {
+    let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
+    push(&mut buffer, 1, Outcome::Running).unwrap();
+    assert!(matches!(
+        buffer.finish(&Observations::new(&spec()), &[0.0; 2]),
+        Err(RlError::BufferNotFinished { got: 1, steps: 2 })
+    ));
+    push(&mut buffer, 2, Outcome::Truncated).unwrap();
+    let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
+    assert!(
+        buffer
+            .advantages(1.0, 1.0, &mut advantages, &mut returns)
+            .is_err()
+    );
+    buffer
+        .finish(&Observations::new(&spec()), &[-1000.0; 2])
+        .unwrap();
+    buffer
+        .advantages(1.0, 1.0, &mut advantages, &mut returns)
+        .unwrap();
+    // returns bootstrap the final observations (10, 20), never what came after the reset (-1000)
+    assert_eq!(
+        returns,
+        [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]
+    );
+}
+
+#[test]
+fn a_reward_that_is_not_a_number_is_refused() {
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    let mut transition = Transition::new(&spec());
+    transition.rewards[1] = f32::NAN;
+    let result = buffer.push(
+        &Observations::new(&spec()),
+        &Decisions::new(&spec()),
+        &transition,
+        &[0.0; 2],
+    );
+    assert!(matches!(
+        result,
+        Err(RlError::NotFinite {
+            what: "a reward",
+            ..
+        })
+    ));
+}

@@ -1,0 +1,104 @@
+//! The pages of the repository: every relative link leads to a file, and prose is wrapped.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Longest line of prose, in characters. Tables, code, links and pictures may be longer.
+const COLUMNS: usize = 100;
+
+/// All Markdown files of the repository, which are the same in a package but for the folders that
+/// it leaves out.
+fn pages() -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut open = vec![PathBuf::from(env!("CARGO_MANIFEST_DIR"))];
+    while let Some(folder) = open.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let entry = entry.unwrap();
+            let (path, name) = (entry.path(), entry.file_name());
+            let name = name.to_string_lossy();
+            if entry.file_type().unwrap().is_dir() {
+                let ours =
+                    !name.starts_with('.') && !["target", "runs", "shared"].contains(&&name[..]);
+                open.extend(ours.then_some(path));
+            } else if name.ends_with(".md") {
+                found.push(path);
+            }
+        }
+    }
+    assert!(found.len() > 10, "{found:?}");
+    found
+}
+
+/// Lines outside of fenced code.
+fn prose(text: &str) -> impl Iterator<Item = &str> {
+    let mut code = false;
+    text.lines().filter(move |line| {
+        let fence = line.trim_start().starts_with("```");
+        code ^= fence;
+        !code && !fence
+    })
+}
+
+/// Targets of relative links, without the section.
+fn links(text: &str) -> Vec<&str> {
+    let targets = prose(text).flat_map(|line| line.split("](").skip(1));
+    let targets = targets.filter_map(|rest| rest.split([')', '#']).next());
+    targets
+        .filter(|target| !target.is_empty() && !target.contains("://"))
+        .collect()
+}
+
+/// Links of a page in `folder` that lead nowhere.
+fn dangling(folder: &Path, text: &str) -> Vec<String> {
+    let links = links(text).into_iter();
+    links
+        .filter(|target| !folder.join(target).exists())
+        .map(str::to_owned)
+        .collect()
+}
+
+/// Lines of prose that are longer than they may be.
+fn too_long(text: &str) -> Vec<String> {
+    let free = |line: &str| line.trim_start().starts_with('|') || line.contains("](");
+    prose(text)
+        .filter(|line| line.chars().count() > COLUMNS && !free(line))
+        .map(str::to_owned)
+        .collect()
+}
+
+/// What `wrong` finds on any page, each with the page's name.
+fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
+    let findings = pages().into_iter().map(|page| {
+        let text = fs::read_to_string(&page).unwrap();
+        let found = wrong(page.parent().unwrap(), &text);
+        found
+            .iter()
+            .map(|what| format!("{}: {what}", page.display()))
+            .collect::<Vec<_>>()
+    });
+    findings.flatten().collect()
+}
+
+#[test]
+fn links_lead_to_files() {
+    let wrong = on_any_page(dangling);
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn prose_is_wrapped() {
+    let wrong = on_any_page(|_, text| too_long(text));
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_dangling_link_and_a_long_line_are_found() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let text = "[a](Cargo.toml#b) [c](no.md), [d](#e)\n```\n[f](no.rs)\n```\n![g](src/no.png) [h](https://i.k)";
+    assert_eq!(dangling(root, text), ["no.md", "src/no.png"]);
+    let long = "x".repeat(COLUMNS + 1);
+    let text = format!("short\n| {long} |\n```\n{long}\n```\n[a](b) {long}\n{long}");
+    assert_eq!(too_long(&text), [long]);
+}
