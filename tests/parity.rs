@@ -189,6 +189,21 @@ fn damaged_recordings_are_refused_by_name() {
     }
 }
 
+/// An array of placements that are too short would be read past their end.
+#[test]
+fn placements_of_two_numbers_are_refused() {
+    let folder = changed("short", |name, bytes| {
+        if name == "rand_vec" {
+            let at = bytes.windows(6).position(|w| w == b"(2, 6)").unwrap();
+            bytes[at..at + 6].copy_from_slice(b"(2, 2)");
+            bytes.truncate(start(bytes) + 8 * 2 * 2);
+        }
+    });
+    let text = message(&folder);
+    let expected = "`rand_vec` has the shape [2, 2], expected [2, 6]";
+    assert!(text.contains(expected) && text.contains(REACH), "{text}");
+}
+
 #[test]
 fn what_is_no_recording_is_refused_by_name() {
     let to = folder("garbage");

@@ -11,6 +11,7 @@
 //! - [`SceneRenderer`]: the picture of a [`TableTop`].
 //! - [`TaskRegistry`]: groups by name.
 //! - [`conformance`]: what every task must do, as functions for tests.
+//! - [`mujoco`]: the wrapper whose models, simulations and errors this crate shows.
 //!
 //! ```
 //! use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
@@ -62,7 +63,7 @@ pub use control::Control;
 pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
-pub use mujoco::Backdrop;
+pub use mujoco::{self, Backdrop};
 pub use registry::TaskRegistry;
 pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
 pub use rows::Failure;
