@@ -3,9 +3,10 @@
 //! The crate sees only points: it knows no task, network or policy. It answers three questions.
 //!
 //! - How far apart are two clouds? [`wasserstein1`] is the exact 1-Wasserstein distance with
-//!   Euclidean ground cost and equal weights, [`Wasserstein`] takes any weights and keeps its memory, [`transport`] and
-//!   [`Solver`] solve the same problem on a given cost matrix. Each answer carries potentials that prove it optimal, and
-//!   [`certify`] checks the proof before the answer is returned.
+//!   Euclidean ground cost and equal weights, [`Wasserstein`] takes any weights and keeps its
+//!   memory, [`transport`] and [`Solver`] solve the same problem on a given cost matrix. Each
+//!   answer carries potentials that prove it optimal, and [`certify`] checks the proof before the
+//!   answer is returned.
 //! - Which policy's group does a rollout belong to? [`Assigner`] compares the first frames of the
 //!   new episodes with the buffer of each policy, in that policy's own feature space, and names one
 //!   or none, with all its evidence.
