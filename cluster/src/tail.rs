@@ -78,6 +78,12 @@ mod tests {
     }
 
     #[test]
+    #[should_panic(expected = "NaN is not 1e0")]
+    fn the_comparison_sees_nan() {
+        assert_close(f64::NAN, 1.0);
+    }
+
+    #[test]
     fn agrees_with_closed_forms() {
         for x in [0.01_f64, 0.5, 1.0, 1.9, 2.1, 3.5, 10.0, 50.0] {
             assert_close(gamma_tail(1.0, x), (-x).exp());

@@ -26,7 +26,7 @@ pub(crate) struct Scratch {
 /// for each point. The plan's own `cost` field is held to the same value.
 ///
 /// # Errors
-/// Those of [`transport`](crate::transport) about weights and costs, and the first fact that does
+/// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
 /// not hold, with its numbers. NaN anywhere is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
