@@ -20,7 +20,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// Way of the block from its start to the end of the rail (metres).
-const TRAVEL: f64 = 0.14;
+const TRAVEL: f64 = 0.12;
 /// Way left at success and at full reward (metres).
 const SUCCESS: f64 = 0.02;
 const DONE: f64 = 0.01;
@@ -68,7 +68,7 @@ impl Task for BlockPush {
             reward: if success {
                 10.0
             } else {
-                10.0 * hamacher(approach, in_place)
+                4.0 * approach + 6.0 * hamacher(approach, in_place)
             },
             success,
         }
@@ -76,11 +76,11 @@ impl Task for BlockPush {
 
     /// Over the near side of the block, down, then push.
     fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
-        let behind = now.object + PUSH + DVec3::new(0.0, -0.05, 0.0);
+        let behind = now.object + PUSH + DVec3::new(0.0, -0.04, 0.0);
         let aside = (now.tcp.x - behind.x).abs() > 0.02;
         let beyond = now.tcp.y > now.object.y + PUSH.y;
         let aim = if aside || beyond {
-            behind + DVec3::new(0.0, 0.0, 0.12)
+            behind + DVec3::new(0.0, 0.0, 0.09)
         } else if now.tcp.z > behind.z + 0.03 {
             behind
         } else {
