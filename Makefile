@@ -4,6 +4,10 @@
 DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 libgl1-mesa-dri libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
+# `cargo test` builds the examples. `cargo run` would compile the dependencies again, with other features.
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+EXAMPLES := $(TARGET)/debug/examples
+
 .PHONY: stream test deps
 
 stream: deps
@@ -12,11 +16,13 @@ stream: deps
 test: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --locked
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items --locked
 	cargo test --workspace --locked
-	cargo run --locked --example embed_cluster
-	cargo run --locked --example embed_env
-	cargo run --locked --example continual_stream -- --budget smoke --json
+	$(EXAMPLES)/embed_cluster
+	$(EXAMPLES)/embed_env
+	$(EXAMPLES)/embed_equivariant
+	$(EXAMPLES)/continual_stream --budget smoke --json
+	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty --target-dir $(TARGET)
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \

@@ -1,12 +1,14 @@
 //! Forward and backward passes of the encoder that experiments use, per sample.
 //!
-//! `48 x 48 x 6 -> 4, 8, 16, 16 regular fields (4 x 4, stride 2, padding 1) -> 32 fields (3 x 3)`, every
-//! convolution followed by a ReLU, then group pooling; f32, one thread, chunks of 16 samples.
+//! `48 x 48 x 6 -> 4, 8, 16, 16 regular fields (4 x 4, stride 2, padding 1) -> 32 fields (3 x 3)`,
+//! every convolution followed by a ReLU, then group pooling; f32, one thread, chunks of 16 samples.
 
 use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use equivariant::{Group, GroupMaxPool, Kernel, Layer, LayerError, R2Conv, Relu, Sequential};
+use equivariant::{
+    Group, GroupMaxPool, Kernel, Layer, LayerError, R2Conv, Relu, Scratch, Sequential, Signature,
+};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const SAMPLES: usize = 16;
@@ -26,7 +28,7 @@ fn encoder() -> Result<Sequential<f32>, LayerError> {
     let (mut fields, mut size) = (Group::D2.trivial(6), 48);
     for (n, kernel) in [(4, halve), (8, halve), (16, halve), (16, halve), (32, last)] {
         let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
-        let shape = Layer::<f32>::out_shape(&conv);
+        let shape = conv.out_shape();
         (fields, size) = (shape.fields, shape.height);
         layers.push(Box::new(conv));
         layers.push(Box::new(Relu::new(shape)?));
@@ -42,7 +44,7 @@ struct Batch {
     y: Vec<f32>,
     dy: Vec<f32>,
     dx: Vec<f32>,
-    scratch: Vec<f32>,
+    scratch: Scratch<f32>,
 }
 
 impl Batch {
@@ -60,7 +62,7 @@ impl Batch {
             x,
             y: vec![0.0; SAMPLES * out_len],
             dy: vec![1.0; SAMPLES * out_len],
-            scratch: vec![0.0; layer.scratch_len(SAMPLES)],
+            scratch: layer.scratch(SAMPLES),
         }
     }
 

@@ -6,8 +6,8 @@ use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_mai
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, EnvSpec, NetworkSettings, Observations, Policy, Ppo, PpoSettings,
-    RlError, RolloutBuffer, Transition,
+    ActorCriticPolicy, Algorithm, Decisions, EnvSpec, NetworkSettings, Observations, OnPolicy, Ppo,
+    PpoSettings, RlError, RolloutBuffer, Transition,
 };
 
 const STEPS: usize = 50;
@@ -33,7 +33,7 @@ fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<Rollo
         let vectors = &mut observations.vectors;
         vectors.fill_with(|| rng.random_range(-1.0..1.0));
         transition.rewards.fill_with(|| rng.random());
-        policy.act(&observations, rng, &mut decisions)?;
+        policy.decide(&observations, &mut (), rng, &mut decisions)?;
         buffer.push(&observations, &decisions, &transition, &[0.0; ENVS])?;
     }
     buffer.finish(&observations, &[0.0; ENVS])?;
@@ -69,7 +69,7 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
     let mut decisions = Decisions::new(&spec());
     group.throughput(Throughput::Elements(ENVS as u64));
     group.bench_function("act_batch_20", |b| {
-        b.iter(|| policy.act(black_box(&observations), &mut rng, &mut decisions));
+        b.iter(|| policy.decide(black_box(&observations), &mut (), &mut rng, &mut decisions));
     });
     assert!(decisions.log_probs.iter().all(|p| p.is_finite()));
     group.finish();

@@ -1,11 +1,14 @@
-//! A training loop of somebody else's around the equivariant crate: `cargo run --release --example embed_equivariant`.
+//! A training loop of somebody else's around the equivariant crate: `cargo run --release --example
+//! embed_equivariant`.
 //!
-//! Glyphs lie near the middle of noisy pictures, flipped at random; the class is the glyph, so a classifier must not care about
-//! flips. The same code trains a network that is invariant under D2 and an ordinary one, C1, with
-//! as many channels, from few pictures, and prints how many new ones each gets right.
+//! Glyphs lie near the middle of noisy pictures, flipped at random; the class is the glyph, so a
+//! classifier must not care about flips. The same code trains a network that is invariant under D2
+//! and an ordinary one, C1, with as many channels, from few pictures, and prints how many new ones
+//! each gets right.
 
 use equivariant::{
-    Chunks, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Sequential, Shape,
+    Chunks, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Sequential,
+    Shape, Signature,
 };
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +26,8 @@ const HALVING: Kernel = Kernel {
     padding: 1,
 };
 
-/// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class scores.
+/// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class
+/// scores.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let mut shape = Shape::image(SIDE, SIDE, group.trivial(1));
@@ -33,12 +37,12 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
             4 => R2Conv::flatten(shape, fields)?,
             size => R2Conv::new(shape.fields, fields, HALVING, [size; 2])?,
         };
-        shape = Layer::<f32>::out_shape(&conv);
+        shape = conv.out_shape();
         layers.push(Box::new(conv));
         layers.push(Box::new(Relu::new(shape)?));
     }
     let pool = GroupMaxPool::new(shape)?;
-    let invariants = Layer::<f32>::out_shape(&pool).fields;
+    let invariants = pool.out_shape().fields;
     layers.push(Box::new(pool));
     layers.push(Box::new(Linear::new(invariants, group.trivial(CLASSES))?));
     Sequential::new(layers)
@@ -49,8 +53,8 @@ fn train(net: &Sequential<f32>, data: &Data, steps: usize) -> Vec<f32> {
     let mut params = vec![0.0; net.num_params()];
     net.init(&mut ChaCha8Rng::seed_from_u64(1), &mut params);
     let mut velocity = vec![0.0; params.len()];
-    let (samples, scratch) = (data.labels.len(), net.scratch_len(CHUNK));
-    let buffers = move || (vec![0.0; CHUNK * CLASSES], vec![0.0; scratch]);
+    let (samples, scratch) = (data.labels.len(), net.scratch(CHUNK));
+    let buffers = move || (vec![0.0; CHUNK * CLASSES], scratch.clone());
     let mut chunks = Chunks::new(params.len(), CHUNK, buffers);
     for _ in 0..steps {
         velocity.iter_mut().for_each(|v| *v *= 0.9);
@@ -83,7 +87,7 @@ fn cross_entropy(scores: &[f32], labels: &[usize]) -> Vec<f32> {
 
 /// The share of pictures whose largest score is the label's.
 fn accuracy(net: &Sequential<f32>, params: &[f32], data: &Data) -> f64 {
-    let mut scratch = vec![0.0; net.scratch_len(1)];
+    let mut scratch = net.scratch(1);
     let mut scores = [0.0; CLASSES];
     let samples = data.pictures.chunks(PIXELS).zip(&data.labels);
     let right = samples.filter(|(x, label)| {

@@ -73,7 +73,8 @@ fn require_version(declarations: &str) -> Result<(), String> {
         .lines()
         .find(|line| line.contains("mjVERSION_HEADER"));
     Err(format!(
-        "mujoco/mujoco.h is not of MuJoCo 2.2.2: expected mjVERSION_HEADER {SUPPORTED_VERSION}, got `{}`.",
+        "mujoco/mujoco.h is not of MuJoCo 2.2.2: expected mjVERSION_HEADER {SUPPORTED_VERSION}, \
+         got `{}`.",
         found.unwrap_or("no mjVERSION_HEADER")
     ))
 }

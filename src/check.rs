@@ -151,7 +151,8 @@ fn check_symmetry(
 
 fn symmetry_line(row: &SymmetryRow) -> String {
     format!(
-        "{:<7} {:<13} {:<10} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",
+        "{:<7} {:<13} {:<10} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  \
+         pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",
         row.embodiment,
         row.task,
         row.element,
@@ -178,7 +179,8 @@ fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool,
 
 fn parity_line(row: &ParityRow) -> String {
     format!(
-        "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
+        "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  \
+         single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
         row.file,
         row.reward_deviation,
         row.success_mismatches,

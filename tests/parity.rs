@@ -1,4 +1,5 @@
-//! Meta-World itself, recorded by `benches/peers/record_metaworld.sh`, against the `metaworld` layout; and recordings that are none.
+//! Meta-World itself, recorded by `benches/peers/record_metaworld.sh`, against the `metaworld`
+//! layout; and recordings that are none.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -30,7 +31,8 @@ fn rewards_steps_and_replays_are_meta_worlds() {
     }
 }
 
-/// Figures of Meta-World 3.1.1 on MuJoCo 2.2.2 after a reset: joints 0 to 6 in radians, then the fingers.
+/// Figures of Meta-World 3.1.1 on MuJoCo 2.2.2 after a reset: joints 0 to 6 in radians, then the
+/// fingers.
 #[test]
 fn episodes_start_where_meta_worlds_do() {
     let over_the_centre = [
@@ -185,6 +187,21 @@ fn damaged_recordings_are_refused_by_name() {
         let text = message(&folder);
         assert!(text.contains(expected) && text.contains(REACH), "{text}");
     }
+}
+
+/// An array of placements that are too short would be read past their end.
+#[test]
+fn placements_of_two_numbers_are_refused() {
+    let folder = changed("short", |name, bytes| {
+        if name == "rand_vec" {
+            let at = bytes.windows(6).position(|w| w == b"(2, 6)").unwrap();
+            bytes[at..at + 6].copy_from_slice(b"(2, 2)");
+            bytes.truncate(start(bytes) + 8 * 2 * 2);
+        }
+    });
+    let text = message(&folder);
+    let expected = "`rand_vec` has the shape [2, 2], expected [2, 6]";
+    assert!(text.contains(expected) && text.contains(REACH), "{text}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 
 use covers::sheet::{contact_sheet, variant_pictures};
 use envs::{ACTION_IRREPS, IMAGE_CHANNELS, RGB, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
-use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Observations, Policy};
+use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;
 
 #[test]
@@ -64,6 +64,18 @@ fn observation(picture: &[u8], vector: &[f32], element: D2) -> Observations {
     }
 }
 
+/// The largest of some numbers; NaN where one of them is, which no bound accepts.
+#[derive(Default)]
+struct Worst(f32);
+
+impl Worst {
+    fn see(&mut self, value: f32) {
+        if !(value <= self.0) && !self.0.is_nan() {
+            self.0 = value;
+        }
+    }
+}
+
 /// Largest relative deviation from `action(g s) = g action(s)` over all pictures, for observations made by `map`.
 fn deviation(map: impl Fn(D2) -> D2) -> f32 {
     let settings = VecEnvSettings::default();
@@ -84,11 +96,15 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
     let mut act = |picture: &[u8], element| {
         let mut action = [0.0; 4];
         policy
-            .mean_actions(&observation(picture, &vector, element), &mut action)
+            .mean_actions(
+                &observation(picture, &vector, element),
+                &mut (),
+                &mut action,
+            )
             .unwrap();
         action
     };
-    let mut worst: f32 = 0.0;
+    let mut worst = Worst::default();
     for variants in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap() {
         let reference = act(&variants[0], D2::Identity);
         let scale = reference
@@ -98,11 +114,11 @@ fn deviation(map: impl Fn(D2) -> D2) -> f32 {
             let action = act(picture, map(element));
             for (i, irrep) in ACTION_IRREPS.into_iter().enumerate() {
                 let expected = reference[i] * f32::from(irrep.sign(element));
-                worst = worst.max((action[i] - expected).abs() / scale);
+                worst.see((action[i] - expected).abs() / scale);
             }
         }
     }
-    worst
+    worst.0
 }
 
 #[test]
@@ -120,4 +136,13 @@ fn a_vector_mirrored_along_the_wrong_axis_is_noticed() {
     };
     let worst = deviation(swapped);
     assert!(worst > 1e-3, "relative deviation {worst}");
+}
+
+#[test]
+fn a_deviation_that_is_not_a_number_is_noticed() {
+    let mut worst = Worst::default();
+    for value in [0.5, f32::NAN, 0.1] {
+        worst.see(value);
+    }
+    assert!(worst.0.is_nan());
 }

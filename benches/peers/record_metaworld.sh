@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Records Meta-World on MuJoCo 2.2.2 anew: benches/peers/record_metaworld.sh FOLDER   (the repository's: envs/tests/recordings)
+# Records Meta-World on MuJoCo 2.2.2 anew: benches/peers/record_metaworld.sh FOLDER   (the repository's: tests/recordings)
 # The wheel of mujoco 2.2.2 exists for Python 3.10; name that interpreter in PYTHON where it is not called python3.10.
 set -euo pipefail
 folder=${1:?usage: record_metaworld.sh FOLDER}

@@ -94,7 +94,8 @@ pub enum ClusterError {
     },
     /// A matrix of distances does not fit in memory.
     #[error(
-        "the distances between {points} and {others} points do not fit in memory; compare samples of the clouds"
+        "the distances between {points} and {others} points do not fit in memory; \
+         compare samples of the clouds"
     )]
     TooManyPoints {
         /// Number of points of one cloud.
@@ -104,7 +105,8 @@ pub enum ClusterError {
     },
     /// The solver used up its bound on pivots.
     #[error(
-        "the network simplex method stopped after {pivots} pivots without an optimum; rescale the costs"
+        "the network simplex method stopped after {pivots} pivots without an optimum; \
+         rescale the costs"
     )]
     Stalled {
         /// Pivots made, which is also the bound.

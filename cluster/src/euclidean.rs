@@ -22,10 +22,10 @@ const PARALLEL: usize = 1 << 22;
 
 /// A matrix of distances, with memory that is kept.
 ///
-/// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer), around
-/// the common centre of both clouds. Where the three terms cancel, the distance is computed from the differences:
-/// equal points are exactly 0 apart, and relative errors stay below 1e-12. Points are `f32`, everything else
-/// is `f64`.
+/// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer),
+/// around the common centre of both clouds. Where the three terms cancel, the distance is computed
+/// from the differences: equal points are exactly 0 apart, and relative errors stay below 1e-12.
+/// Points are `f32`, everything else is `f64`.
 #[derive(Clone, Debug, Default)]
 pub struct EuclideanCosts {
     centre: Vec<f64>,
@@ -41,9 +41,11 @@ impl EuclideanCosts {
         Self::default()
     }
 
-    /// Returns the distances between the points of `x` `[n, dim]` and `y` `[m, dim]`, row-major `[n, m]`.
+    /// Returns the distances between the points of `x` `[n, dim]` and `y` `[m, dim]`, row-major
+    /// `[n, m]`.
     ///
-    /// Large matrices are computed on the threads of the current rayon pool; the bits do not depend on their number.
+    /// Large matrices are computed on the threads of the current rayon pool; the bits do not depend
+    /// on their number.
     ///
     /// # Errors
     /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not

@@ -1,11 +1,13 @@
-//! Exact 1-Wasserstein distances between point clouds, and the policy assigner built on them.
+//! Computes exact 1-Wasserstein distances between point clouds, and decides with them which known
+//! group a new set of points belongs to.
 //!
 //! The crate sees only points: it knows no task, network or policy. It answers three questions.
 //!
 //! - How far apart are two clouds? [`wasserstein1`] is the exact 1-Wasserstein distance with
-//!   Euclidean ground cost and equal weights, [`Wasserstein`] takes any weights and keeps its memory, [`transport`] and
-//!   [`Solver`] solve the same problem on a given cost matrix. Each answer carries potentials that prove it optimal, and
-//!   [`certify`] checks the proof before the answer is returned.
+//!   Euclidean ground cost and equal weights, [`Wasserstein`] takes any weights and keeps its
+//!   memory, [`transport()`] and [`Solver`] solve the same problem on a given cost matrix. Each
+//!   answer carries potentials that prove it optimal, and [`certify`] checks the proof before the
+//!   answer is returned.
 //! - Which policy's group does a rollout belong to? [`Assigner`] compares the first frames of the
 //!   new episodes with the buffer of each policy, in that policy's own feature space, and names one
 //!   or none, with all its evidence.

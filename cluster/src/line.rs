@@ -6,19 +6,22 @@ use crate::check::rows;
 use crate::error::ClusterError;
 use crate::transport::{Weights, check_weights_of};
 
-/// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in their unit.
+/// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in
+/// their unit.
 ///
-/// `W1 = integral of |F(t) - G(t)| dt` over the two distribution functions (G. Peyre and M. Cuturi, "Computational
-/// optimal transport" (2019), equation 2.37), in `O((n + m) log(n + m))`: what [`crate::wasserstein1`]
-/// finds for `dim = 1` by solving the linear program.
+/// `W1 = integral of |F(t) - G(t)| dt` over the two distribution functions (G. Peyre and M. Cuturi,
+/// "Computational optimal transport" (2019), equation 2.37), in `O((n + m) log(n + m))`: what
+/// [`crate::wasserstein1`] finds for `dim = 1` by solving the linear program.
 ///
 /// # Errors
-/// An empty side, values that are not finite, weights that are no distribution, and numbers of weights other than `n` and `m`.
+/// An empty side, values that are not finite, weights that are no distribution, and numbers of
+/// weights other than `n` and `m`.
 ///
 /// ```
 /// use cluster::{Weights, wasserstein1_line};
 ///
-/// let distance = wasserstein1_line(&[0.0, 1.0, 2.0], Weights::Uniform(3), &[0.0, 2.0], Weights::Uniform(2))?;
+/// let (three, two) = (Weights::Uniform(3), Weights::Uniform(2));
+/// let distance = wasserstein1_line(&[0.0, 1.0, 2.0], three, &[0.0, 2.0], two)?;
 /// assert!((distance - 1.0 / 3.0).abs() < 1e-12);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```

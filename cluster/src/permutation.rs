@@ -185,7 +185,8 @@ fn summarise(distance: f64, splits: Vec<f64>, rounding: f64) -> PermutationTest 
 }
 
 /// Standard error of the skewness of a normal sample. It is added to the skewness measured, since a
-/// tail that is taken for too light costs a false alarm, and one that is taken for too heavy little.
+/// tail that is taken for too light costs a false alarm, and one that is taken for too heavy
+/// little.
 fn skewness_error(permutations: usize) -> f64 {
     (6.0 / permutations as f64).sqrt()
 }

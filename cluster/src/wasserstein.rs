@@ -5,14 +5,14 @@ use crate::error::ClusterError;
 use crate::euclidean::EuclideanCosts;
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 
-/// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]` with equal
-/// weights, in their unit.
+/// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
+/// with equal weights, in their unit.
 ///
 /// `W1(X, Y) = min <gamma, M>_F` over `gamma >= 0` with row sums `1/n` and column sums `1/m`, where
 /// `M_il = ||X_i - Y_l||_2`: the distance of Liu et al., "Continual Vision-based Reinforcement
-/// Learning with Group Symmetries" (CoRL 2023), section 4.3. The result is certified (see [`crate::certify`]); it
-/// is zero exactly when both clouds hold the same points in the same proportions, up to the certificate's
-/// tolerance.
+/// Learning with Group Symmetries" (CoRL 2023), section 4.3. The result is certified (see
+/// [`crate::certify`]); it is zero exactly when both clouds hold the same points in the same
+/// proportions, up to the certificate's tolerance.
 ///
 /// # Errors
 /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
@@ -26,7 +26,8 @@ use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 /// ```
 pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64, ClusterError> {
     positive("dim", dim)?;
-    // names in errors are those of the arguments, so they are checked before the sides may change places
+    // names in errors are those of the arguments, so they are checked before the sides may change
+    // places
     rows("x", x, dim, "point")?;
     rows("y", y, dim, "point")?;
     // many sources and few sinks are priced faster than the reverse
@@ -37,7 +38,8 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64, ClusterErro
     Ok(solver.solve(costs, uniform(x), uniform(y))?.cost)
 }
 
-/// The 1-Wasserstein distance between weighted clouds, with plan, potentials and memory that is kept.
+/// The 1-Wasserstein distance between weighted clouds, with plan, potentials and memory that is
+/// kept.
 ///
 /// ```
 /// use cluster::{Wasserstein, Weights};
@@ -61,10 +63,12 @@ impl Wasserstein {
         Self::default()
     }
 
-    /// Transports `x` `[n, dim]` with weights `a` to `y` `[m, dim]` with weights `b`; faster with the larger cloud as `x`.
+    /// Transports `x` `[n, dim]` with weights `a` to `y` `[m, dim]` with weights `b`; faster with
+    /// the larger cloud as `x`.
     ///
     /// # Errors
-    /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other than `n` and `m`.
+    /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other
+    /// than `n` and `m`.
     pub fn solve(
         &mut self,
         x: &[f32],
@@ -77,7 +81,8 @@ impl Wasserstein {
         self.solver.solve(costs, a, b)
     }
 
-    /// Does the same from the last solution, as [`Solver::solve_again`] does: for a cloud that has grown by a few points.
+    /// Does the same from the last solution, as [`Solver::solve_again`] does: for a cloud that has
+    /// grown by a few points.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve).

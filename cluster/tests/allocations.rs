@@ -8,8 +8,8 @@ use common::{normals, random_costs, random_weights};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Points, other points, dimensions: dense pricing and shortlists, with few enough multiplications that one thread
-/// computes the distances.
+/// Points, other points, dimensions: dense pricing and shortlists, with few enough multiplications
+/// that one thread computes the distances.
 const SIZES: [(usize, usize, usize); 4] =
     [(80, 80, 1), (80, 80, 128), (300, 200, 64), (100, 600, 64)];
 

@@ -34,6 +34,18 @@ fn assert_close(got: f64, expected: f64) {
 }
 
 #[test]
+#[should_panic(expected = "got NaN, expected 1")]
+fn the_comparison_sees_nan() {
+    assert_close(f64::NAN, 1.0);
+}
+
+#[test]
+#[should_panic(expected = "got 1, expected NaN")]
+fn the_comparison_sees_a_nan_of_the_oracle() {
+    assert_close(1.0, f64::NAN);
+}
+
+#[test]
 fn agrees_with_the_closed_form_on_the_line() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for (n, m) in [

@@ -74,7 +74,8 @@ fn a_matrix_that_no_memory_holds_is_refused() {
             .compute(&points, &points, 1)
             .unwrap_err()
             .to_string(),
-        "the distances between 16777216 and 16777216 points do not fit in memory; compare samples of the clouds"
+        "the distances between 16777216 and 16777216 points do not fit in memory; \
+         compare samples of the clouds"
     );
 }
 

@@ -1,4 +1,5 @@
-//! The solver against solvers of others: a general linear program, an assignment solver, recordings of POT.
+//! The solver against solvers of others: a general linear program, an assignment solver, recordings
+//! of POT.
 
 // lints know tests, but not the helpers that tests call
 #![allow(clippy::expect_used)]

@@ -95,7 +95,8 @@ proptest! {
     #[test]
     fn points_without_weight_change_nothing(x in measure(), y in measure()) {
         let mut kept = x.clone();
-        kept.points = x.points.iter().zip(&x.weights).filter(|(_, w)| **w > 0.0).map(|(p, _)| *p).collect();
+        let pairs = x.points.iter().zip(&x.weights);
+        kept.points = pairs.filter(|(_, w)| **w > 0.0).map(|(p, _)| *p).collect();
         kept.weights.retain(|w| *w > 0.0);
         prop_assert!((w1(&x, &y) - w1(&kept, &y)).abs() < 1e-12);
     }
@@ -114,7 +115,8 @@ proptest! {
             received[e.sink] += e.mass;
             paid += e.mass * distance(&x.points[e.source], &y.points[e.sink]);
         }
-        for (got, expected) in sent.iter().chain(&received).zip(x.weights.iter().chain(&y.weights)) {
+        let weights = x.weights.iter().chain(&y.weights);
+        for (got, expected) in sent.iter().chain(&received).zip(weights) {
             prop_assert!((got - expected).abs() < 1e-14);
         }
         for (p, u) in x.points.iter().zip(u) {
@@ -148,7 +150,10 @@ proptest! {
     #[test]
     fn a_warm_start_follows_any_growth_and_shrinkage(
         seed in 0u64..1000,
-        steps in prop::collection::vec((1usize..25, 1usize..25, any::<bool>(), any::<bool>()), 1..12),
+        steps in prop::collection::vec(
+            (1usize..25, 1usize..25, any::<bool>(), any::<bool>()),
+            1..12,
+        ),
     ) {
         // point i and point j keep their cost; weights change between equal and increasing
         let all = random_costs(seed, 25 * 25);

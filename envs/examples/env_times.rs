@@ -1,10 +1,11 @@
-//! Times environments on request, for `benches/peers/envs.sh`: reads lines `<measure> <embodiment> <task> <threads>` and
-//! answers each with one number.
+//! Times environments on request, for `benches/peers/envs.sh`: reads lines `<measure> <embodiment>
+//! <task> <threads>` and answers each with one number.
 //!
-//! Measures: `state` (control steps per second without pictures), `ceiling` (the same motion by bare physics steps),
-//! `image` (control steps per second of a `VecEnv` with a 64 x 64 x 6 image each), `frame` (milliseconds of one picture),
-//! `reset` (milliseconds, without a picture), `switch` (milliseconds, from one prepared group to the next with 64 environments), `memory` (megabytes of this process with 64 environments and their images, all
-//! task groups prepared).
+//! Measures: `state` (control steps per second without pictures), `ceiling` (the same motion by
+//! bare physics steps), `image` (control steps per second of a `VecEnv` with a 64 x 64 x 6 image
+//! each), `frame` (milliseconds of one picture), `reset` (milliseconds, without a picture),
+//! `switch` (milliseconds, from one prepared group to the next with 64 environments), `memory`
+//! (megabytes of this process with 64 environments and their images, all task groups prepared).
 //! Threads work side by side and their rates add up.
 
 use std::error::Error;
@@ -31,7 +32,8 @@ const TURN: Duration = Duration::from_millis(400);
 const ENVS: usize = 16;
 /// Environments whose memory is asked for.
 const MANY: usize = 64;
-/// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as in Meta-World.
+/// An action, and a picture, every control step of 12.5 ms; a full action moves the target 1 cm, as
+/// in Meta-World.
 const CONTROL: Control = Control {
     action_repeat: 1,
     displacement: 0.01,
@@ -75,7 +77,8 @@ impl Subject {
             table.reset(D2::Identity, &mut rng)?;
             tables.push(table);
         }
-        // as the pools that it is compared with, which have stepped before: the first step touches fresh memory
+        // as the pools that it is compared with, which have stepped before: the first step touches
+        // fresh memory
         for table in &mut tables {
             table.step(&action(&mut rng))?;
         }
@@ -90,7 +93,8 @@ impl Subject {
         })
     }
 
-    /// What `state` asks of MuJoCo and nothing else: the target moves, the fingers are set, five physics steps.
+    /// What `state` asks of MuJoCo and nothing else: the target moves, the fingers are set, five
+    /// physics steps.
     fn ceiling(self, start: &Barrier) -> Result<f64, Failure> {
         let (table, mut rng) = self.table()?;
         let model = &table.scene().model;
@@ -126,7 +130,8 @@ impl Subject {
         Ok(1e3 / resets)
     }
 
-    /// One picture as a `VecEnv` paints it, of a scene that moves between pictures; the time of the motion does not count.
+    /// One picture as a `VecEnv` paints it, of a scene that moves between pictures; the time of the
+    /// motion does not count.
     fn frame(self) -> Result<f64, Failure> {
         let (mut table, mut rng) = self.table()?;
         let mut renderer = SceneRenderer::new(Arc::clone(table.scene()))?;

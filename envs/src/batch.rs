@@ -25,11 +25,13 @@ pub struct StepMut<'a> {
     pub success: &'a mut [bool],
     /// `[N]`: the success condition holds after the decision's last control step.
     pub success_at_end: &'a mut [bool],
-    /// `[N]`: the episode reached its time limit, or its environment failed; tasks never end otherwise.
+    /// `[N]`: the episode reached its time limit, or its environment failed; tasks never end
+    /// otherwise.
     pub truncated: &'a mut [bool],
 }
 
-/// Owned buffers of the shapes that [`VecEnv`](crate::VecEnv) fills; see [`StepMut`] for what they hold.
+/// Owned buffers of the shapes that [`VecEnv`](crate::VecEnv) fills; see [`StepMut`] for what they
+/// hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
     /// `[N, size, size, 6]`.

@@ -1,19 +1,21 @@
-//! How a picture is taken: the top-down camera, how points project, the light, and the mark over the gripper.
+//! How a picture is taken: the top-down camera, how points project, the light, and the mark over
+//! the gripper.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 
 /// Largest picture that is drawn (pixels along a side).
 const LARGEST: usize = 4096;
 /// Lowest camera (metres); at or below the hand's height a projection would be mirrored.
 const LOWEST: f64 = 0.6;
 
-/// How a picture is taken: the camera, the light and the gripper's mark. Part of what a trained policy depends on, so it serialises.
+/// How a picture is taken: the camera, the light and the gripper's mark. Part of what a trained
+/// policy depends on, so it serialises.
 ///
-/// A square pinhole camera looks straight down on the table's centre; image up is +y, image right is +x. There is no multisampling, and there
-/// are no shadows and no reflections.
+/// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
+/// is +x. There is no multisampling, and there are no shadows and no reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -21,7 +23,8 @@ pub struct Camera {
     pub size: usize,
     /// Height over the table (metres).
     pub height: f64,
-    /// Half the side of the square seen on the table (metres); with the height it sets the field of view.
+    /// Half the side of the square seen on the table (metres); with the height it sets the field of
+    /// view.
     pub half_extent: f64,
     /// Colour of the floor around the table before lighting, RGB in `[0, 1]`.
     pub background: [f64; 3],
@@ -31,8 +34,8 @@ pub struct Camera {
     pub mark: Mark,
 }
 
-/// White light that mirrors exactly: it comes from all around, from the camera and from straight above. A surface that faces the camera shows
-/// its colour times the sum of the three.
+/// White light that mirrors exactly: it comes from all around, from the camera and from straight
+/// above. A surface that faces the camera shows its colour times the sum of the three.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
@@ -44,7 +47,8 @@ pub struct Light {
     pub overhead: f64,
 }
 
-/// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies on the table, however high the gripper is.
+/// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies on the
+/// table, however high the gripper is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {
@@ -90,7 +94,8 @@ impl Default for Mark {
 }
 
 impl Camera {
-    /// Refuses sizes that a flip does not map onto themselves, cameras that see nothing, and colours out of range.
+    /// Refuses sizes that a flip does not map onto themselves, cameras that see nothing, and
+    /// colours out of range.
     ///
     /// # Errors
     /// [`EnvError::Setting`].
@@ -101,18 +106,7 @@ impl Camera {
         require(high, "camera height", &self.height, HEIGHT)?;
         let wide = self.half_extent > 0.0 && self.half_extent.is_finite();
         require(wide, "camera half extent", &self.half_extent, LENGTH)?;
-        let Light {
-            ambient,
-            camera,
-            overhead,
-        } = self.light;
-        for (name, value) in [
-            ("ambient light", ambient),
-            ("camera light", camera),
-            ("overhead light", overhead),
-        ] {
-            require((0.0..=1.0).contains(&value), name, &value, SHARE)?;
-        }
+        self.light.check()?;
         for value in self.background {
             require((0.0..=1.0).contains(&value), "background", &value, SHARE)?;
         }
@@ -156,44 +150,48 @@ impl Camera {
     pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
-        let middle = self.size as f64 / 2.0;
-        draw_ring([middle; 2], [u, -v], radii, mark.color, self.size, rgb);
+        draw_ring([u, -v], radii, mark.color, self.size, rgb);
     }
 }
 
-/// Colours the pixels of `rgb` `[H, width, 3]` whose middles are nearer than `radii[0]` and not nearer than `radii[1]` to the point `offset` (right,
-/// down) from `centre` (column, row); all in pixels. Mirroring the offset mirrors the ring exactly where the centre is the picture's.
-pub(crate) fn draw_ring(
-    centre: [f64; 2],
-    offset: [f64; 2],
-    radii: [f64; 2],
-    color: [u8; 3],
-    width: usize,
-    rgb: &mut [u8],
-) {
+/// Colours the pixels of `rgb` `[size, size, 3]` whose middles are nearer than `radii[0]` and not
+/// nearer than `radii[1]` to the point `offset` (right, down) from the picture's middle; all in
+/// pixels. Mirroring the offset mirrors the ring exactly.
+fn draw_ring(offset: [f64; 2], radii: [f64; 2], color: [u8; 3], size: usize, rgb: &mut [u8]) {
+    let middle = size as f64 / 2.0;
     // pixels outside of these ranges cannot be reached
-    let reach = |axis: usize, count: usize| {
-        let middle = centre[axis] + offset[axis];
-        let [low, high] = [-1.0, 1.0].map(|side| middle + side * (radii[0] + 1.0));
-        let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
+    let reach = |axis: usize| {
+        let [low, high] = [-1.0, 1.0].map(|side| middle + offset[axis] + side * (radii[0] + 1.0));
+        let pixel = |value: f64| value.clamp(0.0, size as f64) as usize;
         pixel(low)..pixel(high)
     };
     let squares = radii.map(|radius| radius * radius);
-    let columns = reach(0, width);
-    for row in reach(1, rgb.len() / (3 * width)) {
-        let dy = ((row as f64 + 0.5) - centre[1]) - offset[1];
-        for column in columns.clone() {
-            let dx = ((column as f64 + 0.5) - centre[0]) - offset[0];
+    for row in reach(1) {
+        let dy = ((row as f64 + 0.5) - middle) - offset[1];
+        for column in reach(0) {
+            let dx = ((column as f64 + 0.5) - middle) - offset[0];
             let distance = dx * dx + dy * dy;
             if distance < squares[0] && distance >= squares[1] {
-                rgb[(row * width + column) * 3..][..3].copy_from_slice(&color);
+                rgb[(row * size + column) * 3..][..3].copy_from_slice(&color);
             }
         }
     }
 }
 
+impl Light {
+    fn check(&self) -> Result<(), EnvError> {
+        let named = [
+            ("ambient light", self.ambient),
+            ("camera light", self.camera),
+            ("overhead light", self.overhead),
+        ];
+        let share = |(name, value)| require((0.0..=1.0).contains(&value), name, &value, SHARE);
+        named.into_iter().try_for_each(share)
+    }
+}
+
 impl Mark {
-    pub(crate) fn check(&self) -> Result<(), EnvError> {
+    fn check(&self) -> Result<(), EnvError> {
         let drawn = self.radius >= 0.0 && self.radius.is_finite();
         require(drawn, "mark radius", &self.radius, RADIUS)?;
         let inside = (0.0..=self.radius).contains(&self.hole);
@@ -207,24 +205,6 @@ const LENGTH: &str = "a positive length in metres";
 const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "a length in metres, or 0 for no mark";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
-
-/// Refuses a setting where a condition does not hold.
-pub(crate) fn require(
-    holds: bool,
-    name: &'static str,
-    value: &dyn ToString,
-    expected: &'static str,
-) -> Result<(), EnvError> {
-    if holds {
-        return Ok(());
-    }
-    let value = value.to_string();
-    Err(EnvError::Setting {
-        name,
-        value,
-        expected,
-    })
-}
 
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 
 /// How actions become motion and how long an episode lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,30 +46,30 @@ impl Control {
     /// # Errors
     /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
-        let setting = |name, value: String, expected| EnvError::Setting {
-            name,
-            value,
-            expected,
+        let whole = self.horizon > 0 && self.horizon.checked_rem(self.action_repeat) == Some(0);
+        let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
+        let expected = "a positive multiple of the action repeat";
+        require(whole, "horizon", &value, expected)?;
+        let positive = self.displacement > 0.0 && self.displacement.is_finite();
+        let expected = "a positive length in metres";
+        require(positive, "displacement", &self.displacement, expected)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decisions_of_settings_that_are_refused_are_none() {
+        let never = Control {
+            action_repeat: 0,
+            ..Control::default()
         };
-        if self.action_repeat == 0
-            || self.horizon == 0
-            || !self.horizon.is_multiple_of(self.action_repeat)
-        {
-            let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
-            return Err(setting(
-                "horizon",
-                value,
-                "a positive multiple of the action repeat",
-            ));
-        }
-        if !(self.displacement > 0.0 && self.displacement.is_finite()) {
-            let value = self.displacement.to_string();
-            return Err(setting(
-                "displacement",
-                value,
-                "a positive length in metres",
-            ));
-        }
-        Ok(())
+        assert_eq!(never.decisions(), 0);
+        let message = never.check().unwrap_err().to_string();
+        assert!(message.contains("500 with action repeat 0"), "{message}");
+        assert_eq!(Control::default().decisions(), 50);
+        assert_eq!(Control::meta_world().decisions(), 500);
     }
 }

@@ -13,7 +13,8 @@ const OF_SAWYER: [Mjcf<'static>; 3] =
 const OF_HAND: [Mjcf<'static>; 3] =
     parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
 
-/// Joint positions (radians) near the arm's rest with the hand at [`HAND_START`](crate::HAND_START).
+/// Joint positions (radians) near the arm's rest with the hand at
+/// [`HAND_START`](crate::HAND_START).
 const SAWYER_POSTURE: [(&str, f64); 7] = [
     ("j0", 1.932580),
     ("j1", -0.499083),
@@ -28,7 +29,8 @@ const SAWYER_POSTURE: [(&str, f64); 7] = [
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Embodiment {
-    /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open loop.
+    /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open
+    /// loop.
     #[default]
     Sawyer,
     /// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.

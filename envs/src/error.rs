@@ -16,7 +16,8 @@ pub enum EnvError {
     },
     /// A task's name that options and files cannot spell.
     #[error(
-        "the task's name is `{name}`, expected kebab-case: lower-case letters and digits in words that are joined by hyphens"
+        "the task's name is `{name}`, expected kebab-case: \
+         lower-case letters and digits in words that are joined by hyphens"
     )]
     TaskName {
         /// The name given.
@@ -46,7 +47,8 @@ pub enum EnvError {
     },
     /// An action that is not a number.
     #[error(
-        "component {component} of the action is {value}, expected a finite number (it is clipped to [-1, 1])"
+        "component {component} of the action is {value}, \
+         expected a finite number (it is clipped to [-1, 1])"
     )]
     NonFiniteAction {
         /// Index of the component, 0..4.
@@ -64,7 +66,8 @@ pub enum EnvError {
         /// The length that the settings ask for.
         expected: usize,
     },
-    /// An environment was stepped before a reset, after its episode's end, or after its simulation failed.
+    /// An environment was stepped before a reset, after its episode's end, or after its simulation
+    /// failed.
     #[error("no episode is running: call `reset` first")]
     NotReset,
     /// One environment of many.
@@ -77,7 +80,8 @@ pub enum EnvError {
     },
     /// A variant that a layout does not have.
     #[error(
-        "the layout `{layout}` has no variant under {element}: use `identity`, or the layout `symmetric`"
+        "the layout `{layout}` has no variant under {element}: \
+         use `identity`, or the layout `symmetric`"
     )]
     NoSuchVariant {
         /// The layout.
@@ -87,7 +91,8 @@ pub enum EnvError {
     },
     /// A group that a layout has no figures for.
     #[error(
-        "the layout `{layout}` has no figures of {group}: use the layout `symmetric`, or give the task `Task::stock`"
+        "the layout `{layout}` has no figures of {group}: \
+         use the layout `symmetric`, or give the task `Task::stock`"
     )]
     NoSuchLayout {
         /// The layout.
@@ -158,4 +163,22 @@ impl EnvError {
             source: Box::new(self),
         }
     }
+}
+
+/// Refuses a setting where a condition does not hold.
+pub(crate) fn require(
+    holds: bool,
+    name: &'static str,
+    value: &dyn ToString,
+    expected: &'static str,
+) -> Result<(), EnvError> {
+    if holds {
+        return Ok(());
+    }
+    let value = value.to_string();
+    Err(EnvError::Setting {
+        name,
+        value,
+        expected,
+    })
 }

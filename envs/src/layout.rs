@@ -1,4 +1,5 @@
-//! Two layouts of the same tasks: the symmetric one to learn on, and Meta-World's own figures to compare with.
+//! Two layouts of the same tasks: the symmetric one to learn on, and Meta-World's own figures to
+//! compare with.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -35,7 +36,8 @@ pub(crate) struct Settling {
     pub steps: usize,
 }
 
-/// Whose figures a scene follows. In both the world's origin is the centre of the table; Meta-World's own is 0.6 m nearer to the robot.
+/// Whose figures a scene follows. In both the world's origin is the centre of the table;
+/// Meta-World's own is 0.6 m nearer to the robot.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
 )]
@@ -44,7 +46,8 @@ pub enum Layout {
     /// Centred, settled, off-centre placements: four variants in four quadrants.
     #[default]
     Symmetric,
-    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; one variant, the identity.
+    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; one variant,
+    /// the identity.
     MetaWorld,
 }
 

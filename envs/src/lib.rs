@@ -1,12 +1,17 @@
 //! Table-top manipulation tasks with D2 variants on MuJoCo, seen by a top-down camera.
 //!
-//! Four task groups ([`TaskGroup`]), each in four variants that are one another's images under [`symmetry::D2`]:
-//! 16 tasks in all ([`TaskVariant`]). A learner sees the table without the arm, a disc at the gripper, and the episode's first picture.
+//! A group of tasks ([`TaskGroup`]) has four variants that are one another's images under
+//! [`symmetry::D2`] ([`TaskVariant`]). Four groups come with the crate; a program adds its own by
+//! implementing [`Task`]. A learner sees the table without the arm, a disc at the gripper, and the
+//! episode's first picture.
 //!
-//! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner uses.
+//! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
+//!   uses.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
-//! - [`Painter`]: the picture of a [`TableTop`].
-//! - [`inpainting`]: for an arm that cannot be left out of the picture, a real one.
+//! - [`SceneRenderer`]: the picture of a [`TableTop`].
+//! - [`TaskRegistry`]: groups by name.
+//! - [`conformance`]: what every task must do, as functions for tests.
+//! - [`mujoco`]: the wrapper whose models, simulations and errors this crate shows.
 //!
 //! ```
 //! use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
@@ -18,7 +23,8 @@
 //!     let mut batch = Batch::new(&settings);
 //!     env.reset(batch.observations())?;
 //!     for _ in 0..50 {
-//!         let actions = [0.5; 4 * ACTION_DIM]; // of your policy, from batch.images and batch.vectors
+//!         // a policy would choose them from batch.images and batch.vectors
+//!         let actions = [0.5; 4 * ACTION_DIM];
 //!         env.step(&actions, batch.step())?;
 //!     }
 //!     assert!(batch.truncated.iter().all(|&end| end), "50 decisions are an episode");
@@ -57,7 +63,7 @@ pub use control::Control;
 pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
-pub use mujoco::Backdrop;
+pub use mujoco::{self, Backdrop};
 pub use registry::TaskRegistry;
 pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
 pub use rows::Failure;

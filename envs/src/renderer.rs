@@ -26,7 +26,8 @@ pub struct SceneRenderer {
 pub const ARM_GEOM_GROUP: usize = 3;
 
 impl SceneRenderer {
-    /// A renderer of what a learner sees of `scene`: the table without the arm, and a mark at the gripper.
+    /// A renderer of what a learner sees of `scene`: the table without the arm, and a mark at the
+    /// gripper.
     ///
     /// # Errors
     /// [`EnvError::Render`] where no off-screen OpenGL can be had.
@@ -64,8 +65,8 @@ impl SceneRenderer {
         })
     }
 
-    /// Draws what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest y,
-    /// column 0 the smallest x.
+    /// Draws what the camera over `table` sees into `rgb` `[size, size, 3]`; row 0 is the largest
+    /// y, column 0 the smallest x.
     ///
     /// # Errors
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
@@ -111,9 +112,9 @@ impl SceneRenderer {
         Ok(())
     }
 
-    /// The camera. Where variants are exact mirror images, each is drawn in the mirror that brings it
-    /// to the canonical one. So all four hand the same numbers to OpenGL, and their pictures mirror
-    /// bit for bit.
+    /// The camera. Where variants are exact mirror images, each is drawn in the mirror that brings
+    /// it to the canonical one. So all four hand the same numbers to OpenGL, and their pictures
+    /// mirror bit for bit.
     fn view(&self, table: &TableTop) -> Result<CameraView, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();

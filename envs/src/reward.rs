@@ -2,14 +2,16 @@
 //!
 //! Source: dm_control's `tolerance` as Meta-World's rewards use it.
 
-/// One inside `distance <= bound`, then the long tail `1 / (9 d^2 + 1)` with `d = (distance - bound) / margin`: 0.1 at `d = 1`.
+/// One inside `distance <= bound`, then the long tail `1 / (9 d^2 + 1)` with `d = (distance -
+/// bound) / margin`: 0.1 at `d = 1`.
 ///
 /// `distance`, `bound` and `margin` are in metres. Outside the bound a margin of zero gives zero.
 pub fn long_tail(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
 
-/// One inside `distance <= bound`, then the Gaussian `0.1^(d^2)` with `d = (distance - bound) / margin`.
+/// One inside `distance <= bound`, then the Gaussian `0.1^(d^2)` with `d = (distance - bound) /
+/// margin`.
 pub fn gaussian(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
 }
@@ -24,7 +26,8 @@ fn tolerance(distance: f64, bound: f64, margin: f64, tail: impl Fn(f64) -> f64) 
     }
 }
 
-/// Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`: a soft "and"; zero where the denominator is.
+/// Hamacher product `ab / (a + b - ab)` of two values in `[0, 1]`: a soft "and"; zero where the
+/// denominator is.
 pub fn hamacher(a: f64, b: f64) -> f64 {
     let denominator = a + b - a * b;
     if denominator > 0.0 {

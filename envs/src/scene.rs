@@ -1,4 +1,5 @@
-//! A compiled scene: arena, embodiment and task in one model, with the ids that the environment reads.
+//! A compiled scene: arena, embodiment and task in one model, with the ids that the environment
+//! reads.
 
 use std::sync::Arc;
 
@@ -109,7 +110,8 @@ impl Scene {
         })
     }
 
-    /// The state with open fingers from which every episode starts: at rest, or where Meta-World's reset leaves it.
+    /// The state with open fingers from which every episode starts: at rest, or where Meta-World's
+    /// reset leaves it.
     pub fn settled(&self) -> &State {
         &self.settled
     }
@@ -138,10 +140,8 @@ fn compile(
     let mut parts: Vec<Mjcf<'_>> = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
     parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
-    let includes: String = parts
-        .iter()
-        .map(|(name, _)| format!("<include file=\"{name}\"/>"))
-        .collect();
+    let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
+    let includes: String = parts.iter().map(include).collect();
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::embodiment::Embodiment;
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::renderer::IMAGE_CHANNELS;
 
@@ -55,13 +55,7 @@ impl VecEnvSettings {
     /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
         for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
-            if value == 0 {
-                return Err(EnvError::Setting {
-                    name,
-                    value: value.to_string(),
-                    expected: "at least 1",
-                });
-            }
+            require(value > 0, name, &value, "at least 1")?;
         }
         self.camera.check()?;
         self.control.check()

@@ -212,30 +212,24 @@ impl TableTop {
     /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
     ///
     /// # Errors
-    /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset and after the episode's end; a
-    /// diverged simulation, which ends the episode.
+    /// [`EnvError::NonFiniteAction`], and nothing has moved; [`EnvError::NotReset`] before a reset
+    /// and after the episode's end; a diverged simulation, which ends the episode.
     pub fn step(&mut self, action: &[f32; ACTION_DIM]) -> Result<Step, EnvError> {
         let [x, y, z, finger] = clip(action)?;
-        let Control {
-            action_repeat,
-            displacement,
-            ..
-        } = self.control;
         let decisions = self.control.decisions();
         // taken out, so that nothing goes on from a simulation that failed
         let running = self
             .episode
             .take_if(|episode| episode.decisions < decisions);
         let mut episode = running.ok_or(EnvError::NotReset)?;
-        let move_by = DVec3::new(x, y, z) * displacement / action_repeat as f64;
+        let repeat = self.control.action_repeat as f64;
+        let move_by = DVec3::new(x, y, z) * self.control.displacement / repeat;
         let mut step = Step::default();
-        for _ in 0..action_repeat {
-            let StepReward {
-                reward, success, ..
-            } = self.control_step(&mut episode, move_by, finger)?;
-            step.reward += reward * REWARD_SCALE / action_repeat as f64;
-            step.success |= success;
-            step.success_at_end = success;
+        for _ in 0..self.control.action_repeat {
+            let now = self.control_step(&mut episode, move_by, finger)?;
+            step.reward += now.reward * REWARD_SCALE / repeat;
+            step.success |= now.success;
+            step.success_at_end = now.success;
         }
         episode.decisions += 1;
         step.truncated = episode.decisions == decisions;
@@ -270,7 +264,8 @@ impl TableTop {
         Some(TaskVariant { group, element })
     }
 
-    /// Whether anything has touched anything in the running episode, as seen at the end of its control steps.
+    /// Whether anything has touched anything in the running episode, as seen at the end of its
+    /// control steps.
     pub(crate) fn touched(&self) -> bool {
         self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
@@ -366,8 +361,8 @@ fn map(element: D2, point: DVec3) -> DVec3 {
     DVec3::new(x, y, point.z)
 }
 
-/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn instead of mirroring it,
-/// which is the same for objects that are their own mirror image along x.
+/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn
+/// instead of mirroring it, which is the same for objects that are their own mirror image along x.
 fn facing(element: D2) -> [f64; 4] {
     if element.flips_y() {
         [0.0, 0.0, 0.0, 1.0]

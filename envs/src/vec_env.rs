@@ -1,4 +1,5 @@
-//! Many environments stepped together by worker threads, each thread with its own off-screen renderer.
+//! Many environments stepped together by worker threads, each thread with its own off-screen
+//! renderer.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,7 +15,8 @@ use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
-/// N environments of one task group; where an episode ends, the next begins at once with a variant drawn anew.
+/// N environments of one task group; where an episode ends, the next begins at once with a variant
+/// drawn anew.
 ///
 /// Environment i draws from its own random stream, so results depend on the seed alone.
 ///
@@ -22,8 +24,8 @@ use crate::worker::Worker;
 /// the others. Its episode reads as one that ran out of time at the observation before that step:
 /// reward 0, `truncated`, that observation as the final one; and its next episode has begun. A
 /// restart that fails leaves the row's observation as it was and is tried again in every step.
-/// [`VecEnv::reset`] and [`VecEnv::step`] return these failures, a failed restart as a second one of
-/// its environment.
+/// [`VecEnv::reset`] and [`VecEnv::step`] return these failures, a failed restart as a second one
+/// of its environment.
 ///
 /// Where rendering fails, for instance because the OpenGL context is lost, the call fails for all
 /// environments; the next [`VecEnv::reset`] makes new renderers and goes on.
@@ -41,7 +43,8 @@ impl VecEnv {
     /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
     ///
     /// # Errors
-    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
+    /// [`EnvError::Setting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo
+    /// or OpenGL says.
     pub fn new(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -56,7 +59,8 @@ impl VecEnv {
             failures: Vec::new(),
             running: false,
         };
-        // before any thread starts: the first model of a process tunes software rendering (see `mujoco`)
+        // before any thread starts: the first model of a process tunes software rendering (see
+        // `mujoco`)
         vec_env.scene(group)?;
         vec_env.workers = spawn(settings)?;
         vec_env.set_tasks(group, elements)?;
@@ -81,8 +85,8 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Switches every environment to `group`, with variants drawn uniformly from `elements`. Running
-    /// episodes end: [`VecEnv::reset`] must come next.
+    /// Switches every environment to `group`, with variants drawn uniformly from `elements`.
+    /// Running episodes end: [`VecEnv::reset`] must come next.
     ///
     /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
     ///
@@ -110,7 +114,8 @@ impl VecEnv {
         self.broadcast(|| Command::Reseed(seed))
     }
 
-    /// The scene of `group`, compiled on this thread when it is first needed and shared by all workers.
+    /// The scene of `group`, compiled on this thread when it is first needed and shared by all
+    /// workers.
     fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
         if let Some(scene) = self.scenes.get(&group) {
             return Ok(Arc::clone(scene));
@@ -137,7 +142,8 @@ impl VecEnv {
         Ok(&self.failures)
     }
 
-    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns those that failed.
+    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns those that
+    /// failed.
     ///
     /// # Errors
     /// [`EnvError::Length`] or [`EnvError::NonFiniteAction`], and nothing has moved;
@@ -202,7 +208,8 @@ impl VecEnv {
         }
     }
 
-    /// Waits for every worker, then reports the first error, so that questions and answers stay paired.
+    /// Waits for every worker, then reports the first error, so that questions and answers stay
+    /// paired.
     fn receive(&mut self) -> Result<(), EnvError> {
         let mut first_error = Ok(());
         for worker in &mut self.workers {

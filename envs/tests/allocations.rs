@@ -1,7 +1,7 @@
 //! Steps allocate nothing in the steady state, on any thread; not even where episodes end.
 //!
-//! The only test of its binary, since the allocator counts for the whole process. It counts Rust's allocations; what MuJoCo and
-//! OpenGL do is theirs.
+//! The only test of its binary, since the allocator counts for the whole process. It counts Rust's
+//! allocations; what MuJoCo and OpenGL do is theirs.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -49,7 +49,8 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     };
     steps(4);
     let allocated = allocations(|| steps(200));
-    // a thread allocates when it waits in a channel for the first time, which may come late; far from once a step
+    // a thread allocates when it waits in a channel for the first time, which may come late; far
+    // from once a step
     assert!(allocated <= ONCE, "{allocated} allocations");
     assert_eq!(ends, 68);
     let counted = allocations(|| (0..200).for_each(|_| drop(black_box(vec![0; 3]))));

@@ -24,8 +24,8 @@ struct Press {
     success: bool,
 }
 
-/// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger` is the gripper's action. The decisions
-/// in which the cap is off its rest.
+/// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger`
+/// is the gripper's action. The decisions in which the cap is off its rest.
 fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     let scene = Scene::new(TaskGroup::BUTTON_PRESS, embodiment, Camera::default());
     let mut env = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();

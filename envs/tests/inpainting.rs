@@ -1,4 +1,5 @@
-//! In-painting on the simulation, where its exact limit is at hand: the scene drawn without the arm.
+//! In-painting on the simulation, where its exact limit is at hand: the scene drawn without the
+//! arm.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -29,7 +30,8 @@ struct Tally {
     from_composed: usize,
     /// Pixels that differ from the picture drawn without the arm, which sees what moves under it.
     from_live: usize,
-    /// The same under a mask of the very pixels in which the arm shows: the least that memory of what was last seen can reach.
+    /// The same under a mask of the very pixels in which the arm shows: the least that memory of
+    /// what was last seen can reach.
     least: usize,
 }
 
@@ -86,7 +88,8 @@ impl Studio {
         Inpainter::new(settings, &Self::paint(&mut self.alone, &mut self.table)).unwrap()
     }
 
-    /// Lets the expert act for an episode of the variant and compares every frame with the arm-free one.
+    /// Lets the expert act for an episode of the variant and compares every frame with the arm-free
+    /// one.
     fn episode(&mut self, element: D2, correction: ColorCorrection) -> Tally {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         self.table.reset(element, &mut rng).unwrap();
@@ -139,8 +142,9 @@ fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
     pixels.filter(|(_, (a, b))| a != b).map(|(index, _)| index)
 }
 
-/// The arm-free shortcut is the limit of in-painting: the same pixels, but for single ones at the arm's edge. What moves under the arm is
-/// seen late by any in-painting; the arm-free picture sees it at once.
+/// The arm-free shortcut is the limit of in-painting: the same pixels, but for single ones at the
+/// arm's edge. What moves under the arm is seen late by any in-painting; the arm-free picture sees
+/// it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
     for group in TaskGroup::STANDARD {
@@ -179,8 +183,8 @@ fn a_mask_that_is_too_thin_is_noticed() {
     assert!(tally.from_composed * 200 > tally.pixels, "{tally:?}");
 }
 
-/// Mean difference (levels) of pictures taken under dim light, and painted with a background taken under full light, from the arm-free picture under
-/// full light, mark included.
+/// Mean difference (levels) of pictures taken under dim light, and painted with a background taken
+/// under full light, from the arm-free picture under full light, mark included.
 fn deviation_under_dim_light(correction: ColorCorrection) -> f64 {
     let light = Light {
         ambient: 0.3,

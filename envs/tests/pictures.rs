@@ -40,7 +40,8 @@ impl Studio {
         }
     }
 
-    /// The first pictures `[size, size, 3]` of the four variants, at the placement that `seed` draws.
+    /// The first pictures `[size, size, 3]` of the four variants, at the placement that `seed`
+    /// draws.
     fn pictures(&mut self, seed: u64) -> Vec<Vec<u8>> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let placement = self.group.task().place(&mut rng);
@@ -67,8 +68,8 @@ fn differing_pixels(a: &[u8], b: &[u8]) -> usize {
 
 /// Of the pictures, a few alone may differ, and they by an edge.
 ///
-/// OpenGL snaps vertices to 1/256 pixel and gives an edge through a pixel's centre to one side only, so about one placement in
-/// fifteen has an edge whose mirror image falls to the other side.
+/// OpenGL snaps vertices to 1/256 pixel and gives an edge through a pixel's centre to one side
+/// only, so about one placement in fifteen has an edge whose mirror image falls to the other side.
 fn assert_few_and_off_by_an_edge(differing: &[usize], size: usize) {
     let (index, most) = differing.iter().enumerate().max_by_key(|d| d.1).unwrap();
     assert!(*most <= size / 2, "{most} pixels of picture {index}");
@@ -117,7 +118,8 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
     assert_few_and_off_by_an_edge(&differing, size);
 }
 
-/// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what carries the gripper.
+/// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what
+/// carries the gripper.
 #[test]
 fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
     let camera = Camera {
@@ -176,7 +178,8 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
 
 #[test]
 fn every_variant_with_objects_looks_different() {
-    // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper over the centre.
+    // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper
+    // over the centre.
     let groups = TaskGroup::STANDARD
         .into_iter()
         .filter(|&group| group != TaskGroup::GOAL_REACH);

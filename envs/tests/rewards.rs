@@ -1,7 +1,8 @@
 //! Rewards and successes against a run of Meta-World itself.
 //!
-//! The rows are five steps each of a scripted expert's episode, recorded in Meta-World 3.1.1 on MuJoCo 2.2.2 (weld torquescale 1):
-//! an early one, one halfway to success, the last before it, the first with it, and step 200. In Python a row is
+//! The rows are five steps each of a scripted expert's episode, recorded in Meta-World 3.1.1 on
+//! MuJoCo 2.2.2 (weld torquescale 1): an early one, one halfway to success, the last before it, the
+//! first with it, and step 200. In Python a row is
 //!
 //! ```python
 //! observation, reward, _, _, info = env.step(action)      # step k, action[3] clipped to [-1, 1]
@@ -9,8 +10,8 @@
 //!     object=observation[4:7], aperture=observation[3], finger=action[3], reward=reward, success=info["success"])
 //! ```
 //!
-//! with the table's centre (0, 0.6) moved to the origin; Goal Reach is raised by 0.02 m, since our hand starts that much higher and the
-//! reward's margin is counted from there.
+//! with the table's centre (0, 0.6) moved to the origin; Goal Reach is raised by 0.02 m, since our
+//! hand starts that much higher and the reward's margin is counted from there.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 

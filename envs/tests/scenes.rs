@@ -32,7 +32,8 @@ fn everything_in_every_scene_has_a_name() {
     }
 }
 
-/// Both hang 31.2 N on a weld of 8190 N/m and sink by 3.81 mm; the arm at this height by 3.77 mm, and leans 0.24 mm back.
+/// Both hang 31.2 N on a weld of 8190 N/m and sink by 3.81 mm; the arm at this height by 3.77 mm,
+/// and leans 0.24 mm back.
 #[test]
 fn hands_rest_below_their_target() {
     for embodiment in Embodiment::ALL {
@@ -49,7 +50,8 @@ fn hands_rest_below_their_target() {
     }
 }
 
-/// A mass on a spring and damper under its own damping: the same forces move both hands, so a step of the target takes them alike.
+/// A mass on a spring and damper under its own damping: the same forces move both hands, so a step
+/// of the target takes them alike.
 #[test]
 fn the_hand_follows_its_target_as_the_arm_does() {
     let follow = |embodiment| {
@@ -121,7 +123,8 @@ fn the_hand_cannot_reach_the_walls() {
     }
 }
 
-/// A drawer that is slammed overshoots by a centimetre at most before the wall holds it, with either embodiment; the limit of its joint alone lets it go 5 cm.
+/// A drawer that is slammed overshoots by a centimetre at most before the wall holds it, with
+/// either embodiment; the limit of its joint alone lets it go 5 cm.
 #[test]
 fn a_shut_drawer_stands_against_the_wall() {
     for embodiment in Embodiment::ALL {

@@ -1,11 +1,12 @@
-//! Goals that are told, and actions and settings that are refused.
+//! Goals that are told, when success holds, and actions, placements and settings that are refused.
 
 #![allow(clippy::unwrap_used)]
 
 use std::sync::{Arc, LazyLock};
 
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VECTOR_DIM,
+    ACTION_DIM, Camera, Control, Embodiment, EnvError, EpisodeStart, Scene, TableTop, TaskGroup,
+    VECTOR_DIM,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -84,7 +85,7 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 }
 
 #[test]
-fn impossible_dynamics_are_refused() {
+fn impossible_control_settings_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
     let control = Control {
         action_repeat: 7,
@@ -92,4 +93,59 @@ fn impossible_dynamics_are_refused() {
     };
     let message = TableTop::new(scene, control).err().unwrap().to_string();
     assert!(message.contains("500 with action repeat 7"), "{message}");
+}
+
+/// The expert reaches the goal, then the hand leaves it in the middle of a decision.
+#[test]
+fn success_at_the_end_is_that_of_the_last_control_step() {
+    let mut table = table(TaskGroup::GOAL_REACH);
+    let mut left_within_a_decision = 0;
+    for seed in 0..4 {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        table.reset(D2::FlipX, &mut rng).unwrap();
+        let task = table.scene().group.task();
+        let begun = EpisodeStart {
+            placement: table.scene().place(&mut ChaCha8Rng::seed_from_u64(seed)),
+            hand_target: envs::HAND_START,
+            measured: table.measurement().unwrap(),
+        };
+        for decision in 0..table.control().decisions() {
+            let action = match decision {
+                0..30 => table.expert_action().unwrap(),
+                _ => [0.6, -0.6, 0.6, 0.0],
+            };
+            let step = table.step(&action).unwrap();
+            let now = task.reward(&begun, &table.measurement().unwrap(), action[3].into());
+            assert_eq!(step.success_at_end, now.success, "{seed}, {decision}");
+            assert!(step.success || !step.success_at_end);
+            left_within_a_decision += usize::from(step.success && !step.success_at_end);
+        }
+    }
+    assert_eq!(left_within_a_decision, 4);
+}
+
+/// A goal that is not a number would become an observation and a reward that are none.
+#[test]
+fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
+    for group in TaskGroup::STANDARD {
+        let mut table = table(group);
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let sound = table.scene().place(&mut rng);
+        table.reset_to(D2::Identity, sound).unwrap();
+        let before = table.save().unwrap();
+        for bad in [f64::NAN, f64::INFINITY] {
+            let (mut goal, mut object) = (sound, sound);
+            goal.goal.z = bad;
+            object.object.x = bad;
+            for (what, placement) in [("goal", goal), ("object", object)] {
+                let refused = table.reset_to(D2::Identity, placement);
+                let message = refused.unwrap_err().to_string();
+                assert!(
+                    message.contains(&format!("placement's {what} is")),
+                    "{message}"
+                );
+                assert!(table.save().unwrap() == before, "{group}: {what}");
+            }
+        }
+    }
 }

@@ -1,4 +1,5 @@
-//! The vector environment: the same for any number of threads, honest about ends, clear about errors.
+//! The vector environment: the same for any number of threads, honest about ends, clear about
+//! errors.
 
 #![allow(clippy::unwrap_used)]
 
@@ -100,7 +101,8 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
             "environment {env} moved {moved} m in its episode"
         );
     }
-    // the second half of the channels is the episode's first picture, which is also the current one now
+    // the second half of the channels is the episode's first picture, which is also the current one
+    // now
     for pixel in buffers.images.chunks_exact(6) {
         assert_eq!(pixel[..3], pixel[3..]);
     }
@@ -181,6 +183,7 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
             let expected = twin.table.step(action).unwrap();
             assert_eq!(buffers.rewards[env], expected.reward as f32);
             assert_eq!(buffers.success[env], expected.success);
+            assert_eq!(buffers.success_at_end[env], expected.success_at_end);
             assert_eq!(buffers.truncated[env], expected.truncated);
             let mut observation = twin.observe();
             if expected.truncated {
@@ -192,6 +195,37 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
             assert_eq!(now, observation, "environment {env} after step {step}");
         }
     }
+}
+
+#[test]
+fn success_at_any_step_and_at_the_end_are_told_apart() {
+    let settings = VecEnvSettings {
+        control: Control::default(),
+        ..settings(2)
+    };
+    let group = TaskGroup::GOAL_REACH;
+    let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
+    let mut batch = Batch::new(&settings);
+    let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
+    env.reset(batch.observations()).unwrap();
+    twins.iter_mut().for_each(|twin| drop(twin.begin()));
+    let mut apart = 0;
+    for decision in 0..settings.control.decisions() {
+        let action = |twin: &Twin| match decision {
+            0..30 => twin.table.expert_action().unwrap(),
+            _ => [0.6, -0.6, 0.6, 0.0],
+        };
+        let actions = twins.each_ref().map(action);
+        env.step(actions.as_flattened(), batch.step()).unwrap();
+        let expected = [0, 1, 2].map(|i| twins[i].table.step(&actions[i]).unwrap());
+        assert_eq!(batch.success, expected.map(|step| step.success));
+        assert_eq!(
+            batch.success_at_end,
+            expected.map(|step| step.success_at_end)
+        );
+        apart += usize::from(batch.success != batch.success_at_end);
+    }
+    assert!(apart > 0);
 }
 
 #[test]

@@ -1,13 +1,14 @@
 //! Writes a network and samples of it for `benches/peers/interchange.py`: export DIR.
 //!
-//! Every kind of layer that another library has is in it; the reference encoder is followed by a pooled one.
+//! Every kind of layer that another library has is in it; the reference encoder is followed by a
+//! pooled one.
 
 use std::error::Error;
 use std::path::Path;
 
 use equivariant::{
     AveragePool, FieldType, Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, MaxPool,
-    R2Conv, Relu, Sequential, Shape, save,
+    R2Conv, Relu, Sequential, Shape, Signature, save,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use safetensors::{Dtype, tensor::TensorView};
@@ -35,13 +36,14 @@ fn conv(layers: &mut Layers, shape: Shape, n: usize, kernel: Kernel) -> Result<S
     let fields = shape.fields.group().regular(n);
     let size = [shape.height, shape.width];
     let conv = R2Conv::new(shape.fields, fields, kernel, size)?;
-    let shape = Layer::<f32>::out_shape(&conv);
+    let shape = conv.out_shape();
     layers.push(Box::new(conv));
     layers.push(Box::new(Relu::new(shape)?));
     Ok(shape)
 }
 
-/// 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields, pooled to one pixel -> 5 numbers.
+/// 64 x 64 x 6 -> 8, 16, 32, 32 fields by strided convolutions -> 16 fields, pooled to one pixel ->
+/// 5 numbers.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     let mut layers = Layers::new();
     let mut shape = Shape::image(64, 64, group.trivial(6));
@@ -50,9 +52,9 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     }
     shape = conv(&mut layers, shape, 16, SAME)?;
     let max = MaxPool::new(shape, POOL)?;
-    let average = AveragePool::new(Layer::<f32>::out_shape(&max), POOL)?;
-    let group_max = GroupMaxPool::new(Layer::<f32>::out_shape(&average))?;
-    let pooled = Layer::<f32>::out_shape(&group_max);
+    let average = AveragePool::new(max.out_shape(), POOL)?;
+    let group_max = GroupMaxPool::new(average.out_shape())?;
+    let pooled = group_max.out_shape();
     let head = Linear::new(pooled.fields, FieldType::new(group, [5, 0, 0, 0]))?;
     layers.extend([
         Box::new(max) as Box<dyn Layer<f32>>,
@@ -76,7 +78,7 @@ fn export(dir: &Path, group: Group) -> Result<(), Box<dyn Error>> {
         .map(|i| (i as f32 * 0.37).sin())
         .collect();
     let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
-    let mut scratch = vec![0.0; net.scratch_len(SAMPLES)];
+    let mut scratch = net.scratch(SAMPLES);
     net.forward(&params, &x, &mut y, &mut scratch);
     let (x, y) = (bytes(&x), bytes(&y));
     let tensors = [

@@ -1,15 +1,18 @@
-//! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task> <threads>` and answers each
-//! with the milliseconds of one run.
+//! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
+//! <threads>` and answers each with the milliseconds of one run.
 //!
-//! Networks: `reference`, `narrow`, `pooled`. Tasks: `training` (forward and backward of a batch), `inference` (of a
-//! batch), `latency` (of one image), `init` (layers, parameters and buffers). `<network> multiplications` answers
-//! with the multiplications of one image's forward pass instead: ours and those of the dense network.
+//! Networks: `reference`, `narrow`, `pooled`. Tasks: `training` (forward and backward of a batch),
+//! `inference` (of a batch), `latency` (of one image), `init` (layers, parameters and buffers).
+//! `<network> multiplications` answers with the multiplications of one image's forward pass
+//! instead: ours and those of the dense network.
 
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use equivariant::{Chunks, Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential};
+use equivariant::{
+    Chunks, Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Scratch, Sequential, Signature,
+};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 /// Images of a training chunk and of an inference chunk.
@@ -64,12 +67,12 @@ impl Spec {
         let (mut fields, mut size) = (Group::D2.trivial(6), self.size);
         for &n in self.fields {
             let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
-            let mut shape = Layer::<f32>::out_shape(&conv);
+            let mut shape = conv.out_shape();
             layers.push(Box::new(conv));
             layers.push(Box::new(Relu::new(shape)?));
             if self.pooled {
                 let pool = MaxPool::new(shape, window(2, 2, 0))?;
-                shape = Layer::<f32>::out_shape(&pool);
+                shape = pool.out_shape();
                 layers.push(Box::new(pool));
             }
             (fields, size) = (shape.fields, shape.height);
@@ -81,7 +84,7 @@ impl Spec {
 /// Buffers of a thread.
 struct Workspace {
     y: Vec<f32>,
-    scratch: Vec<f32>,
+    scratch: Scratch<f32>,
 }
 
 /// A network with everything that its runs need.
@@ -98,14 +101,14 @@ struct Bench {
 impl Bench {
     fn new(spec: &Spec) -> Result<Bench, LayerError> {
         let net = spec.build()?;
-        let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch_len(CHUNK));
+        let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         Ok(Bench {
             gradient: vec![0.0; params.len()],
             chunks: Chunks::new(params.len(), CHUNK, move || Workspace {
                 y: vec![0.0; out],
-                scratch: vec![0.0; scratch],
+                scratch: scratch.clone(),
             }),
             x: (0..spec.batch * net.in_shape().len())
                 .map(|i| (i * 37 % 101) as f32 / 50.0 - 1.0)
@@ -113,7 +116,7 @@ impl Bench {
             y: vec![0.0; spec.batch * net.out_shape().len()],
             alone: Workspace {
                 y: vec![0.0; net.out_shape().len()],
-                scratch: vec![0.0; net.scratch_len(1)],
+                scratch: net.scratch(1),
             },
             params,
             net,

@@ -3,13 +3,16 @@
 use rand::Rng;
 
 use crate::init::fill_normal;
-use crate::{Layer, Scalar, Shape};
+use crate::layers::layer::Layer;
+use crate::scalar::Scalar;
+use crate::shape::Shape;
 
 /// The largest relative error of f(g x) = g f(x) over the elements of the group.
 ///
-/// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of a
-/// sample `x`. The group of the input's type acts on pixels and channels as the two shapes say. The error of a trial is the
-/// largest absolute difference over the largest absolute output; an output that is not finite gives infinity.
+/// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of
+/// a sample `x`. The group of the input's type acts on pixels and channels as the two shapes say.
+/// The error of a trial is the largest absolute difference over the largest absolute output; an
+/// output that is not finite gives infinity.
 ///
 /// # Panics
 /// When the types of the two shapes belong to different groups.
@@ -47,7 +50,7 @@ pub fn equivariance_error<T: Scalar>(
     trials: usize,
     rng: &mut dyn Rng,
 ) -> f64 {
-    let mut scratch = vec![T::ZERO; layer.scratch_len(1)];
+    let mut scratch = layer.scratch(1);
     let f = |x: &[T], y: &mut [T]| layer.forward(params, x, y, &mut scratch);
     equivariance_error_of(layer.in_shape(), layer.out_shape(), f, trials, rng)
 }

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use crate::Scalar;
+use crate::real::Real;
 
 /// Chunks whose gradients are held at the same time; it bounds memory, not the batch.
 const WAVE: usize = 64;
@@ -14,7 +14,8 @@ const WAVE: usize = 64;
 const PIECE: usize = 2048;
 
 thread_local! {
-    /// Whether this thread runs a chunk, while other chunks wait for a thread. A chunk that panics leaves it set, which costs speed alone.
+    /// Whether this thread runs a chunk, while other chunks wait for a thread. A chunk that panics
+    /// leaves it set, which costs speed alone.
     static BUSY: Cell<bool> = const { Cell::new(false) };
 }
 
@@ -25,11 +26,11 @@ pub(crate) fn in_one_of_many_chunks() -> bool {
 
 /// Runs a minibatch in chunks of samples on the threads of the current rayon pool.
 ///
-/// Every chunk writes a gradient buffer of its own and the buffers are added in chunk
-/// order, so the result does not depend on the number of threads. Buffers and workspaces are kept
-/// between calls: after the first, nothing is allocated but the vector of results, which needs no memory where a chunk
-/// returns `()`. A workspace (activations, scratch) is lent to one chunk at a time; what
-/// a chunk computes must not depend on what an earlier one left in it.
+/// Every chunk writes a gradient buffer of its own and the buffers are added in chunk order, so the
+/// result does not depend on the number of threads. Buffers and workspaces are kept between calls:
+/// after the first, nothing is allocated but the vector of results, which needs no memory where a
+/// chunk returns `()`. A workspace (activations, scratch) is lent to one chunk at a time; what a
+/// chunk computes must not depend on what an earlier one left in it.
 ///
 /// ```
 /// use equivariant::Chunks;
@@ -59,10 +60,11 @@ pub struct Chunks<T, W> {
     gradients: Vec<Vec<T>>,
 }
 
-impl<T: Scalar, W: Send> Chunks<T, W> {
+impl<T: Real, W: Send> Chunks<T, W> {
     /// An engine for gradients of `num_params` parameters and chunks of `chunk_size` samples.
     ///
-    /// `new_workspace` is called once for each thread of the pool, or for each chunk if there are fewer.
+    /// `new_workspace` is called once for each thread of the pool, or for each chunk if there are
+    /// fewer.
     ///
     /// # Panics
     /// When `chunk_size` is 0.
@@ -139,7 +141,8 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
             .collect()
     }
 
-    /// Runs `f(samples, workspace, rows)` on every chunk, where `rows` are the chunk's rows of `out`.
+    /// Runs `f(samples, workspace, rows)` on every chunk, where `rows` are the chunk's rows of
+    /// `out`.
     ///
     /// `out` holds `width` values per sample; it is how inference returns a network's outputs.
     ///
@@ -201,7 +204,7 @@ impl<T: Scalar, W: Send> Chunks<T, W> {
 }
 
 /// Adds the buffers, in their order, to every entry of `sum`.
-fn add_in_order<T: Scalar>(sum: &mut [T], buffers: &[Vec<T>]) {
+fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
     let pieces = sum.par_chunks_mut(PIECE).enumerate();
     pieces.for_each(|(i, piece)| {
         for buffer in buffers {

@@ -1,12 +1,14 @@
 //! Why a layer cannot be built.
 
-use symmetry::Group;
+use symmetry::{FieldType, Group};
 use thiserror::Error;
 
-use crate::{FieldType, Kernel, Shape};
+use crate::shape::{LARGEST, Shape};
+use crate::steerable::window::Kernel;
 
 /// A layer that would not be exact, or does not fit its neighbours.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum LayerError {
     /// A strided window does not sit symmetrically on an axis that the group flips.
     #[error(
@@ -80,6 +82,24 @@ pub enum LayerError {
         /// Side of the window in pixels.
         size: usize,
     },
+    /// A map without channels or pixels, in which there is nothing to compute.
+    #[error("{layer}: got a map of {shape}, expected at least one pixel and one channel")]
+    EmptyMap {
+        /// Name of the layer.
+        layer: &'static str,
+        /// The refused shape.
+        shape: Shape,
+    },
+    /// Sizes whose product no memory holds.
+    #[error(
+        "{layer}: got {what} of more than {LARGEST} values, expected at most that; lower sizes, channels or padding"
+    )]
+    TooLarge {
+        /// Name of the layer.
+        layer: &'static str,
+        /// What is too large.
+        what: &'static str,
+    },
     /// A layer that needs a square map was given another one.
     #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
     NotSquare {
@@ -148,5 +168,21 @@ impl LayerError {
             first,
             second,
         })
+    }
+
+    /// Refuses maps without values, and those that no memory holds with `padding` on all sides.
+    pub(crate) fn check_map(
+        layer: &'static str,
+        shape: Shape,
+        padding: usize,
+    ) -> Result<(), LayerError> {
+        match shape.padded_len(padding) {
+            None => Err(LayerError::TooLarge {
+                layer,
+                what: "a map",
+            }),
+            Some(_) if shape.is_empty() => Err(LayerError::EmptyMap { layer, shape }),
+            Some(_) => Ok(()),
+        }
     }
 }

@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use rand::{Rng, RngExt};
 
-use crate::Scalar;
+use crate::real::Real;
 
 /// Fills `out` with independent normal deviates of mean 0 (Box and Muller, 1958).
-pub(crate) fn fill_normal<T: Scalar>(rng: &mut dyn Rng, std: f64, out: &mut [T]) {
+pub(crate) fn fill_normal<T: Real>(rng: &mut dyn Rng, std: f64, out: &mut [T]) {
     for pair in out.chunks_mut(2) {
         // 1 - u lies in (0, 1], where the logarithm is finite
         let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * std;

@@ -6,13 +6,15 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use thiserror::Error;
 
-use crate::Layer;
+use crate::layers::layer::Layer;
 
-/// The key of the metadata. There is no second one, whose order could vary: equal networks give equal bytes.
+/// The key of the metadata. There is no second one, whose order could vary: equal networks give
+/// equal bytes.
 const METADATA: &str = "covers-equivariant 1";
 
 /// Why a network was not saved or loaded.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum InterchangeError {
     /// The file cannot be read or written.
     #[error("{}: {source}", path.display())]
@@ -64,10 +66,11 @@ pub enum InterchangeError {
 
 /// Saves a layer or a chain of layers with its parameters.
 ///
-/// Layers are numbered one by one, those of nested chains included. Layer `i` with parameters has the tensor
-/// `i.params`, which [`load`] reads. What other libraries read are `i.kernel` `[C_out, C_in, size, size]` and `i.bias`
-/// `[C_out]`, an ordinary convolution in the regular basis ([`Dense::regular_kernel`](crate::Dense::regular_kernel)).
-/// The metadata `covers-equivariant 1` holds one line a layer as it prints itself: its kind, types and window.
+/// Layers are numbered one by one, those of nested chains included. Layer `i` with parameters has
+/// the tensor `i.params`, which [`load`] reads. What other libraries read are `i.kernel` `[C_out,
+/// C_in, size, size]` and `i.bias` `[C_out]`, an ordinary convolution in the regular basis
+/// ([`Dense::regular_kernel`](crate::Dense::regular_kernel)). The metadata `covers-equivariant 1`
+/// holds one line a layer, its [`description`](crate::Signature::description).
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -97,7 +100,8 @@ pub fn save(
 /// Loads the parameters of a layer or a chain of layers that [`save`] wrote.
 ///
 /// # Errors
-/// When the file cannot be read, or holds other layers than `layer`, compared as they print themselves.
+/// When the file cannot be read, or holds other layers than `layer`, compared by their
+/// descriptions: kind, types, window, and all else that they were built with.
 pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, InterchangeError> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|source| io_error(path, source))?;
@@ -136,7 +140,7 @@ fn leaves(layer: &dyn Layer<f32>) -> Vec<&dyn Layer<f32>> {
 }
 
 fn describe(layers: &[&dyn Layer<f32>]) -> String {
-    let lines: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
+    let lines: Vec<String> = layers.iter().map(|layer| layer.description()).collect();
     lines.join("\n")
 }
 
@@ -167,7 +171,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
 /// Refuses a file whose layers differ from those of the network.
 fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), InterchangeError> {
     let mut got = lines.lines();
-    let mut expected = layers.iter().map(|layer| layer.to_string());
+    let mut expected = layers.iter().map(|layer| layer.description());
     for index in 0.. {
         match (got.next(), expected.next()) {
             (None, None) => break,

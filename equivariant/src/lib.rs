@@ -1,9 +1,9 @@
 //! Layers that are equivariant under D2 or a subgroup, with explicit forward and backward passes.
 //!
-//! A layer maps a feature map of one [`FieldType`] to another of the same [`Group`] and commutes with it:
-//! f(g x) = g f(x) for every element g. The group is a value: C1 gives ordinary layers. Features live in the irrep
-//! basis, where an equivariant linear map is block-diagonal (Schur's lemma), so
-//! the entries of the blocks are the parameters and nothing is expanded.
+//! A layer maps a feature map of one [`FieldType`] to another of the same [`Group`] and commutes
+//! with it: f(g x) = g f(x) for every element g. The group is a value: C1 gives ordinary layers.
+//! Features live in the irrep basis, where an equivariant linear map is block-diagonal (Schur's
+//! lemma), so the entries of the blocks are the parameters and nothing is expanded.
 //!
 //! - Layers own no weights. The parameters of a network are one flat slice, in the order of its
 //!   layers; gradients have the same layout.
@@ -11,17 +11,19 @@
 //!   vectors are maps of height and width 1.
 //! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw, and all
 //!   buffers belong to the caller, so a training step allocates nothing after the first.
-//! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current
-//!   rayon pool, with the same bits for any number of threads. Large convolutions of a single image use two
-//!   threads of the pool that they run in.
+//! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current rayon
+//!   pool, with the same bits for any number of threads. Large convolutions of a single image use
+//!   two threads of the pool that they run in.
 //!
 //! ```
-//! use equivariant::{Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, equivariance_error};
+//! use equivariant::{
+//!     Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, Signature, equivariance_error,
+//! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //!
 //! let kernel = Kernel { size: 4, stride: 2, padding: 1 };
 //! let conv = R2Conv::new(Group::D2.trivial(3), Group::D2.regular(4), kernel, [8, 8])?;
-//! let relu = Relu::new(Layer::<f32>::out_shape(&conv))?;
+//! let relu = Relu::new(conv.out_shape())?;
 //! let net: Sequential<f32> = Sequential::new(vec![Box::new(conv), Box::new(relu)])?;
 //!
 //! let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -35,66 +37,42 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-mod average_pool;
-mod blocks;
-mod chain;
 mod check;
 mod chunks;
-mod columns;
-mod concat;
 mod conv;
-mod conv_backward;
-mod conv_forward;
-mod conv_lines;
-mod conv_weights;
-mod dense;
 mod error;
-mod gather;
-mod group_mean;
-mod hadamard;
 mod init;
-#[cfg(test)]
-mod instruction_sets;
 mod interchange;
-mod join;
-mod kernel;
-mod lanes;
-mod layer;
-mod linear;
-mod lines;
-mod maps;
-mod max_pool;
-mod norm;
-mod patches;
-mod pool;
-mod relu;
+mod layers;
+mod matrix;
+mod real;
 mod scalar;
-mod sequential;
+mod scratch;
 mod shape;
-mod soft_argmax;
-mod taps;
-mod tiles;
-mod window;
+mod simd;
+mod steerable;
 
-pub use average_pool::AveragePool;
 pub use check::{equivariance_error, equivariance_error_of};
 pub use chunks::Chunks;
-pub use concat::Concat;
-pub use conv::R2Conv;
-pub use dense::{Dense, Projection};
 pub use error::LayerError;
-pub use group_mean::GroupMeanPool;
-pub use hadamard::hadamard;
 pub use interchange::{InterchangeError, load, save};
-pub use kernel::Kernel;
-pub use layer::Layer;
-pub use linear::Linear;
-pub use max_pool::MaxPool;
-pub use norm::{FieldNorm, Statistics};
-pub use pool::GroupMaxPool;
-pub use relu::Relu;
+pub use layers::average_pool::AveragePool;
+pub use layers::concat::Concat;
+pub use layers::field_norm::{FieldNorm, Statistics};
+pub use layers::group_max_pool::GroupMaxPool;
+pub use layers::group_mean_pool::GroupMeanPool;
+pub use layers::layer::{BackwardPass, Layer, Signature};
+pub use layers::linear::Linear;
+pub use layers::max_pool::MaxPool;
+pub use layers::r2_conv::R2Conv;
+pub use layers::relu::Relu;
+pub use layers::sequential::Sequential;
+pub use layers::soft_argmax::SpatialSoftArgmax;
+pub use real::Real;
 pub use scalar::Scalar;
-pub use sequential::Sequential;
+pub use scratch::Scratch;
 pub use shape::Shape;
-pub use soft_argmax::SpatialSoftArgmax;
+pub use steerable::dense::{Dense, Projection};
+pub use steerable::hadamard::hadamard;
+pub use steerable::window::Kernel;
 pub use symmetry::{FieldType, Group};

@@ -3,9 +3,13 @@
 use std::fmt;
 use std::slice::{ChunksExact, ChunksExactMut};
 
-use symmetry::{D2, FieldType};
+use symmetry::{D2, FieldType, Irrep};
 
-use crate::Scalar;
+use crate::real::Real;
+
+/// Values that a sample or a layer's parameters may have at most: products of a few such numbers
+/// with channels per block and with samples still fit into `usize`.
+pub(crate) const LARGEST: usize = 1 << 31;
 
 /// The shape of one sample: `[height, width, fields.dim()]`, channels last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,12 +38,13 @@ impl Shape {
     }
 
     /// The number of values of one sample.
-    #[expect(
-        clippy::len_without_is_empty,
-        reason = "an empty shape is of no use to anybody"
-    )]
     pub fn len(&self) -> usize {
         self.pixels() * self.fields.dim()
+    }
+
+    /// Whether it has no values; layers refuse such shapes.
+    pub fn is_empty(&self) -> bool {
+        self.height == 0 || self.width == 0 || self.fields.dim() == 0
     }
 
     /// The number of pixels.
@@ -50,8 +55,9 @@ impl Shape {
     /// The transformed copy of one sample: pixels move, and channels of odd irreps change sign.
     ///
     /// # Panics
-    /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len) values.
-    pub fn act<T: Scalar>(&self, g: D2, sample: &[T]) -> Vec<T> {
+    /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len)
+    /// values.
+    pub fn act<T: Real>(&self, g: D2, sample: &[T]) -> Vec<T> {
         let dim = self.fields.dim();
         let mut moved = g.transform_image(sample, self.height, self.width, dim);
         for pixel in moved.chunks_exact_mut(dim.max(1)) {
@@ -70,28 +76,20 @@ impl Shape {
         values.chunks_exact_mut(self.len().max(1))
     }
 
-    /// Panics, naming the layer, unless slices of these lengths hold as many inputs of this shape as outputs of another.
-    pub(crate) fn check_lens(&self, layer: &str, out_shape: Shape, [x, y]: [usize; 2]) {
-        let (each, out_each) = (self.len(), out_shape.len());
-        let samples = x / each.max(1);
-        assert!(
-            x == samples * each && y == samples * out_each,
-            "{layer}: got an input of {x} values and an output of {y}, expected N * {each} and N * {out_each}"
-        );
+    /// The number of values with `padding` pixels on each side; none if it is more than
+    /// [`LARGEST`].
+    pub(crate) fn padded_len(&self, padding: usize) -> Option<usize> {
+        let padded = |size: usize| size.checked_add(padding.checked_mul(2)?);
+        let dims = Irrep::ALL.map(|a| self.fields.multiplicity(a));
+        let dim = dims.into_iter().try_fold(0, usize::checked_add)?;
+        product([padded(self.height)?, padded(self.width)?, dim])
     }
+}
 
-    /// The number of samples in a slice of `len` values.
-    ///
-    /// # Panics
-    /// When it is not a whole number.
-    pub(crate) fn samples(&self, len: usize) -> usize {
-        let each = self.len().max(1);
-        assert!(
-            len.is_multiple_of(each),
-            "got {len} values, expected a multiple of {each} for {self}"
-        );
-        len / each
-    }
+/// The product of sizes; none if it is more than [`LARGEST`].
+pub(crate) fn product<const N: usize>(sizes: [usize; N]) -> Option<usize> {
+    let product = sizes.into_iter().try_fold(1, usize::checked_mul)?;
+    (product <= LARGEST).then_some(product)
 }
 
 impl fmt::Display for Shape {

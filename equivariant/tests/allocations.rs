@@ -1,6 +1,7 @@
 //! In the steady state nothing is allocated, on any thread.
 //!
-//! A program of its own, since the allocator counts for the whole process and the thread of a test harness allocates, too.
+//! A program of its own, since the allocator counts for the whole process and the thread of a test
+//! harness allocates, too.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
@@ -10,7 +11,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use common::{network, normal, params};
-use equivariant::{Chunks, Group, Layer, Sequential};
+use equivariant::{Chunks, Group, Layer, Scratch, Sequential, Signature};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]
@@ -32,15 +33,16 @@ fn check(net: &Sequential<f32>) {
     let (in_len, out_len) = (net.in_shape().len(), net.out_shape().len());
     let x = normal::<f32>(SAMPLES * in_len, 2);
     let (mut gradient, mut y) = (vec![0.0; params.len()], vec![0.0; SAMPLES * out_len]);
-    let scratch = net.scratch_len(CHUNK);
-    let mut chunks: Chunks<f32, (Vec<f32>, Vec<f32>)> =
+    let scratch = net.scratch(CHUNK);
+    let of_chunk = scratch.clone();
+    let mut chunks: Chunks<f32, (Vec<f32>, Scratch<f32>)> =
         Chunks::new(params.len(), CHUNK, move || {
-            (vec![0.0; CHUNK * out_len], vec![0.0; scratch])
+            (vec![0.0; CHUNK * out_len], of_chunk.clone())
         });
     // the matrix products of `Linear` keep buffers per thread: every thread needs to have run once
     rayon::broadcast(|_| {
         let (mut y, mut gradient) = (vec![0.0; CHUNK * out_len], vec![0.0; params.len()]);
-        let (mut scratch, x) = (vec![0.0; scratch], &x[..CHUNK * in_len]);
+        let (mut scratch, x) = (scratch.clone(), &x[..CHUNK * in_len]);
         net.forward(&params, x, &mut y, &mut scratch);
         let dy = y.clone();
         net.backward(&params, x, &y, &dy, None, &mut gradient, &mut scratch);

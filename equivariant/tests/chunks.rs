@@ -4,22 +4,26 @@
 
 mod common;
 
-use common::{boxed, conv, forward, network, normal, params};
-use equivariant::{Chunks, FieldType, Group, Layer, Relu, Scalar, Sequential, Shape};
+use common::{
+    boxed, conv, forward, largest_deviation, largest_magnitude, network, normal, params, scratch,
+};
+use equivariant::{
+    Chunks, FieldType, Group, Layer, Relu, Scalar, Scratch, Sequential, Shape, Signature,
+};
 
 const SAMPLES: usize = 150;
 const CHUNK: usize = 2;
 
 struct Workspace {
     y: Vec<f32>,
-    scratch: Vec<f32>,
+    scratch: Scratch<f32>,
 }
 
 fn engine(net: &Sequential<f32>) -> Chunks<f32, Workspace> {
-    let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch_len(CHUNK));
+    let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
     Chunks::new(net.num_params(), CHUNK, move || Workspace {
         y: vec![0.0; out],
-        scratch: vec![0.0; scratch],
+        scratch: scratch.clone(),
     })
 }
 
@@ -66,7 +70,8 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
     }
 }
 
-/// Layers with enough to do for a second thread: fused and alone, odd numbers of lines, types that fill no block.
+/// Layers with enough to do for a second thread: fused and alone, odd numbers of lines, types that
+/// fill no block.
 fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 4] {
     let mixed = FieldType::new(group, [5, 4, 3, 2]);
     let [trivial, regular] = [group.trivial(6), group.regular(16)];
@@ -89,7 +94,7 @@ fn one_image<T: Scalar>(layer: &dyn Layer<T>, threads: usize) -> [Vec<T>; 3] {
     let x = normal::<T>(layer.in_shape().len(), 2);
     let mut y = vec![T::ZERO; layer.out_shape().len()];
     let (mut dx, mut dparams) = (vec![T::ZERO; x.len()], vec![T::ZERO; params.len()]);
-    let mut scratch = vec![T::from_f64(f64::NAN); layer.scratch_len(1)];
+    let mut scratch = scratch(layer, 1);
     pool(threads).install(|| {
         layer.forward(&params, &x, &mut y, &mut scratch);
         let dx = Some(&mut dx[..]);
@@ -121,16 +126,14 @@ fn the_sum_over_chunks_is_the_gradient_of_the_batch() {
     let net = network::<f32>(Group::D2);
     let params = params(&net, 1);
     let x = normal::<f32>(SAMPLES * net.in_shape().len(), 2);
-    let mut scratch = vec![0.0; net.scratch_len(SAMPLES)];
+    let mut scratch = scratch(&net, SAMPLES);
     let mut y = vec![0.0; SAMPLES * net.out_shape().len()];
     net.forward(&params, &x, &mut y, &mut scratch);
     let mut whole = vec![0.0; params.len()];
     net.backward(&params, &x, &y, &y, None, &mut whole, &mut scratch);
     let (summed, _) = gradient(2, 1);
-    let scale = whole.iter().fold(0.0f32, |m, d| m.max(d.abs()));
-    for (a, b) in whole.iter().zip(&summed) {
-        assert!((a - b).abs() < 1e-5 * scale, "{a} {b}");
-    }
+    let error = largest_deviation(&whole, &summed);
+    assert!(error < 1e-5 * largest_magnitude(&whole), "{error}");
 }
 
 #[test]
@@ -166,7 +169,7 @@ fn rows_of_inference_arrive_in_order() {
     assert_eq!(starts, [0, 2, 4, 6]);
     for (x, y) in x.chunks(in_len).zip(y.chunks(out_len)) {
         let alone = forward(&net, &params, x);
-        assert!(alone.iter().zip(y).all(|(a, b)| (a - b).abs() < 1e-5));
+        assert!(largest_deviation(&alone, y) < 1e-5);
     }
     assert_eq!(chunks.map(3, |range, _| range), [0..2, 2..3]);
 }

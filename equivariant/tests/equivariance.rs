@@ -6,7 +6,7 @@ mod common;
 
 use common::{boxed, conv, exact_layers_of, layers, params, rng};
 use equivariant::{
-    FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, equivariance_error,
+    FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, Signature, equivariance_error,
     equivariance_error_of,
 };
 

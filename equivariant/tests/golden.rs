@@ -1,11 +1,11 @@
-//! Values and gradients that PyTorch computed (`benches/peers/golden_layers.py`), and filters that escnn expanded
-//! (`benches/peers/escnn_filters.py`).
+//! Values and gradients that PyTorch computed (`benches/peers/golden_layers.py`), and filters that
+//! escnn expanded (`benches/peers/escnn_filters.py`).
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 
-use common::kernel;
+use common::{kernel, largest_deviation, scratch};
 use equivariant::{
     AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
     Relu, Shape, SpatialSoftArgmax, Statistics, hadamard,
@@ -37,13 +37,8 @@ fn change(shape: Shape, mut values: Vec<f64>) -> Vec<f64> {
 }
 
 fn assert_close(name: &str, got: &[f64], expected: &[f64]) {
-    assert_eq!(got.len(), expected.len(), "{name}");
-    for (got, expected) in got.iter().zip(expected) {
-        assert!(
-            (got - expected).abs() < TOLERANCE,
-            "{name}: {got} {expected}"
-        );
-    }
+    let error = largest_deviation(got, expected);
+    assert!(error < TOLERANCE, "{name}: {error}");
 }
 
 /// Runs a layer on a case of the file; returns the gradient in the parameters.
@@ -51,7 +46,7 @@ fn check(case: &str, layer: &dyn Layer<f64>, params: &[f64]) -> Vec<f64> {
     let (in_shape, out_shape) = (layer.in_shape(), layer.out_shape());
     let of = |part: &str| golden(&format!("{case}.{part}"));
     let (x, dy) = (change(in_shape, of("x")), change(out_shape, of("dy")));
-    let mut scratch = vec![f64::NAN; layer.scratch_len(2)];
+    let mut scratch = scratch(layer, 2);
     let (mut y, mut dx) = (vec![f64::NAN; dy.len()], vec![f64::NAN; x.len()]);
     layer.forward(params, &x, &mut y, &mut scratch);
     let mut dparams = vec![0.0; params.len()];
@@ -161,7 +156,8 @@ fn convolutions_are_those_of_pytorch() {
     }
 }
 
-/// The part of a filter of escnn that is not steerable here, after a permutation of the output's elements.
+/// The part of a filter of escnn that is not steerable here, after a permutation of the output's
+/// elements.
 fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let tensors = SafeTensors::deserialize(ESCNN).unwrap();
     let tensor = tensors.tensor(name).unwrap();
@@ -208,4 +204,10 @@ fn a_comparison_with_other_settings_fails() {
         &SpatialSoftArgmax::new(input(Group::C1), 0.4).unwrap(),
         &[],
     );
+}
+
+#[test]
+#[should_panic(expected = "poisoned: NaN")]
+fn a_comparison_with_not_a_number_fails() {
+    assert_close("poisoned", &[1.0, f64::NAN, 1.0], &[1.0; 3]);
 }

@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{forward, layers, normal, params};
+use common::{
+    forward, largest, largest_deviation, largest_magnitude, layers, normal, params, scratch,
+};
 use equivariant::Layer;
 
 const SAMPLES: usize = 3;
@@ -17,7 +19,7 @@ struct Gradients {
 /// Gradients of `dy . f(x)`.
 fn gradients(layer: &dyn Layer<f64>, params: &[f64], x: &[f64], dy: &[f64]) -> Gradients {
     let mut y = vec![0.0; dy.len()];
-    let mut scratch = vec![f64::NAN; layer.scratch_len(SAMPLES)];
+    let mut scratch = scratch(layer, SAMPLES);
     layer.forward(params, x, &mut y, &mut scratch);
     let mut dx = vec![f64::NAN; x.len()];
     // one, not zero: gradients must be added
@@ -39,13 +41,12 @@ fn difference(at: &[f64], i: usize, f: impl Fn(&[f64]) -> f64) -> f64 {
 
 /// The largest error of analytic gradients over the largest of them.
 fn error(analytic: &[f64], at: &[f64], f: impl Fn(&[f64]) -> f64) -> f64 {
-    let scale = analytic.iter().fold(1e-3f64, |m, d| m.max(d.abs()));
+    // not a number stays one: it is not below 1e-3
+    let scale = largest([1e-3, largest_magnitude(analytic)].into_iter());
     // a spread of entries is enough, and a wrong formula is wrong nearly everywhere
     let stride = (at.len() / 120).max(1);
-    (0..at.len())
-        .step_by(stride)
-        .map(|i| (difference(at, i, &f) - analytic[i]).abs() / scale)
-        .fold(0.0, f64::max)
+    let entries = (0..at.len()).step_by(stride);
+    largest(entries.map(|i| (difference(at, i, &f) - analytic[i]).abs() / scale))
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -78,6 +79,10 @@ fn the_comparison_sees_a_wrong_gradient() {
     let square = |x: &[f64]| x[0] * x[0] + x[1];
     assert!(error(&[2.0, 1.0], &x, square) < TOLERANCE);
     assert!(error(&[2.0, 1.01], &x, square) > 1e-3);
+    for poisoned in [[f64::NAN, 1.0], [2.0, f64::NAN]] {
+        assert!(error(&poisoned, &x, square).is_nan());
+    }
+    assert!(error(&[2.0, 1.0], &x, |x| square(x) + f64::NAN).is_nan());
 }
 
 #[test]
@@ -89,18 +94,14 @@ fn parameter_gradients_do_not_need_the_input_gradient() {
         let dy = normal(SAMPLES * layer.out_shape().len(), 3);
         let expected = gradients(layer, &params, &x, &dy).dparams;
         let mut y = vec![0.0; dy.len()];
-        let mut scratch = vec![f64::NAN; layer.scratch_len(SAMPLES)];
+        let mut scratch = scratch(layer, SAMPLES);
         layer.forward(&params, &x, &mut y, &mut scratch);
         let mut dparams = vec![1.0; params.len()];
         layer.backward(&params, &x, &y, &dy, None, &mut dparams, &mut scratch);
         dparams.iter_mut().for_each(|d| *d -= 1.0);
         // sums may be in another order
-        let largest = expected.iter().fold(1.0f64, |m, d| m.max(d.abs()));
-        for (d, expected) in dparams.iter().zip(&expected) {
-            assert!(
-                (d - expected).abs() < 1e-13 * largest,
-                "{name}: {d} {expected}"
-            );
-        }
+        let error = largest_deviation(&dparams, &expected);
+        let scale = largest_magnitude(&expected).max(1.0);
+        assert!(error < 1e-13 * scale, "{name}: {error}");
     }
 }

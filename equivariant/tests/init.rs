@@ -6,7 +6,8 @@ mod common;
 
 use common::{boxed, conv, forward, network, normal, rng};
 use equivariant::{
-    FieldNorm, FieldType, Group, Layer, LayerError, Linear, Relu, Sequential, Shape, Statistics,
+    FieldNorm, FieldType, Group, Layer, LayerError, Linear, Relu, Sequential, Shape, Signature,
+    Statistics,
 };
 use rand::Rng;
 

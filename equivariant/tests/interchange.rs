@@ -6,8 +6,8 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{boxed, layers, network, params};
-use equivariant::{Group, Layer, Linear, Sequential, load, save};
+use common::{boxed, forward, layers, network, normal, params};
+use equivariant::{FieldNorm, Group, Layer, Linear, Sequential, Shape, Statistics, load, save};
 use safetensors::SafeTensors;
 
 /// A file of this test run that is removed when it is dropped.
@@ -101,4 +101,55 @@ fn files_that_are_not_ours_are_refused_by_name() {
     let none: [(&str, safetensors::tensor::TensorView); 0] = [];
     std::fs::write(&file.0, safetensors::serialize(none, None).unwrap()).unwrap();
     assert!(message(&file, &net).contains("got no metadata `covers-equivariant 1`"));
+}
+
+#[test]
+fn norms_of_other_statistics_are_refused() {
+    let file = File::new("norms");
+    let norm = |statistics| {
+        boxed::<f32, _>(FieldNorm::new(
+            Shape::image(2, 3, Group::D2.regular(1)),
+            statistics,
+        ))
+    };
+    let fixed = |mean: f64| Statistics::Fixed(vec![[mean, 2.0]]);
+    let all = [
+        Statistics::Sample,
+        Statistics::Batch,
+        fixed(0.1),
+        fixed(0.1f64.next_up()),
+    ];
+    for (i, saved) in all.iter().enumerate() {
+        save(&file.0, norm(saved.clone()).as_ref(), &[1.5, 0.5]).unwrap();
+        for (j, built) in all.iter().enumerate() {
+            let loaded = load(&file.0, norm(built.clone()).as_ref());
+            assert_eq!(loaded.is_ok(), i == j, "{saved:?} as {built:?}");
+        }
+    }
+    let refused = message(&file, norm(Statistics::Batch).as_ref());
+    assert!(
+        refused.contains("fixed statistics) [[0.1000000000000000"),
+        "{refused}"
+    );
+    assert!(
+        refused.contains("statistics of the batch)` in the network"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn layers_of_one_description_compute_the_same() {
+    let layers = layers::<f32>();
+    let run = |layer: &dyn Layer<f32>| {
+        let x = normal(2 * layer.in_shape().len(), 2);
+        forward(layer, &params(layer, 1), &x)
+    };
+    for (i, (a, first)) in layers.iter().enumerate() {
+        for (b, second) in &layers[..i] {
+            if first.description() == second.description() {
+                let (first, second) = (run(first.as_ref()), run(second.as_ref()));
+                assert_eq!(first, second, "{a} and {b}");
+            }
+        }
+    }
 }

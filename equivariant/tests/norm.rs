@@ -4,7 +4,7 @@
 
 mod common;
 
-use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Statistics, hadamard};
+use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Signature, Statistics, hadamard};
 
 fn waves(len: usize) -> Vec<f64> {
     (0..len)
@@ -13,10 +13,10 @@ fn waves(len: usize) -> Vec<f64> {
 }
 
 fn normalised(layer: &FieldNorm, x: &[f64]) -> Vec<f64> {
-    let mut params = vec![f64::NAN; Layer::<f64>::num_params(layer)];
+    let mut params = vec![f64::NAN; layer.num_params()];
     layer.init_scaled(&mut common::rng(1), 1.0, &mut params);
     let mut y = vec![f64::NAN; x.len()];
-    layer.forward(&params, x, &mut y, &mut []);
+    layer.forward(&params, x, &mut y, &mut layer.scratch(0));
     y
 }
 

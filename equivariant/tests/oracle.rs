@@ -4,17 +4,14 @@
 
 mod common;
 
-use common::{forward, normal, params};
-use equivariant::{FieldType, Group, Kernel, Layer, R2Conv, hadamard};
+use common::{forward, largest_deviation, normal, params};
+use equivariant::{FieldType, Group, Kernel, R2Conv, Signature, hadamard};
 use proptest::prelude::*;
 use symmetry::D2;
 
 /// Ordinary cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
 fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> {
-    let (input, output) = (
-        Layer::<f64>::in_shape(layer),
-        Layer::<f64>::out_shape(layer),
-    );
+    let (input, output) = (layer.in_shape(), layer.out_shape());
     let (c_in, c_out, k) = (input.fields.dim(), output.fields.dim(), window.size);
     let mut y = vec![0.0; output.len()];
     for (i, y) in y.iter_mut().enumerate() {
@@ -37,21 +34,14 @@ fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> 
 
 fn with_zero_bias(layer: &R2Conv, seed: u64) -> Vec<f64> {
     let mut params = params::<f64>(layer, seed);
-    let trivial = Layer::<f64>::out_shape(layer)
+    let trivial = layer
+        .out_shape()
         .fields
         .range(symmetry::Irrep::Trivial)
         .len();
     let weights = params.len() - trivial;
     params[weights..].fill(0.0);
     params
-}
-
-fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
-    a.iter()
-        .zip(b)
-        .map(|(a, b)| (a - b).abs())
-        .fold(0.0, f64::max)
 }
 
 fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
@@ -85,12 +75,28 @@ proptest! {
         let Ok(layer) = layer else { return Ok(()) };
         let params = with_zero_bias(&layer, seed);
         let kernel = layer.dense().kernel(&params);
-        let len = Layer::<f64>::in_shape(&layer).len();
+        let len = layer.in_shape().len();
         // five samples: more than a group of small images, and a group that is not full
         let x = normal::<f64>(5 * len, seed + 1);
         let y = forward(&layer, &params, &x);
         let expected: Vec<f64> = x.chunks(len).flat_map(|x| naive(&layer, &kernel, window, x)).collect();
-        prop_assert!(largest_difference(&y, &expected) < 1e-11);
+        prop_assert!(largest_deviation(&y, &expected) < 1e-11);
+    }
+}
+
+#[test]
+fn one_poisoned_value_fails_the_comparison() {
+    let (layer, window) = regular_layer();
+    let params = with_zero_bias(&layer, 7);
+    let kernel = layer.dense().kernel(&params);
+    let x = normal::<f64>(layer.in_shape().len(), 8);
+    let expected = naive(&layer, &kernel, window, &x);
+    let mut y = forward(&layer, &params, &x);
+    assert!(largest_deviation(&y, &expected) < 1e-11);
+    for i in 0..y.len() {
+        let right = std::mem::replace(&mut y[i], f64::NAN);
+        assert!(largest_deviation(&y, &expected).is_nan(), "value {i}");
+        y[i] = right;
     }
 }
 
@@ -108,7 +114,7 @@ fn regular_layer() -> (R2Conv, Kernel) {
 fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     let (layer, window) = regular_layer();
     let params = with_zero_bias(&layer, 7);
-    let x = normal::<f64>(Layer::<f64>::in_shape(&layer).len(), 8);
+    let x = normal::<f64>(layer.in_shape().len(), 8);
     let mut expected = forward(&layer, &params, &x);
     expected
         .chunks_mut(12)
@@ -119,7 +125,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
         .for_each(|pixel| hadamard(Group::D2, pixel));
     let kernel = layer.dense().regular_kernel(&params);
     let y = naive(&layer, &kernel, window, &regular_x);
-    assert!(largest_difference(&y, &expected) < 1e-12);
+    assert!(largest_deviation(&y, &expected) < 1e-12);
 }
 
 #[test]
@@ -148,10 +154,11 @@ fn the_regular_kernel_obeys_the_steerability_constraint() {
 #[test]
 fn the_parameters_span_all_steerable_kernels() {
     let (layer, window) = regular_layer();
-    // the group acts freely on (fields x group)^2 x taps, so invariants are a quarter of the dense kernel
+    // the group acts freely on (fields x group)^2 x taps, so invariants are a quarter of the dense
+    // kernel
     let dense = 12 * 8 * window.size.pow(2);
     let biases = 3;
-    assert_eq!(Layer::<f64>::num_params(&layer), dense / 4 + biases);
+    assert_eq!(layer.num_params(), dense / 4 + biases);
     let kernels: Vec<Vec<f64>> = (0..dense / 4)
         .map(|i| {
             let mut unit = vec![0.0f64; dense / 4 + biases];

@@ -1,11 +1,11 @@
-//! The kernels of single precision, on the instruction set of this machine, against those of double precision, which are
-//! plain arrays and which the oracle and finite differences check.
+//! The kernels of single precision, on the instruction set of this machine, against those of double
+//! precision, which are plain arrays and which the oracle and finite differences check.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 
-use common::{conv, network, normal, params};
+use common::{conv, largest_deviation, largest_magnitude, network, normal, params, scratch};
 use equivariant::{Group, Layer, Scalar};
 
 const SAMPLES: usize = 3;
@@ -20,7 +20,7 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] 
     let [params, x, dy] = operands.map(exact);
     let (mut y, mut dx) = (vec![T::ZERO; dy.len()], vec![T::ZERO; x.len()]);
     let mut dparams = vec![T::ZERO; params.len()];
-    let mut scratch = vec![T::from_f64(f64::NAN); layer.scratch_len(SAMPLES)];
+    let mut scratch = scratch(layer, SAMPLES);
     layer.forward(&params, &x, &mut y, &mut scratch);
     layer.backward(
         &params,
@@ -41,17 +41,28 @@ fn errors(single: &dyn Layer<f32>, double: &dyn Layer<f64>) -> [f64; 3] {
     let dy = normal::<f32>(SAMPLES * single.out_shape().len(), 3);
     let operands = [&params[..], &x, &dy];
     let (single, double) = (run(single, operands), run(double, operands));
-    std::array::from_fn(|i| {
-        let scale = double[i].iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        let pairs = single[i].iter().zip(&double[i]);
-        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max) / scale
-    })
+    std::array::from_fn(|i| relative(&single[i], &double[i]))
+}
+
+/// The largest difference over the largest value.
+fn relative(got: &[f64], expected: &[f64]) -> f64 {
+    largest_deviation(got, expected) / largest_magnitude(expected)
+}
+
+#[test]
+fn the_comparison_sees_not_a_number_and_a_wrong_value() {
+    assert!(relative(&[1.0, 2.0], &[1.0, 2.0]) < TOLERANCE);
+    for wrong in [f64::NAN, f64::INFINITY, 2.1] {
+        let errors = [relative(&[1.0, wrong], &[1.0, 2.0])];
+        assert!(!errors.iter().all(|&e| e < TOLERANCE), "{errors:?}");
+    }
 }
 
 #[test]
 fn convolutions_of_every_width_agree_in_both_precisions() {
     for group in Group::ALL {
-        // fields out: every way to cut outputs into tiles; 6 x 22 images: lines of a full tile and a rest
+        // fields out: every way to cut outputs into tiles; 6 x 22 images: lines of a full tile and
+        // a rest
         for fields in [1, 4, 5, 8, 12, 16, 20, 33] {
             for input in [group.trivial(6), group.regular(8), group.regular(3)] {
                 for window in [[4, 2, 1], [3, 1, 1]] {

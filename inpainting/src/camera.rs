@@ -4,8 +4,8 @@ use glam::{DMat3, DVec3};
 
 use crate::error::{InpaintingError, require};
 
-/// The inside of a pinhole camera. Pixel (column, row) covers `[column, column + 1) x [row, row + 1)`;
-/// row 0 is the top.
+/// The inside of a pinhole camera. Pixel (column, row) covers `[column, column + 1) x [row, row +
+/// 1)`; row 0 is the top.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
     /// Pixels across.

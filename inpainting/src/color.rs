@@ -2,7 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-/// How the colours of a picture are brought to those of the reference, from the pixels that both show.
+/// How the colours of a picture are brought to those of the reference, from the pixels that both
+/// show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorCorrection {
     /// Left as they are.

@@ -35,8 +35,8 @@ impl Capsule {
         }
     }
 
-    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the axis,
-    /// in front of the camera.
+    /// Whether a ray from the camera along the unit vector `ray` comes within the radius of the
+    /// axis, in front of the camera.
     pub(crate) fn meets(&self, ray: DVec3) -> bool {
         let [from, to] = self.ends;
         let axis = to - from;

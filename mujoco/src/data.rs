@@ -92,8 +92,8 @@ impl Data {
 
     /// Computes the positions of bodies, geoms, sites and cameras from the state, and nothing else.
     ///
-    /// Enough for observing and rendering, several times cheaper than [`Data::forward`], and without
-    /// a trace in the state. Cameras and lights that track a centre of mass need `forward`.
+    /// Enough for observing and rendering, several times cheaper than [`Data::forward`], and
+    /// without a trace in the state. Cameras and lights that track a centre of mass need `forward`.
     ///
     /// # Errors
     /// [`SimError::NotFinite`] where a position is not finite.
@@ -343,8 +343,8 @@ impl Data {
         &mut self,
         field: &Field<raw::mjData, T, N>,
     ) -> &mut [[T; N]] {
-        // SAFETY: MuJoCo made the data, which lives until `drop`, for this model; the result borrows
-        // `self` exclusively.
+        // SAFETY: MuJoCo made the data, which lives until `drop`, for this model; the result
+        // borrows `self` exclusively.
         unsafe { field.rows_mut(self.raw.as_mut(), self.model.as_raw()) }
     }
 

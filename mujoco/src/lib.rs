@@ -1,4 +1,4 @@
-//! Safe wrapper of MuJoCo 2.2.2: models, simulation data and off-screen rendering.
+//! Simulates MuJoCo 2.2.2 models and draws pictures of them off-screen, from safe Rust.
 //!
 //! Three nouns, one file each:
 //! - [`Model`]: a compiled MJCF model, immutable, shared through `Arc` by any number of threads;
@@ -34,12 +34,16 @@
 //! ```
 //!
 //! MuJoCo's silent failures are errors here: a diverging step, a NaN control, a dropped contact.
-//! What MuJoCo itself calls fatal prints its message and aborts.
+//! What MuJoCo itself calls fatal prints its message and aborts the process.
 //!
 //! Two environment variables matter. `COVERS_GL` (`egl` or `osmesa`) narrows the choice of OpenGL.
-//! `LP_NUM_THREADS` sizes the thread pool of Mesa's software renderer: the first model that a process
-//! loads sets it to 0 where it is unset and the process has one thread only, because small images
-//! are drawn faster without the pool. So load a model before starting threads.
+//! `LP_NUM_THREADS` sizes the thread pool of Mesa's software renderer. The first model that a
+//! process loads sets it to 0, because small images are drawn faster without the pool. It does so
+//! only where the variable is unset and the process has one thread. So load a model before starting
+//! threads.
+//!
+//! What the wrapper has no method for is read from [`Model::as_raw`] and [`Data::as_raw`], or done
+//! with [`Data::as_mut_ptr`] and the functions of [`raw`].
 
 /// The raw declarations of the C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
 pub use mujoco_sys as raw;

@@ -243,7 +243,8 @@ impl Model {
         self.value(&GEOM_GROUP, geom) as usize
     }
 
-    /// Colour of a geom, (red, green, blue, opacity) in [0, 1]; a material's colour is not seen here.
+    /// Colour of a geom, (red, green, blue, opacity) in [0, 1]; a material's colour is not seen
+    /// here.
     pub fn geom_rgba(&self, geom: GeomId) -> [f32; 4] {
         self.rows(&GEOM_RGBA)[geom.index()]
     }

@@ -170,8 +170,8 @@ impl Renderer {
         self.width * self.height * 3
     }
 
-    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row 0
-    /// is the top of the image.
+    /// Draws what `view`, a camera or one with a [`Mirror`], sees into `out`, `[H, W, 3]` RGB; row
+    /// 0 is the top of the image.
     ///
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///

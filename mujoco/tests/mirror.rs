@@ -1,4 +1,5 @@
-//! Drawing in a mirror: the picture is that of the scene, and twins have mirrored pictures bit for bit.
+//! Drawing in a mirror: the picture is that of the scene, and twins have mirrored pictures bit for
+//! bit.
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
@@ -38,7 +39,8 @@ impl Numbers {
     }
 }
 
-/// A scene of tilted props on a grid of pixels' middles, so that edges often hit them, under a light from the side; mirrored.
+/// A scene of tilted props on a grid of pixels' middles, so that edges often hit them, under a
+/// light from the side; mirrored.
 fn scene(seed: u64, mirror: Mirror) -> String {
     let [x, y] = [mirror.columns, mirror.rows].map(|flips| if flips { -1.0 } else { 1.0 });
     let (mut numbers, mut props) = (Numbers(seed), String::new());
@@ -149,7 +151,8 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
     );
 }
 
-/// Edges through the middles of pixels are what handedness decides; round shapes are cut into other triangles and differ by a few levels.
+/// Edges through the middles of pixels are what handedness decides; round shapes are cut into other
+/// triangles and differ by a few levels.
 #[test]
 fn a_mirror_changes_nothing_but_edges() {
     for seed in 0..60 {
@@ -195,7 +198,8 @@ fn a_backdrop_keeps_its_mirror() {
     }
 }
 
-/// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape; two are a rotation.
+/// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape;
+/// two are a rotation.
 #[test]
 fn what_is_not_its_own_mirror_image_is_refused() {
     let mut ready = ready(

@@ -7,10 +7,9 @@ use equivariant::{
     SpatialSoftArgmax,
 };
 use serde::{Deserialize, Serialize};
+use symmetry::Group;
 
 use crate::error::RlError;
-use crate::network_settings::NetworkSettings;
-use crate::require::require_width;
 
 /// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
 const HALVING: Kernel = window(4, 2, 1);
@@ -31,32 +30,39 @@ const fn window(size: usize, stride: usize, padding: usize) -> Kernel {
     }
 }
 
-/// How square pictures become [`NetworkSettings::top_fields`] regular fields. All kinds are exactly equivariant. Widths
-/// are in regular fields of D2, see [`NetworkSettings::group`].
+/// How square pictures become the top regular fields
+/// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
+/// equivariant. Widths are in regular fields of D2, see
+/// [`NetworkSettings::group`](crate::NetworkSettings::group).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Encoder {
-    /// 4 x 4 convolutions of stride 2, then one whose window is all that is left; a ReLU after each.
+    /// 4 x 4 convolutions of stride 2, then one whose window is all that is left; a ReLU after
+    /// each.
     ///
     /// Sides of pictures are multiples of 2 to the power of the number of halvings.
     Strided {
         /// Fields after each halving, at least 1 each and at least one halving.
         fields: Vec<usize>,
     },
-    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution: D. Wang et al., "SO(2)-equivariant
-    /// reinforcement learning" (ICLR 2022, appendix on network architecture), whose caption COVERS repeats.
+    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution: D. Wang et al.,
+    /// "SO(2)-equivariant reinforcement learning" (ICLR 2022, appendix on network architecture),
+    /// whose caption COVERS repeats.
     ///
-    /// After the halvings the maps have 8 x 8 pixels; two convolutions and a pool leave 3 x 3, and the last convolution 1 x 1. So
-    /// sides of pictures are exactly 8 times 2 to the power of the number of halvings.
+    /// After the halvings the maps have 8 x 8 pixels; two convolutions and a pool leave 3 x 3, and
+    /// the last convolution 1 x 1. So sides of pictures are exactly 8 times 2 to the power of the
+    /// number of halvings.
     Pooled {
         /// Fields after each halving, at least 1 each; pictures of 8 x 8 pixels take none.
         fields: Vec<usize>,
-        /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not padded.
+        /// Fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is not
+        /// padded.
         inner: [usize; 2],
     },
-    /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected position of each map (spatial
-    /// soft-argmax, temperature 1) and a linear layer: Levine et al., "End-to-end training of deep visuomotor policies" (JMLR 2016,
-    /// section 5.1), made equivariant by [`SpatialSoftArgmax`].
+    /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected
+    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer: Levine et al.,
+    /// "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made equivariant
+    /// by [`SpatialSoftArgmax`].
     ///
     /// Sides of pictures are multiples of 2 to the power of the number of halvings.
     Keypoints {
@@ -68,22 +74,43 @@ pub enum Encoder {
 }
 
 impl Encoder {
-    /// Refuses widths of zero, and encoders that must halve and do not.
-    pub(crate) fn check(&self) -> Result<(), RlError> {
+    /// The names of the widths that must not be zero, each with the least of its list; an encoder
+    /// that must halve and does not has a width of zero.
+    pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
         let least = |fields: &[usize]| fields.iter().copied().min();
         match self {
             Self::Strided { fields } => {
-                require_width("encoder.strided.fields", least(fields).unwrap_or(0))
+                vec![("encoder.strided.fields", least(fields).unwrap_or(0))]
             }
-            Self::Pooled { fields, inner } => {
-                require_width("encoder.pooled.fields", least(fields).unwrap_or(1))?;
-                require_width("encoder.pooled.inner", inner[0].min(inner[1]))
-            }
-            Self::Keypoints { fields, maps } => {
-                require_width("encoder.keypoints.fields", least(fields).unwrap_or(0))?;
-                require_width("encoder.keypoints.maps", *maps)
-            }
+            Self::Pooled { fields, inner } => vec![
+                ("encoder.pooled.fields", least(fields).unwrap_or(1)),
+                ("encoder.pooled.inner", inner[0].min(inner[1])),
+            ],
+            Self::Keypoints { fields, maps } => vec![
+                ("encoder.keypoints.fields", least(fields).unwrap_or(0)),
+                ("encoder.keypoints.maps", *maps),
+            ],
         }
+    }
+
+    /// The layers from an image `[height, width, channels]` to the top fields.
+    pub(crate) fn layers<T: Scalar>(
+        &self,
+        group: Group,
+        [height, width, channels]: [usize; 3],
+        top_fields: usize,
+    ) -> Result<Sequential<T>, RlError> {
+        if height != width {
+            return Err(RlError::NotSquare { height, width });
+        }
+        self.check_side(height)?;
+        let mut stack = Stack {
+            group,
+            layers: Vec::new(),
+            shape: Shape::image(height, width, group.trivial(channels)),
+        };
+        stack.fill(self, top_fields)?;
+        Ok(Sequential::new(stack.layers)?)
     }
 
     /// The gain of the last layer's weights: 1 where no ReLU follows.
@@ -94,8 +121,8 @@ impl Encoder {
         }
     }
 
-    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that networks of all groups see the same
-    /// pictures.
+    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that
+    /// networks of all groups see the same pictures.
     fn check_side(&self, side: usize) -> Result<(), RlError> {
         let (Self::Strided { fields }
         | Self::Pooled { fields, .. }
@@ -129,39 +156,24 @@ fn multiples(of: usize) -> String {
     format!("height and width to be multiples of {of}, at least {of}")
 }
 
-/// The layers from `image` `[H, W, C]` to the top fields.
-pub(crate) fn encoder<T: Scalar>(
-    settings: &NetworkSettings,
-    [height, width, channels]: [usize; 3],
-) -> Result<Sequential<T>, RlError> {
-    if height != width {
-        return Err(RlError::NotSquare { height, width });
-    }
-    settings.encoder.check_side(height)?;
-    let shape = Shape::image(height, width, settings.group.trivial(channels));
-    let mut stack = Stack {
-        settings,
-        layers: Vec::new(),
-        shape,
-    };
-    stack.fill()?;
-    Ok(Sequential::new(stack.layers)?)
+/// The number of regular fields of a group that are as wide as `fields` of D2.
+pub(crate) fn copies(group: Group, fields: usize) -> usize {
+    fields * (Group::D2.order() / group.order())
 }
 
 /// Layers so far, and what the last of them gives.
-struct Stack<'a, T> {
-    settings: &'a NetworkSettings,
+struct Stack<T> {
+    group: Group,
     layers: Vec<Box<dyn Layer<T>>>,
     shape: Shape,
 }
 
-impl<T: Scalar> Stack<'_, T> {
-    fn fill(&mut self) -> Result<(), RlError> {
-        let settings = self.settings;
-        match &settings.encoder {
+impl<T: Scalar> Stack<T> {
+    fn fill(&mut self, encoder: &Encoder, top_fields: usize) -> Result<(), RlError> {
+        match encoder {
             Encoder::Strided { fields } => {
                 self.halve(fields)?;
-                self.rectified(settings.top_fields, window(self.shape.height, 1, 0))
+                self.rectified(top_fields, window(self.shape.height, 1, 0))
             }
             Encoder::Pooled { fields, inner } => {
                 for &fields in fields {
@@ -171,17 +183,21 @@ impl<T: Scalar> Stack<'_, T> {
                 self.rectified(inner[0], SAME)?;
                 self.rectified(inner[1], VALID)?;
                 self.pool()?;
-                self.rectified(settings.top_fields, VALID)
+                self.rectified(top_fields, VALID)
             }
             Encoder::Keypoints { fields, maps } => {
                 self.halve(fields)?;
                 self.conv(*maps, SAME)?;
                 self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
-                let top = settings.regular(settings.top_fields);
+                let top = self.regular(top_fields);
                 self.add(Linear::new(self.shape.fields, top)?);
                 Ok(())
             }
         }
+    }
+
+    fn regular(&self, fields: usize) -> FieldType {
+        self.group.regular(copies(self.group, fields))
     }
 
     fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
@@ -197,9 +213,9 @@ impl<T: Scalar> Stack<'_, T> {
     }
 
     fn conv(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
-        let (from, to): (FieldType, _) = (self.shape.fields, self.settings.regular(fields));
         let size = [self.shape.height, self.shape.width];
-        self.add(R2Conv::new(from, to, kernel, size)?);
+        let to = self.regular(fields);
+        self.add(R2Conv::new(self.shape.fields, to, kernel, size)?);
         Ok(())
     }
 

@@ -2,16 +2,18 @@
 
 use std::ops::Range;
 
-use equivariant::{FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape};
+use equivariant::{
+    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape, Signature,
+};
 use rand::Rng;
 use symmetry::irrep_order;
 
-use crate::encoder::encoder;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
 
-/// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network architecture").
+/// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
+/// architecture").
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder -----------------------------------------------+
@@ -22,18 +24,22 @@ use crate::network_settings::{Critic, NetworkSettings};
 /// log_std [A]: parameters of their own, the same for every state
 /// ```
 ///
-/// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the features see each input up to a
-/// symmetry of its own: how the vector lies relative to the image reaches only the actor and a [`Critic::Joint`].
+/// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the
+/// features see each input up to a symmetry of its own: how the vector lies relative to the image
+/// reaches only the actor and a [`Critic::Joint`].
 ///
-/// Every part is equivariant under [`NetworkSettings::group`]: D2 is the paper's network, and C1 an ordinary one of the same
-/// width, whose pooling does nothing.
+/// Every part is equivariant under [`NetworkSettings::group`]: D2 is the paper's network, and C1 an
+/// ordinary one of the same width, whose pooling does nothing.
 ///
-/// It owns no weights: the parameters are one flat slice, the image encoder's first ([`ActorCritic::encoder`]), then
-/// the others ([`ActorCritic::heads`]), of which the last A are log_std.
+/// It owns no weights: the parameters are one flat slice, the image encoder's first
+/// ([`ActorCritic::encoder`]), then the others ([`ActorCritic::heads`]), of which the last A are
+/// log_std.
 pub struct ActorCritic<T> {
     pub(crate) image: Sequential<T>,
     pub(crate) vector: Sequential<T>,
     pub(crate) actor: Sequential<T>,
+    /// Image and vector, direct sum.
+    pub(crate) concat: Concat,
     pub(crate) pool: GroupMaxPool,
     pub(crate) critic: Sequential<T>,
     /// Natural index of every irrep-major component of the vector and of the action.
@@ -53,11 +59,12 @@ pub(crate) struct Parts {
 }
 
 impl<T: Scalar> ActorCritic<T> {
-    /// The network for the images, vectors and actions of `spec`; its number of environments does not matter.
+    /// The network for the images, vectors and actions of `spec`; its number of environments does
+    /// not matter.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot treat exactly,
-    /// [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
+    /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot
+    /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         settings.check()?;
         spec.check()?;
@@ -69,9 +76,14 @@ impl<T: Scalar> ActorCritic<T> {
         let fields = settings.top_fields + settings.vector_fields;
         let hidden = settings.regular(fields);
         let pool = GroupMaxPool::new(Shape::vector(hidden))?;
+        let image = settings
+            .encoder
+            .layers(group, spec.image, settings.top_fields)?;
+        let vector = Sequential::new(lift(vector, settings.regular(settings.vector_fields))?)?;
         Ok(Self {
-            image: encoder(settings, spec.image)?,
-            vector: Sequential::new(lift(vector, settings.regular(settings.vector_fields))?)?,
+            concat: Concat::new(image.out_shape(), vector.out_shape())?,
+            image,
+            vector,
             actor: head(hidden, settings.regular(settings.actor_fields), action)?,
             critic: match settings.critic {
                 Critic::Pooled { width } => {
@@ -107,7 +119,7 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// F, the length of the invariant features: one per regular field of the group.
     pub fn feature_dim(&self) -> usize {
-        Layer::<T>::out_shape(&self.pool).len()
+        self.pool.out_shape().len()
     }
 
     /// The settings that the network was built with.
@@ -120,8 +132,8 @@ impl<T: Scalar> ActorCritic<T> {
         &self.spec
     }
 
-    /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with their own gain,
-    /// zero biases, log_std as set.
+    /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
+    /// their own gain, zero biases, log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), &self.settings);
         let mut params = vec![T::ZERO; self.num_params()];
@@ -206,7 +218,8 @@ mod tests {
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
     }
 
-    /// Settings of an encoder, sides of pictures that fit it and that do not, and what is said of those.
+    /// Settings of an encoder, sides of pictures that fit it and that do not, and what is said of
+    /// those.
     fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 3] {
         [
             (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),

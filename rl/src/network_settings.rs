@@ -4,11 +4,12 @@ use equivariant::FieldType;
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
-use crate::encoder::Encoder;
+use crate::encoder::{Encoder, copies};
 use crate::error::RlError;
 use crate::require::{require, require_positive, require_width};
 
-/// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x 48 pixels.
+/// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x
+/// 48 pixels.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,9 +17,9 @@ use crate::require::{require, require_positive, require_width};
 pub struct NetworkSettings {
     /// The symmetries that the network keeps exactly; a plain network is that of C1.
     ///
-    /// Widths are channels: `n` regular fields stand for 4 n channels, whatever the group. They are n fields of D2 and
-    /// 4 n / |G| fields of a subgroup G, since a regular field has |G| channels. So networks of all groups are equally wide, and
-    /// parameters grow as symmetry falls:
+    /// Widths are channels: `n` regular fields stand for 4 n channels, whatever the group. They are
+    /// n fields of D2 and 4 n / |G| fields of a subgroup G, since a regular field has |G| channels.
+    /// So networks of all groups are equally wide, and parameters grow as symmetry falls:
     ///
     /// ```
     /// use rl::{ActorCritic, EnvSpec, NetworkSettings};
@@ -35,7 +36,8 @@ pub struct NetworkSettings {
     /// # Ok::<(), rl::RlError>(())
     /// ```
     ///
-    /// Features, too: there are `top_fields + vector_fields` of them for D2 and four times as many for C1.
+    /// Features, too: there are `top_fields + vector_fields` of them for D2 and four times as many
+    /// for C1.
     pub group: Group,
     /// From pictures to the top fields.
     pub encoder: Encoder,
@@ -47,7 +49,8 @@ pub struct NetworkSettings {
     pub actor_fields: usize,
     /// What the value is computed from.
     pub critic: Critic,
-    /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start near zero.
+    /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start
+    /// near zero.
     pub action_gain: f32,
     /// Gain of the critic's last layer when it is drawn, above 0.
     pub value_gain: f32,
@@ -59,14 +62,14 @@ pub struct NetworkSettings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Critic {
-    /// The pooled features, as in the paper: image and vector are pooled apart from one another, so the value cannot tell where the
-    /// vector's hand is relative to the image's object.
+    /// The pooled features, as in the paper: image and vector are pooled apart from one another, so
+    /// the value cannot tell where the vector's hand is relative to the image's object.
     Pooled {
         /// Channels of the hidden layer, at least 1.
         width: usize,
     },
-    /// The fields before pooling, through a hidden layer of regular fields, like the actor: the value knows how the vector lies relative
-    /// to the image.
+    /// The fields before pooling, through a hidden layer of regular fields, like the actor: the
+    /// value knows how the vector lies relative to the image.
     Joint {
         /// Regular fields of the hidden layer, at least 1.
         fields: usize,
@@ -102,7 +105,8 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`], and the paper's critic.
+    /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`],
+    /// and the paper's critic.
     pub fn so2_128() -> Self {
         Self {
             encoder: Encoder::Pooled {
@@ -115,8 +119,8 @@ impl NetworkSettings {
         }
     }
 
-    /// Two halvings and the positions of 16 maps, see [`Encoder::Keypoints`]; heads as in the default. Sides of pictures are
-    /// multiples of 4.
+    /// Two halvings and the positions of 16 maps, see [`Encoder::Keypoints`]; heads as in the
+    /// default. Sides of pictures are multiples of 4.
     pub fn keypoints() -> Self {
         Self {
             encoder: Encoder::Keypoints {
@@ -129,7 +133,7 @@ impl NetworkSettings {
 
     /// The number of regular fields of the group that are as wide as `fields` of D2.
     pub(crate) fn copies(&self, fields: usize) -> usize {
-        fields * (Group::D2.order() / self.group.order())
+        copies(self.group, fields)
     }
 
     /// As many channels as `fields` regular fields of D2, as regular fields of the group.
@@ -142,13 +146,13 @@ impl NetworkSettings {
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
-        self.encoder.check()?;
-        for (name, width) in [
+        let own = [
             ("top_fields", self.top_fields),
             ("vector_fields", self.vector_fields),
             ("actor_fields", self.actor_fields),
             ("critic", self.critic.size()),
-        ] {
+        ];
+        for (name, width) in self.encoder.widths().into_iter().chain(own) {
             require_width(name, width)?;
         }
         for (name, value) in [

@@ -1,8 +1,6 @@
 //! Forward and backward passes of the actor-critic for a chunk of samples.
 
-use std::slice::{ChunksExact, ChunksExactMut};
-
-use equivariant::{Layer, Scalar};
+use equivariant::{Layer, Scalar, Scratch, Signature};
 
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
@@ -38,7 +36,7 @@ struct Stage<T> {
     y: Vec<T>,
     dx: Vec<T>,
     dy: Vec<T>,
-    scratch: Vec<T>,
+    scratch: Scratch<T>,
 }
 
 impl<T: Scalar> Stage<T> {
@@ -53,7 +51,7 @@ impl<T: Scalar> Stage<T> {
             y: zeros(output),
             dx: zeros(input),
             dy: zeros(output),
-            scratch: zeros(layer.scratch_len(samples)),
+            scratch: layer.scratch(samples),
         }
     }
 
@@ -108,12 +106,15 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, put
-    /// into irrep-major order as it is: scale it to order 1 beforehand.
+    /// Writes sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector
+    /// `[D]`, put into irrep-major order as it is: scale it to order 1 beforehand.
     ///
     /// # Panics
     /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
+        let (pixels, components) = (self.image.in_shape().len(), self.vector_order.len());
+        check_len("an image", image.len(), pixels);
+        check_len("a vector", vector.len(), components);
         let pixels = &mut workspace.image.x[slot * image.len()..(slot + 1) * image.len()];
         let scale = T::from_f64(1.0 / 255.0);
         let centre = T::from_f64(0.5);
@@ -162,18 +163,16 @@ impl<T: Scalar> ActorCritic<T> {
         let (parts, w) = (self.parts(), workspace);
         w.image.forward(&self.image, &params[parts.image], n);
         w.vector.forward(&self.vector, &params[parts.vector], n);
-        let (image, vector) = self.fields();
-        concat(
-            &mut w.pool.x,
-            w.image.y.chunks_exact(image),
-            w.vector.y.chunks_exact(vector),
-        );
+        let [image, vector] = self.concat.in_shapes().map(|shape| n * shape.len());
+        let sum = &mut w.pool.x[..image + vector];
+        self.concat
+            .forward(&w.image.y[..image], &w.vector.y[..vector], sum);
         w.actor.x.copy_from_slice(&w.pool.x);
         w.pool.forward(&self.pool, &[], n);
     }
 
-    /// Adds the gradient of the loss to `dparams`, for the n samples of the last forward pass, from `d_mean`,
-    /// `d_value` and `d_log_std`.
+    /// Adds the gradient of the loss to `dparams`, for the n samples of the last forward pass, from
+    /// `d_mean`, `d_value` and `d_log_std`.
     ///
     /// # Panics
     /// As [`ActorCritic::forward`].
@@ -210,12 +209,13 @@ impl<T: Scalar> ActorCritic<T> {
         for (sum, d) in w.pool.dx.iter_mut().zip(&w.actor.dx) {
             *sum += *d;
         }
-        let (image, vector) = self.fields();
-        split(
-            &w.pool.dx,
-            w.image.dy.chunks_exact_mut(image),
-            w.vector.dy.chunks_exact_mut(vector),
+        let [image, vector] = self.concat.in_shapes().map(|shape| n * shape.len());
+        let (image, vector, sum) = (
+            &mut w.image.dy[..image],
+            &mut w.vector.dy[..vector],
+            &w.pool.dx[..image + vector],
         );
+        self.concat.backward(sum, image, vector);
         w.image.backward(
             &self.image,
             &params[parts.image.clone()],
@@ -252,42 +252,87 @@ impl<T: Scalar> ActorCritic<T> {
             *dy = T::from_f64(d);
         }
     }
-
-    /// Regular fields of the image's and of the vector's features.
-    fn fields(&self) -> (usize, usize) {
-        let settings = self.settings();
-        (
-            settings.copies(settings.top_fields),
-            settings.copies(settings.vector_fields),
-        )
-    }
 }
 
-/// Concatenates two maps of regular fields. Such a field has one channel of every irrep, so the direct sum
-/// interleaves blocks of `a` and `b` channels: one pair of blocks for every sample and irrep.
-fn concat<'a, T: Copy + 'a>(sum: &mut [T], a: ChunksExact<'a, T>, b: ChunksExact<'a, T>) {
-    let mut rest = sum;
-    for (a, b) in a.zip(b) {
-        let (pair, next) = rest.split_at_mut(a.len() + b.len());
-        pair[..a.len()].copy_from_slice(a);
-        pair[a.len()..].copy_from_slice(b);
-        rest = next;
-    }
-}
-
-/// Undoes [`concat`].
-fn split<T: Copy>(sum: &[T], a: ChunksExactMut<T>, b: ChunksExactMut<T>) {
-    let mut rest = sum;
-    for (a, b) in a.zip(b) {
-        let (pair, next) = rest.split_at(a.len() + b.len());
-        a.copy_from_slice(&pair[..a.len()]);
-        b.copy_from_slice(&pair[a.len()..]);
-        rest = next;
-    }
+fn check_len(what: &str, got: usize, expected: usize) {
+    assert!(
+        got == expected,
+        "got {what} of {got} values, expected {expected}, as the spec says"
+    );
 }
 
 fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = from.to_f64();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use symmetry::Irrep;
+
+    use super::*;
+    use crate::env::EnvSpec;
+    use crate::network_settings::NetworkSettings;
+
+    fn network() -> ActorCritic<f32> {
+        let vector = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
+        let spec = EnvSpec {
+            num_envs: 1,
+            image: [16, 16, 6],
+            action: vector.clone(),
+            vector,
+        };
+        ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
+    }
+
+    /// The gradient of three samples in a workspace for four, moved between the passes.
+    fn gradient(moved: impl Fn(Workspace<f32>) -> Workspace<f32>) -> Vec<f32> {
+        let network = network();
+        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        let mut workspace = network.workspace(4);
+        for slot in 0..3 {
+            let image: Vec<u8> = (0..16 * 16 * 6).map(|i| (i * 37 + slot) as u8).collect();
+            network.load(slot, &image, &[0.1, 0.2, slot as f32], &mut workspace);
+        }
+        network.forward(&params, 3, &mut workspace);
+        let mut workspace = moved(workspace);
+        workspace.d_mean.fill(1.0);
+        workspace.d_value.fill(0.5);
+        let mut gradient = vec![0.0; params.len()];
+        network.backward(&params, 3, &mut workspace, &mut gradient);
+        gradient
+    }
+
+    #[test]
+    fn a_workspace_cloned_between_the_passes_gives_the_same_gradient() {
+        let stayed = gradient(|workspace| workspace);
+        assert!(stayed.iter().any(|&g| g != 0.0));
+        let cloned = gradient(|workspace| {
+            let mut held = Vec::new();
+            (0..9).fold(workspace, |workspace, i| {
+                held.push(vec![0u8; 24 + 40 * i]);
+                workspace.clone()
+            })
+        });
+        assert!(cloned == stayed);
+    }
+
+    #[test]
+    #[should_panic(expected = "got an image of 1535 values, expected 1536, as the spec says")]
+    fn short_images_are_refused() {
+        let network = network();
+        let mut workspace = network.workspace(2);
+        network.load(0, &[0; 1535], &[0.0; 3], &mut workspace);
+    }
+
+    #[test]
+    #[should_panic(expected = "got a vector of 4 values, expected 3, as the spec says")]
+    fn long_vectors_are_refused() {
+        let network = network();
+        let mut workspace = network.workspace(2);
+        network.load(0, &[0; 1536], &[0.0; 4], &mut workspace);
     }
 }

@@ -47,7 +47,8 @@ impl Npz {
         Ok(Self { archive })
     }
 
-    /// The array `name` of finite numbers, whose shape must be `expected`; zero stands for any size but none.
+    /// The array `name` of finite numbers, whose shape must be `expected`; zero stands for any size
+    /// but none.
     pub(crate) fn array(
         &mut self,
         name: &'static str,
@@ -89,7 +90,8 @@ impl Npz {
     }
 }
 
-/// Parses the npy format, versions 1 to 3: magic, version, header length, a Python dictionary, the values.
+/// Parses the npy format, versions 1 to 3: magic, version, header length, a Python dictionary, the
+/// values.
 fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
     let damaged = |reason| RecordingError::Damaged { name, reason };
     let rest = bytes

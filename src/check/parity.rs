@@ -7,12 +7,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use envs::mujoco::{Data, GeomId, MocapId, State};
 use envs::{
     Camera, Embodiment, EnvError, EpisodeStart, Layout, Measurement, PHYSICS_STEPS, Scene,
     TableTop, TaskGroup,
 };
 use glam::DVec3;
-use mujoco::{Data, GeomId, MocapId, State};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};

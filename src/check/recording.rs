@@ -27,10 +27,12 @@ pub(crate) struct Recording {
     pub action: Array,
     /// `[E, T]`.
     pub reward: Array,
-    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target, reward.
+    /// `[E, T, 7]`: success, near object, grasp success, grasp reward, in place, object to target,
+    /// reward.
     pub info: Array,
     /// `[E, T]`: a convex mesh, which our scenes replace by boxes, touched something.
     pub mesh_contact: Array,
+    /// `[E, 3]` or `[E, 6]`.
     placement: Array,
     goal: Array,
     hand_start: Array,
@@ -63,7 +65,7 @@ impl Recording {
             action: npz.array("action", &[e, t, 4])?,
             info: npz.array("info", &[e, t, 7])?,
             mesh_contact: npz.array("mesh_contact", &[e, t])?,
-            placement: npz.array("rand_vec", &[e, 0])?,
+            placement: npz.array("rand_vec", &[e, placement_len(scene.group)])?,
             goal: npz.array("target_pos", &[e, 3])?,
             hand_start: npz.array("hand_init_pos", &[e, 3])?,
             start_tcp: npz.array("init_tcp", &[e, 3])?,
@@ -136,6 +138,16 @@ impl Recording {
     /// Whether a mesh touched anything during a step.
     pub(crate) fn meshes_touch(&self, episode: usize, step: usize) -> bool {
         self.mesh_contact.row(&[episode, step])[0] != 0.0
+    }
+}
+
+/// Numbers that Meta-World draws for an episode: the object's position, and the goal's where it is
+/// drawn, too.
+fn placement_len(group: TaskGroup) -> usize {
+    if [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE].contains(&group) {
+        6
+    } else {
+        3
     }
 }
 

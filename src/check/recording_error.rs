@@ -21,7 +21,8 @@ pub enum RecordingError {
     },
     /// Its name holds no task.
     #[error(
-        "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of reach, button-press, drawer-close, plate-slide"
+        "its name says no task: expected ENGINE_TASK_POLICY.npz, \
+         where TASK is one of reach, button-press, drawer-close, plate-slide"
     )]
     UnknownTask,
     /// It lacks an array.
@@ -42,7 +43,8 @@ pub enum RecordingError {
     },
     /// An array of something else.
     #[error(
-        "the array `{name}` holds values of kind `{got}`, expected `<f8` (64-bit numbers) or `|b1` (truth values)"
+        "the array `{name}` holds values of kind `{got}`, \
+         expected `<f8` (64-bit numbers) or `|b1` (truth values)"
     )]
     Kind {
         /// The array.

@@ -74,7 +74,7 @@ impl FieldType {
 
     /// The type of a vector whose entries have these irreps of D2, in any order, under `group`.
     ///
-    /// [`irrep_order`](crate::irrep_order) sorts such a vector into the layout of the type.
+    /// [`irrep_order`] sorts such a vector into the layout of the type.
     pub fn from_irreps(group: Group, irreps: &[Irrep]) -> FieldType {
         let mut multiplicities = [0; 4];
         for irrep in irreps {
@@ -91,7 +91,7 @@ impl FieldType {
     /// The same channels under a subgroup.
     ///
     /// Channels of irreps that become one are now neighbours:
-    /// [`irrep_order`](crate::irrep_order) of [`irreps`](FieldType::irreps) says where they move.
+    /// [`irrep_order`] of [`irreps`](FieldType::irreps) says where they move.
     ///
     /// # Panics
     /// When `group` is not a subgroup of the type's.

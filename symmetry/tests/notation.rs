@@ -44,7 +44,9 @@ proptest! {
     }
 
     #[test]
-    fn no_text_panics_and_what_is_parsed_is_printed(text in prop_oneof![any::<String>(), almost()]) {
+    fn no_text_panics_and_what_is_parsed_is_printed(
+        text in prop_oneof![any::<String>(), almost()],
+    ) {
         if let Ok(field) = text.parse::<FieldType>() {
             prop_assert!(field.dim() <= FieldType::MAX_DIM);
             prop_assert_eq!(field.to_string().parse::<FieldType>(), Ok(field));

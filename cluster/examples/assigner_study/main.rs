@@ -24,7 +24,8 @@ const MAIN: Scenario = Scenario {
     rollouts: (1, 5),
 };
 
-/// Scenarios and the decisions about known groups, and as many about new ones, that each is judged by.
+/// Scenarios and the decisions about known groups, and as many about new ones, that each is judged
+/// by.
 const SCENARIOS: [(&str, Scenario, usize); 6] = [
     ("one frame an episode", MAIN, 10_000),
     ("drift", Scenario { drift: 0.2, ..MAIN }, 2_000),

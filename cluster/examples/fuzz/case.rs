@@ -23,7 +23,8 @@ pub enum Outcome {
 /// Solves the input of this seed, after another one in the same workspace as often as not.
 ///
 /// # Errors
-/// A well-formed input that is refused, a malformed one that is answered, an answer that is no optimum.
+/// A well-formed input that is refused, a malformed one that is answered, an answer that is no
+/// optimum.
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
@@ -87,7 +88,8 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
         return Ok(Outcome::Refused);
     };
     recertify(&cost, &a, &b, plan)?;
-    // costs that the optimum does not use must not blur it; the oracle's weights do not add up to the last bit
+    // costs that the optimum does not use must not blur it; the oracle's weights do not add up to
+    // the last bit
     let potential = largest(&plan.source_potentials).max(largest(&plan.sink_potentials));
     let tolerance = 1e-12 * potential + 1e-15 * largest(&cost) + 1e-320;
     let value = oracle::transport(&cost, &a.fractions(), &b.fractions());

@@ -1,4 +1,5 @@
-//! Solves random hostile inputs and holds every answer to its certificate and, where there is one, to an oracle.
+//! Solves random hostile inputs and holds every answer to its certificate and, where there is one,
+//! to an oracle.
 //!
 //! `cargo run --release -p covers-cluster --example fuzz -- 1000000 [first seed]`
 

@@ -1,6 +1,7 @@
 //! Values of small transport problems, found without the crate's solver.
 
-/// Returns the optimal value where one side is one or two points, or where up to eight meet as many of equal weight.
+/// Returns the optimal value where one side is one or two points, or where up to eight meet as many
+/// of equal weight.
 pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
     let (n, m) = (a.len(), b.len());
     let transposed = || -> Vec<f64> { (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect() };
@@ -21,7 +22,8 @@ fn dot(cost: &[f64], weights: &[f64]) -> f64 {
     cost.iter().zip(weights).map(|(c, w)| c * w).sum()
 }
 
-/// Two sources: the second serves everybody, then the first takes over the sinks that gain most by it.
+/// Two sources: the second serves everybody, then the first takes over the sinks that gain most by
+/// it.
 fn two_sources(cost: &[f64], first: f64, b: &[f64]) -> f64 {
     let (near, far) = cost.split_at(b.len());
     let mut order: Vec<usize> = (0..b.len()).collect();
@@ -37,7 +39,8 @@ fn two_sources(cost: &[f64], first: f64, b: &[f64]) -> f64 {
     value
 }
 
-/// Returns the smallest total cost of a perfect matching of the rows from `row` on with the unused columns.
+/// Returns the smallest total cost of a perfect matching of the rows from `row` on with the unused
+/// columns.
 fn cheapest_matching(cost: &[f64], n: usize, row: usize, used: &mut Vec<bool>) -> f64 {
     if row == n {
         return 0.0;

@@ -1,9 +1,10 @@
 //! A basis of the transport problem: a spanning tree of sources and sinks, and its pivot.
 //!
-//! Read this before editing. Nodes are numbered sources first (`0..n`), then sinks (`n..n + m`). Each node but
-//! the root has one arc, to its parent; an arc always carries flow from its source to its sink, whichever of the
-//! two is the parent. `price` is a source's potential `u_i` and *minus* a sink's potential `v_j`, so that
-//! along an arc of the tree `price[source] - price[sink] = cost` and a whole subtree moves by one number.
+//! Read this before editing. Nodes are numbered sources first (`0..n`), then sinks (`n..n + m`).
+//! Each node but the root has one arc, to its parent; an arc always carries flow from its source to
+//! its sink, whichever of the two is the parent. `price` is a source's potential `u_i` and *minus*
+//! a sink's potential `v_j`, so that along an arc of the tree `price[source] - price[sink] = cost`
+//! and a whole subtree moves by one number.
 
 use super::mass::Mass;
 
@@ -140,7 +141,8 @@ impl Basis {
         });
     }
 
-    /// Computes all prices afresh from the costs `[n, m]` of the arcs, which undoes accumulated rounding.
+    /// Computes all prices afresh from the costs `[n, m]` of the arcs, which undoes accumulated
+    /// rounding.
     pub(crate) fn refresh_prices(&mut self, cost: &[f64]) {
         let sinks = self.nodes() - self.sources;
         self.visit_from_root(|basis, node, parent| {
@@ -167,8 +169,8 @@ impl Basis {
         self.stack = stack;
     }
 
-    /// Brings an arc into the basis: sends as much as fits around the cycle that it closes, drops the
-    /// arc that runs empty, and moves the prices of the part that changes sides.
+    /// Brings an arc into the basis: sends as much as fits around the cycle that it closes, drops
+    /// the arc that runs empty, and moves the prices of the part that changes sides.
     pub(crate) fn pivot(&mut self, entering: Entering) {
         let source = entering.source;
         let sink = entering.sink + self.sources as u32;
@@ -205,8 +207,9 @@ impl Basis {
         }
     }
 
-    /// Finds the smallest flow among the arcs between `from` and `top` that would shrink, and the node
-    /// below it. On the entering source's side these belong to sources, on the sink's side to sinks.
+    /// Finds the smallest flow among the arcs between `from` and `top` that would shrink, and the
+    /// node below it. On the entering source's side these belong to sources, on the sink's side to
+    /// sinks.
     fn narrowest(&self, from: u32, top: u32, source_side: bool) -> (u32, Mass) {
         let (mut node, mut found) = (from, (NONE, Mass::MAX));
         while node != top {
@@ -230,8 +233,8 @@ impl Basis {
         }
     }
 
-    /// Hangs the subtree below the leaving arc (above `cut`) onto `parent` by its node `from`: the path between
-    /// the two turns around, each arc keeping its flow.
+    /// Hangs the subtree below the leaving arc (above `cut`) onto `parent` by its node `from`: the
+    /// path between the two turns around, each arc keeping its flow.
     fn hang(&mut self, from: u32, cut: u32, parent: u32, flow: Mass) {
         let (mut node, mut parent, mut flow) = (from, parent, flow);
         loop {

@@ -4,8 +4,8 @@ use super::plan::{Certificate, TransportPlan};
 use super::problem::{Weights, check};
 use crate::error::ClusterError;
 
-/// Rounding allowance of a certificate, as a fraction of the largest cost or potential in magnitude, whichever is less
-/// (of one, for masses).
+/// Rounding allowance of a certificate, as a fraction of the largest cost or potential in
+/// magnitude, whichever is less (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
 /// Row and column sums of a plan.
@@ -17,17 +17,17 @@ pub(crate) struct Scratch {
 
 /// Checks that `plan` is an optimal transport plan for the row-major matrix `cost` `[n, m]`.
 ///
-/// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
-/// `sum_ij gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j` for each plan `gamma` with these
-/// marginals and each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that
-/// both are optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <= c_ij` and the
-/// equality of the two values up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest `|u_i|` or `|v_j|` if
-/// that is less, plus the smallest positive `f64` for each point. The plan's own `cost` field is held to the same
-/// value.
+/// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says `sum_ij
+/// gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j` for each plan `gamma` with these marginals and
+/// each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that both are
+/// optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <=
+/// c_ij` and the equality of the two values up to [`RELATIVE_TOLERANCE`] times the largest
+/// `|c_ij|`, or the largest `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64`
+/// for each point. The plan's own `cost` field is held to the same value.
 ///
 /// # Errors
-/// Those of [`transport`](crate::transport) about weights and costs, and the first fact that does not hold, with its
-/// numbers. NaN anywhere is a failure, never a pass.
+/// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
+/// not hold, with its numbers. NaN anywhere is a failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,
@@ -148,8 +148,8 @@ fn check_reduced_costs(
     Ok(least.abs())
 }
 
-/// Returns the smallest `c_j - v_j - u` of finite numbers, in lanes: a single minimum would wait for each
-/// comparison in turn.
+/// Returns the smallest `c_j - v_j - u` of finite numbers, in lanes: a single minimum would wait
+/// for each comparison in turn.
 fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     let lower = |a: f64, b: f64| if b < a { b } else { a };
     let mut lanes = [f64::INFINITY; 8];

@@ -1,7 +1,8 @@
 //! The inner loops of pricing, compiled for the instruction sets at hand and chosen at run time.
 //!
-//! Minima are taken in sixteen lanes: a single running minimum would wait for each comparison in turn.
-//! A minimum does not depend on the order of its arguments, so results are the same on every machine.
+//! Minima are taken in sixteen lanes: a single running minimum would wait for each comparison in
+//! turn. A minimum does not depend on the order of its arguments, so results are the same on every
+//! machine.
 
 use pulp::Arch;
 

@@ -9,10 +9,11 @@ const FINE: i64 = 1 << 60;
 
 /// An amount of mass: whole units and, below all of them, a nudge.
 ///
-/// Orden's perturbation: supplies are moved by multiples of an infinitesimal so that no proper subset of
-/// sources supplies exactly what a subset of sinks demands. Every basic flow is then positive, each pivot
-/// lowers the cost and the simplex method cannot cycle. Kept as a second integer that is compared after
-/// the first, the infinitesimal costs no precision: the units alone are the flow of the problem as given.
+/// Orden's perturbation: supplies are moved by multiples of an infinitesimal so that no proper
+/// subset of sources supplies exactly what a subset of sinks demands. Every basic flow is then
+/// positive, each pivot lowers the cost and the simplex method cannot cycle. Kept as a second
+/// integer that is compared after the first, the infinitesimal costs no precision: the units alone
+/// are the flow of the problem as given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Mass {
     pub(crate) units: i64,
@@ -91,9 +92,9 @@ fn whole(units: usize) -> Mass {
     }
 }
 
-/// Gives each source `m` nudges and each sink one; the last sink balances. A subset of sinks without
-/// the last one holds fewer than `m` nudges, so it never equals a subset of sources, and neither does
-/// its complement.
+/// Gives each source `m` nudges and each sink one; the last sink balances. A subset of sinks
+/// without the last one holds fewer than `m` nudges, so it never equals a subset of sources, and
+/// neither does its complement.
 fn nudge(supplies: &mut [Mass], demands: &mut [Mass]) {
     let (n, m) = (supplies.len() as i64, demands.len() as i64);
     supplies.iter_mut().for_each(|s| s.nudge = m);

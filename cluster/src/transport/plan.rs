@@ -16,7 +16,8 @@ pub struct Entry {
 pub struct TransportPlan {
     /// The optimal value `<gamma, M>` of the transport problem, in the costs' unit.
     pub cost: f64,
-    /// The positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most once.
+    /// The positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at
+    /// most once.
     pub entries: Vec<Entry>,
     /// Dual potentials `u` of the sources, `[n]`.
     pub source_potentials: Vec<f64>,
@@ -33,7 +34,8 @@ pub struct TransportPlan {
 /// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Certificate {
-    /// Largest deviation of a row or column sum of the plan from its weight, as a fraction of all mass.
+    /// Largest deviation of a row or column sum of the plan from its weight, as a fraction of all
+    /// mass.
     pub marginal_error: f64,
     /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
     pub violation: f64,

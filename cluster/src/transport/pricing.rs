@@ -3,22 +3,25 @@
 use super::basis::{Basis, Entering};
 use super::lanes::Lanes;
 
-/// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as fast as
-/// the scattered prices of a shortlist.
+/// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as
+/// fast as the scattered prices of a shortlist.
 const DENSE_SINKS: usize = 500;
-/// Costs in one block of dense pricing, as a multiple of the root of their number: larger problems repay a wider search.
+/// Costs in one block of dense pricing, as a multiple of the root of their number: larger problems
+/// repay a wider search.
 const BLOCK: f64 = 3.0;
 /// Sinks on the shortlist of a source.
 const SHORT: usize = 32;
 /// Sources whose shortlists are priced for one pivot.
 const SHORT_SOURCES: usize = 8;
 
-/// Block pricing, cyclic over the sources: the best arc of the next block with one of negative reduced cost.
+/// Block pricing, cyclic over the sources: the best arc of the next block with one of negative
+/// reduced cost.
 ///
-/// Wide matrices are priced through *shortlists*, the sinks that were best for each source when its list was
-/// made; lists of sources that have a better sink elsewhere are made anew when no list has anything to offer
-/// (C. Gottschlich and D. Schuhmacher, "The shortlist method for fast computation of the earth mover's distance",
-/// PLoS ONE 9 (2014), with prices taken into account). Optimality is only ever concluded from all costs.
+/// Wide matrices are priced through *shortlists*, the sinks that were best for each source when its
+/// list was made; lists of sources that have a better sink elsewhere are made anew when no list has
+/// anything to offer (C. Gottschlich and D. Schuhmacher, "The shortlist method for fast computation
+/// of the earth mover's distance", PLoS ONE 9 (2014), with prices taken into account). Optimality
+/// is only ever concluded from all costs.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pricing {
     lanes: Lanes,
@@ -139,8 +142,8 @@ impl Pricing {
         }
     }
 
-    /// Renews the shortlists of the sources that have an arc of negative reduced cost; returns whether there
-    /// was one.
+    /// Renews the shortlists of the sources that have an arc of negative reduced cost; returns
+    /// whether there was one.
     fn renew(&mut self, cost: &[f64], basis: &Basis) -> bool {
         let (own, prices) = (basis.source_prices(), basis.sink_prices());
         let mut any = false;

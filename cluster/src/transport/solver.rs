@@ -12,19 +12,21 @@ use crate::error::ClusterError;
 /// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
 const COARSER: f64 = 16.0;
 
-/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a line 60.
+/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, squared distances on a
+/// line 60.
 const PIVOTS_PER_NODE: usize = 1000;
 
 /// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
 ///
-/// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify). Costs too large for the
-/// optimum to use, which forbid a pair, take nothing from its precision; among costs that it does use, and the
-/// potentials that link them, differences below 1e-14 of the largest are not seen. [`Solver`] is the same with memory
-/// that is kept.
+/// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
+/// Costs too large for the optimum to use, which forbid a pair, take nothing from its precision;
+/// among costs that it does use, and the potentials that link them, differences below 1e-14 of the
+/// largest are not seen. [`Solver`] is the same with memory that is kept.
 ///
 /// # Errors
-/// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a cost that is not finite or
-/// exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the certificate refuses.
+/// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
+/// cost that is not finite or exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the
+/// certificate refuses.
 ///
 /// ```
 /// use cluster::{Weights, transport};
@@ -45,11 +47,13 @@ pub fn transport(
     Ok(solver.plan)
 }
 
-/// The network simplex method, with memory that is kept: solving a problem no larger than an earlier one allocates nothing.
+/// The network simplex method, with memory that is kept: solving a problem no larger than an
+/// earlier one allocates nothing.
 ///
-/// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a spanning tree of sources and
-/// sinks; weights are exact integers, perturbed against degeneracy, so the method cannot cycle. Answers depend
-/// on the problem alone, except for the choice among equally good plans after a warm start.
+/// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a
+/// spanning tree of sources and sinks; weights are exact integers, perturbed against degeneracy, so
+/// the method cannot cycle. Answers depend on the problem alone, except for the choice among
+/// equally good plans after a warm start.
 #[derive(Clone, Debug, Default)]
 pub struct Solver {
     balance: Balance,
@@ -85,9 +89,9 @@ impl Solver {
 
     /// Solves a problem from the basis of the last one: faster where most points are the same.
     ///
-    /// Points keep their indices: those that came since the last call stand at the end of their side. What does not fit
-    /// (fewer points, other weights or costs) costs time, never exactness. Without a last problem this is
-    /// [`solve`](Self::solve).
+    /// Points keep their indices: those that came since the last call stand at the end of their
+    /// side. What does not fit (fewer points, other weights or costs) costs time, never exactness.
+    /// Without a last problem this is [`solve`](Self::solve).
     ///
     /// # Errors
     /// Those of [`transport`].
@@ -127,7 +131,8 @@ impl Solver {
                 .reset(cost, &self.basis, self.basis.price_tolerance());
             self.descend(cost, &mut pivots)?;
             self.basis.refresh_prices(cost);
-            // dear arcs make large potentials: once they have left the basis, cheap arcs can be told apart
+            // dear arcs make large potentials: once they have left the basis, cheap arcs can be
+            // told apart
             if COARSER * self.basis.price_tolerance() >= self.pricing.tolerance() {
                 return Ok(pivots);
             }
@@ -180,7 +185,8 @@ mod tests {
 
     #[test]
     fn each_basic_flow_is_positive_and_all_are_balanced() {
-        // equal and zero weights on tied costs, where nothing but the nudge keeps the basis from degeneracy
+        // equal and zero weights on tied costs, where nothing but the nudge keeps the basis from
+        // degeneracy
         let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
         let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
         let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));

@@ -6,9 +6,10 @@ use super::mass::Mass;
 
 /// Builds spanning trees by sending mass along one arc after another.
 ///
-/// Each shipment is as large as its ends allow, so it exhausts one of them (never both but at the very end: no
-/// proper subset balances), and the exhausted node hangs below the other. After `n + m - 1`
-/// shipments the arcs form a spanning tree with a positive flow: a basis.
+/// Each shipment is as large as its ends allow, so it exhausts one of them. It never exhausts both
+/// but at the very end, because no proper subset of nodes balances. The exhausted node hangs below
+/// the other. After one shipment less than there are nodes, the arcs form a spanning tree with a
+/// positive flow, which is a basis.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Start {
     /// What each node has left to send or receive.
@@ -22,8 +23,8 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Builds a basis from nothing. Column means stand in for the sinks' potentials: they take out what
-    /// makes a sink dear to everybody.
+    /// Builds a basis from nothing. Column means stand in for the sinks' potentials: they take out
+    /// what makes a sink dear to everybody.
     pub(crate) fn cold(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         self.prices.clear();
@@ -37,8 +38,8 @@ impl Start {
         self.fill(basis, cost);
     }
 
-    /// Builds a basis from one of a problem with fewer nodes, or other weights or costs: as much mass as possible keeps
-    /// its arcs, the rest goes by the earlier prices.
+    /// Builds a basis from one of a problem with fewer nodes, or other weights or costs: as much
+    /// mass as possible keeps its arcs, the rest goes by the earlier prices.
     pub(crate) fn warm(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         basis.arcs_downwards(&mut self.arcs);

@@ -124,7 +124,8 @@ fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
     }
 }
 
-/// Cuts a box into strips along its longest side, and puts a capsule around each that touches its surface.
+/// Cuts a box into strips along its longest side, and puts a capsule around each that touches its
+/// surface.
 fn bundle(geom: GeomId, half: [f64; 3]) -> Vec<(Bone, f64)> {
     let longest = (0..3).max_by(|&a, &b| half[a].total_cmp(&half[b]));
     let axis = longest.unwrap_or(0);

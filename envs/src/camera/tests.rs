@@ -158,7 +158,8 @@ fn centroid(rgb: &[u8], size: usize, channel: usize) -> [f64; 2] {
     [u / count, v / count]
 }
 
-/// The one test that a mirrored picture cannot pass: a flip is an element of the group, so networks would not notice.
+/// The one test that a mirrored picture cannot pass: a flip is an element of the group, so networks
+/// would not notice.
 #[test]
 fn known_points_are_drawn_at_their_projections_under_every_element() {
     for (height, half_extent, size) in [(1.5, 0.44, 128), (0.9, 0.6, 96)] {

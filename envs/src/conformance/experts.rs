@@ -8,7 +8,7 @@ use serde::Serialize;
 use symmetry::D2;
 
 use crate::control::Control;
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
 
@@ -91,12 +91,5 @@ pub(super) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
 }
 
 pub(super) fn check_seeds(seeds: u64) -> Result<(), EnvError> {
-    if seeds > 0 {
-        return Ok(());
-    }
-    Err(EnvError::Setting {
-        name: "seeds",
-        value: seeds.to_string(),
-        expected: "at least 1",
-    })
+    require(seeds > 0, "seeds", &seeds, "at least 1")
 }

@@ -16,8 +16,8 @@ use crate::task::{Measurement, Placement};
 
 /// Closed loop, an expert's return may differ by this share between the variants of a group.
 const RETURN_SPREAD: f64 = 0.03;
-/// Open loop, a variant with an embodiment that mirrors exactly may stray from its twin by this much
-/// (metres): before anything touches, and after.
+/// Open loop, a variant with an embodiment that mirrors exactly may stray from its twin by this
+/// much (metres): before anything touches, and after.
 const FREE_DEVIATION: f64 = 1e-9;
 const CONTACT_DEVIATION: f64 = 1e-6;
 
@@ -36,8 +36,8 @@ pub struct SymmetryRow {
     /// Whether the embodiment mirrors exactly.
     #[serde(skip)]
     exact: bool,
-    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw distance
-    /// or object before anything touched.
+    /// Open loop, mirrored actions: the largest deviation (metres) of hand, fingertips, claw
+    /// distance or object before anything touched.
     pub free_deviation: f64,
     /// The same from the first contact on.
     pub contact_deviation: f64,
@@ -85,7 +85,8 @@ struct Twins {
     canonical: TableTop,
     variant: TableTop,
     element: D2,
-    /// Maps the canonical actions for the variant; the variant's own element, unless the checker itself is checked.
+    /// Maps the canonical actions for the variant; the variant's own element, unless the checker
+    /// itself is checked.
     of_actions: D2,
     renderer: SceneRenderer,
     pictures: [Vec<u8>; 2],

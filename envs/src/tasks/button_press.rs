@@ -10,7 +10,8 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
 };
 
-/// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past the press.
+/// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past
+/// the press.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
 const STOCK_BOX_Y: std::ops::Range<f64> = 0.25..0.30;
 const STOCK_HAND_START: DVec3 = DVec3::new(0.0, -0.2, 0.2);

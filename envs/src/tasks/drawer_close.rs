@@ -15,7 +15,8 @@ const CASE_Y: f64 = 0.3;
 const OPEN: f64 = -0.15;
 /// From the drawer body's origin to the point above its handle.
 const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.05);
-/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances never vanish.
+/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances
+/// never vanish.
 const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
 /// Distances to the target at full reward and at success (metres).
 const BOUND: f64 = 0.05;

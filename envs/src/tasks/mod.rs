@@ -1,4 +1,5 @@
-//! The four tasks, one file each: figures at the top, then where things go, what is rewarded, and how an expert does it.
+//! The four tasks, one file each: figures at the top, then where things go, what is rewarded, and
+//! how an expert does it.
 
 mod button_press;
 mod drawer_close;
@@ -16,7 +17,8 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives a different task.
+/// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives
+/// a different task.
 const CANONICAL_X: Range<f64> = 0.08..0.20;
 
 /// Meta-World's x of every object and goal (metres).

@@ -18,7 +18,8 @@ const START_ON_TABLE: DVec3 = DVec3::ZERO;
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.07;
 
-/// Nearer to the goal than this along y (metres), the expert's puck must be within this of it along x.
+/// Nearer to the goal than this along y (metres), the expert's puck must be within this of it along
+/// x.
 const POST: DVec2 = DVec2::new(0.045, 0.17);
 /// How far ahead of the hand the expert aims along y where it must go sideways first (metres).
 const SLOWLY: f64 = 0.01;

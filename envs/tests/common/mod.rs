@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 /// Where the block should get to from where it starts (metres).
 const WAY: f64 = 0.1;
 /// Remaining way at success (metres).
-pub const SUCCESS: f64 = 0.02;
+const SUCCESS: f64 = 0.02;
 
 pub const SCENE: &str = r#"
 <mujocoinclude>
@@ -73,18 +73,15 @@ impl Task for PushBlock {
         }
     }
 
-    /// Behind the block, down, then push.
+    /// Over the place behind the block, down, then forward.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        let tcp_to_hand = now.hand - now.tcp;
-        let behind = now.object - 0.07 * DVec3::Y + tcp_to_hand;
-        let beside = (now.hand - behind).truncate().length();
+        let behind = now.object - 0.07 * DVec3::Y + (now.hand - now.tcp);
+        let above = now.hand.z > behind.z + 0.03;
         let hand = if now.object.y > placement.goal.y - 0.5 * SUCCESS {
             now.hand
-        } else if beside > 0.02 && now.hand.z > behind.z + 0.03 && now.hand.y > behind.y + 0.02 {
-            behind + 0.12 * DVec3::Z
-        } else if beside > 0.02 && now.hand.z > behind.z + 0.03 {
+        } else if above && (now.hand - behind).truncate().length() > 0.02 {
             behind + 0.1 * DVec3::Z
-        } else if now.hand.z > behind.z + 0.02 {
+        } else if above {
             behind
         } else {
             DVec3::new(behind.x, now.hand.y + 0.02, behind.z)

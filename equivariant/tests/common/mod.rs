@@ -5,7 +5,7 @@
 
 use equivariant::{
     AveragePool, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, Linear,
-    MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SpatialSoftArgmax, Statistics,
+    MaxPool, R2Conv, Relu, Scalar, Scratch, Sequential, Shape, SpatialSoftArgmax, Statistics,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -176,11 +176,33 @@ pub fn params<T: Scalar>(layer: &dyn Layer<T>, seed: u64) -> Vec<T> {
         .collect()
 }
 
+/// Memory for the passes, full of NaN: layers must not read what they did not write.
+pub fn scratch<T: Scalar>(layer: &(impl Layer<T> + ?Sized), samples: usize) -> Scratch<T> {
+    Scratch::filled(layer.scratch_len(samples), T::from_f64(f64::NAN))
+}
+
+/// The largest absolute difference between two slices of one length; NaN where a value or a
+/// difference is not a number, so that every comparison with a tolerance fails.
+pub fn largest_deviation<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
+    assert_eq!(got.len(), expected.len(), "lengths differ");
+    let pairs = got.iter().zip(expected);
+    largest(pairs.map(|(a, b)| (a.to_f64() - b.to_f64()).abs()))
+}
+
+/// The largest magnitude; NaN if one is not a number.
+pub fn largest_magnitude<T: Scalar>(values: &[T]) -> f64 {
+    largest(values.iter().map(|v| v.to_f64().abs()))
+}
+
+/// The largest of some numbers of at least zero; NaN if one is not a number, which `f64::max`
+/// drops.
+pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
+}
+
 pub fn forward<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
-    // garbage on entry: layers must not read what they did not write
-    let mut scratch = vec![T::from_f64(f64::NAN); layer.scratch_len(samples)];
-    layer.forward(params, x, &mut y, &mut scratch);
+    layer.forward(params, x, &mut y, &mut scratch(layer, samples));
     y
 }

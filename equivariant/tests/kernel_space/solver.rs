@@ -17,7 +17,8 @@ pub struct Representation {
 }
 
 impl Representation {
-    /// The representation with these row-major `[dim, dim]` matrices, in the order of [`Group::elements`].
+    /// The representation with these row-major `[dim, dim]` matrices, in the order of
+    /// [`Group::elements`].
     pub fn new(group: Group, dim: usize, matrices: Vec<Vec<f64>>) -> Representation {
         let rho = Representation {
             group,
@@ -79,11 +80,13 @@ impl Representation {
     }
 }
 
-/// An orthonormal basis of the kernels `[C_out, C_in, size, size]` with k(g t) = rho_out(g) k(t) rho_in(g)^-1 for all g.
+/// An orthonormal basis of the kernels `[C_out, C_in, size, size]` with k(g t) = rho_out(g) k(t)
+/// rho_in(g)^-1 for all g.
 ///
-/// The constraint is a homogeneous linear system in the entries of the kernel, and its null space comes from a
-/// singular value decomposition (Weiler and Cesa, "General E(2)-equivariant steerable CNNs", NeurIPS 2019, equation 2;
-/// here on a pixel grid). It takes any representation in any basis, and cubic time in the entries.
+/// The constraint is a homogeneous linear system in the entries of the kernel, and its null space
+/// comes from a singular value decomposition (Weiler and Cesa, "General E(2)-equivariant steerable
+/// CNNs", NeurIPS 2019, equation 2; here on a pixel grid). It takes any representation in any
+/// basis, and cubic time in the entries.
 pub fn kernel_space(
     rho_in: &Representation,
     rho_out: &Representation,

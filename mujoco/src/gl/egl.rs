@@ -197,7 +197,8 @@ fn initialised(
     platform: egl::Enum,
     native: *mut c_void,
 ) -> Result<egl::Display, ContextError> {
-    // SAFETY: `native` is what the platform takes: the default display, or a device that EGL listed.
+    // SAFETY: `native` is what the platform takes: the default display, or a device that EGL
+    // listed.
     let display = unsafe { egl.get_platform_display(platform, native, &[egl::ATTRIB_NONE]) };
     let display = display.map_err(explain("eglGetPlatformDisplay"))?;
     egl.initialize(display).map_err(explain("eglInitialize"))?;

@@ -1,0 +1,154 @@
+//! What happens to the sums of an output pixel.
+
+use crate::conv::geometry::Conv;
+use crate::conv::maps::MapsMut;
+use crate::conv::pass::Output;
+use crate::conv::pieces::Pieces;
+use crate::real::Real;
+use crate::simd::join::Join;
+use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
+use crate::simd::tiles::ROWS;
+
+/// Adds the bias to sums, rectifies them if there are masks, and writes the output.
+pub(crate) struct Finish<'a, T, L, const G: usize> {
+    lanes: L,
+    width: usize,
+    join: Join,
+    channels: usize,
+    regular: bool,
+    bias: &'a [Block<T>],
+    /// Room for ROWS pixels.
+    own: &'a mut [Block<T>],
+    to: Output<'a, T>,
+    /// The pixel of the output that it begins with.
+    start: usize,
+    /// Blocks of a staged image before that pixel.
+    skipped: usize,
+}
+
+impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
+    #[inline(always)]
+    pub fn new(
+        lanes: L,
+        conv: &Conv,
+        params: &[T],
+        pieces: &mut Pieces<'a, T>,
+        to: Output<'a, T>,
+    ) -> Self {
+        let width = conv.weights.width();
+        let start = to.lines.start * conv.out.width;
+        let skipped = match &to.y {
+            MapsMut::Channels(_) => 0,
+            MapsMut::Staged(patches, _) => patches.before(start),
+        };
+        let biases = &params[conv.blocks.bias()];
+        let bias = pieces.zeros(width);
+        for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
+            group[0] = b;
+        }
+        Finish {
+            lanes,
+            width,
+            join: Join::new(conv.out.fields),
+            channels: conv.out.fields.dim(),
+            regular: conv.out.fields.regular_fields().is_some(),
+            bias,
+            own: pieces.take(ROWS * width),
+            to,
+            start,
+            skipped,
+        }
+    }
+
+    /// Writes `count` output pixels, at most ROWS, from pixel `first` of those it has.
+    #[inline(always)]
+    pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
+        let width = self.width;
+        let mut places = [0; ROWS];
+        let (to, scale) = match &mut self.to.y {
+            MapsMut::Channels(_) => {
+                for (r, place) in places.iter_mut().enumerate() {
+                    *place = r * width;
+                }
+                (&mut *self.own, 1.0)
+            }
+            MapsMut::Staged(patches, y) => {
+                let places = &mut places[..count];
+                patches.places(self.start + first, places);
+                for place in places {
+                    *place -= self.skipped;
+                }
+                (y.as_chunks_mut().0, patches.scale())
+            }
+        };
+        let sums = PixelSums {
+            lanes: self.lanes,
+            sums: &sums[..count * width],
+            bias: self.bias,
+            places: &places[..count],
+        };
+        let masks = self.to.masks.as_deref_mut();
+        let masks = masks.map(|masks| &mut masks[first * width..][..count * width]);
+        match masks {
+            Some(masks) if self.regular => sums.rectify::<G>(masks, scale, to),
+            Some(masks) => sums.rectify::<1>(masks, scale, to),
+            None => sums.add_bias(scale, to),
+        }
+        self.part(first, count);
+    }
+
+    /// Brings the pixels from their own room to the channels of the output, if it has channels.
+    #[inline(always)]
+    fn part(&mut self, first: usize, count: usize) {
+        if let MapsMut::Channels(y) = &mut self.to.y {
+            let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
+            let own = self.own.chunks_exact(self.width);
+            for (own, y) in own.take(count).zip(pixels) {
+                self.join
+                    .undo::<T, G>(T::from_f64(1.0), own.as_flattened(), y);
+            }
+        }
+    }
+}
+
+/// The sums `[row][block]` of some output pixels.
+struct PixelSums<'a, T, L> {
+    lanes: L,
+    sums: &'a [Block<T>],
+    bias: &'a [Block<T>],
+    /// Where the first block of every row goes.
+    places: &'a [usize],
+}
+
+impl<T: Real, L: Lanes<T>> PixelSums<'_, T, L> {
+    #[inline(always)]
+    fn add_bias(&self, scale: f64, to: &mut [Block<T>]) {
+        let (lanes, width) = (self.lanes, self.bias.len());
+        let scale = lanes.splat(T::from_f64(scale));
+        for (c, bias) in self.bias.iter().enumerate() {
+            let bias = lanes.load(bias);
+            for (r, place) in self.places.iter().enumerate() {
+                let v = lanes.add(lanes.load(&self.sums[r * width + c]), bias);
+                lanes.store(&mut to[place + c], lanes.mul(v, scale));
+            }
+        }
+    }
+
+    /// Adds the bias and rectifies in the basis that the group permutes.
+    #[inline(always)]
+    fn rectify<const G: usize>(&self, masks: &mut [T], scale: f64, to: &mut [Block<T>]) {
+        let (lanes, width) = (self.lanes, self.bias.len());
+        let masks = &mut masks[..self.sums.len()];
+        let scale = lanes.splat(T::from_f64(scale / G as f64));
+        for (c, bias) in self.bias.iter().enumerate() {
+            let bias = lanes.load(bias);
+            for (r, place) in self.places.iter().enumerate() {
+                let v = lanes.add(lanes.load(&self.sums[r * width + c]), bias);
+                let (v, bits) = lanes.rectify(unscaled_hadamard::<T, L, G>(lanes, v));
+                masks[r * width + c] = T::from_mask(bits);
+                let v = lanes.mul(unscaled_hadamard::<T, L, G>(lanes, v), scale);
+                lanes.store(&mut to[place + c], v);
+            }
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! The forward pass of a convolution over panels of folded patches.
+
+use crate::conv::finish::Finish;
+use crate::conv::geometry::Conv;
+use crate::conv::maps::{Cursor, Maps};
+use crate::conv::pass::Forward;
+use crate::conv::pieces::Pieces;
+use crate::real::Real;
+use crate::simd::lanes::{Block, LANES, Lanes};
+use crate::simd::lines::Lines;
+use crate::simd::patches::Patches;
+use crate::simd::tiles::{ROWS, forward};
+
+/// Rows up to which a forward pass reads parameters in place: to copy them to cache lines pays when
+/// they are read often.
+const IN_PLACE: usize = 2 * ROWS;
+
+/// The length of the scratch, also of two halves of a single image; `staged` says whether the input
+/// is.
+pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
+    let (patches, weights) = (&conv.patches, &conv.weights);
+    let per_row = patches.folded() + weights.width();
+    let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
+    let line = patches.lines().map_or(0, Lines::staged);
+    let with = |images| rest * LANES + images * patches.staged() + line;
+    match staged {
+        true => 2 * with(0),
+        false => with(conv.group(samples)).max(2 * with(1)),
+    }
+}
+
+impl<T: Real> Forward<'_, T> {
+    #[inline(always)]
+    pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
+        let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
+        let mut pieces = Pieces::new(self.scratch);
+        let (width, lines) = (conv.out.width, &self.to.lines);
+        let windows = &patches.windows()[lines.start * width..lines.end * width];
+        let few = self.samples * windows.len() <= IN_PLACE;
+        let mut panels = Panels::<T, L, G> {
+            lanes,
+            patches,
+            windows,
+            w: weights.packed(self.params, &mut pieces, few),
+            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to),
+            panel: pieces.take(ROWS * patches.folded()),
+            sums: pieces.take(ROWS * weights.width()),
+        };
+        let (together, own) = match self.x {
+            Maps::Channels(_) => {
+                let together = conv.group(self.samples);
+                (together, pieces.flat_zeros(patches.staged() * together))
+            }
+            Maps::Staged(..) => (self.samples.max(1), Default::default()),
+        };
+        for first in (0..self.samples).step_by(together) {
+            let images = together.min(self.samples - first);
+            let staged = self.x.stage(lanes, patches, (first, images), own);
+            panels.run(staged, first, images);
+        }
+    }
+}
+
+/// The products of panels of folded patches with the weights.
+struct Panels<'a, T, L, const G: usize> {
+    lanes: L,
+    patches: &'a Patches,
+    /// Where the windows of the output pixels start.
+    windows: &'a [usize],
+    w: &'a [Block<T>],
+    finish: Finish<'a, T, L, G>,
+    /// The folds of ROWS windows.
+    panel: &'a mut [Block<T>],
+    /// The sums of ROWS output pixels.
+    sums: &'a mut [Block<T>],
+}
+
+impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
+    /// Runs over staged images, of which `first` is that of the pass.
+    #[inline(always)]
+    fn run(&mut self, staged: &[T], first: usize, images: usize) {
+        let pixels = self.windows.len();
+        let rows = images * pixels;
+        let mut cursor = Cursor::new(pixels);
+        for row in (0..rows).step_by(ROWS) {
+            let count = ROWS.min(rows - row);
+            let mut windows = [0; ROWS];
+            for (r, window) in windows.iter_mut().enumerate() {
+                // an incomplete block ends with copies of its last row
+                *window = cursor.at(self.windows, self.patches.staged());
+                if r + 1 < count {
+                    cursor.advance();
+                }
+            }
+            cursor.advance();
+            self.gather(staged, &windows);
+            let panel = self.panel.as_chunks().0;
+            forward::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
+            self.finish.run(self.sums, first * pixels + row, count);
+        }
+    }
+
+    /// Folds what the windows see.
+    #[inline(always)]
+    fn gather(&mut self, staged: &[T], windows: &[usize; ROWS]) {
+        let patches = self.patches;
+        let step = patches.blocks() * ROWS;
+        for c in 0..patches.blocks() {
+            // what one orbit reads of a block of channels the next reads from the first-level cache
+            for orbit in 0..patches.orbits() {
+                let first = patches.folded_of(orbit).start + c;
+                let panel = &mut self.panel[first * ROWS..];
+                patches.gather(self.lanes, (orbit, c), staged, windows, panel, step);
+            }
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! How a backward pass reads the output gradient.
+
+use crate::conv::geometry::Conv;
+use crate::conv::maps::Maps;
+use crate::conv::pass::Backward;
+use crate::conv::pieces::Pieces;
+use crate::real::Real;
+use crate::simd::join::Join;
+use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
+
+/// Output pixels that a pass handles at a time, at most.
+pub(crate) const MOST: usize = 64;
+/// Rows that are gathered at a time.
+pub(crate) const ROWS: usize = 48;
+
+/// The buffers of a backward pass, in blocks.
+pub(crate) struct Buffers<'a, T> {
+    /// Transposed weights.
+    pub w: &'a [Block<T>],
+    /// The gradient of the packed weights.
+    pub dw: &'a mut [Block<T>],
+    /// That of the parameters, unless they are packed already and `dw` is the same.
+    dweights: Option<&'a mut [T]>,
+    dbias: &'a mut [Block<T>],
+    dbiases: &'a mut [T],
+    /// The output gradient of some rows, `[block][row]`.
+    pub dy: &'a mut [Block<T>],
+    /// Room for the same, `[row][block]`.
+    pixels: &'a mut [Block<T>],
+    /// The folds of one orbit and one block of channels for some rows, `[fold][row]`.
+    pub panel: &'a mut [Block<T>],
+}
+
+impl<'a, T: Real> Buffers<'a, T> {
+    /// The length of the buffers for up to [`MOST`] rows, in values.
+    pub fn scratch_len(conv: &Conv) -> usize {
+        let weights = &conv.weights;
+        let panels = 4 * ROWS + 2 * MOST * weights.width();
+        (3 * weights.blocks() + weights.width() + panels) * LANES
+    }
+
+    /// Cuts the buffers for this many rows off; takes the gradient of the parameters out of the
+    /// pass.
+    #[inline(always)]
+    pub fn new<const G: usize>(
+        pass: &mut Backward<'a, T>,
+        pieces: &mut Pieces<'a, T>,
+        rows: usize,
+    ) -> Self {
+        let (conv, layout) = (pass.conv, &pass.conv.weights);
+        let width = layout.width();
+        let w = pieces.take(layout.blocks());
+        if pass.dx.is_some() {
+            let packed = layout.packed(pass.params, pieces, true);
+            layout.transpose::<T, G>(&conv.patches, packed, w);
+        }
+        let dparams = std::mem::take(&mut pass.dparams);
+        let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias().start);
+        let (dw, dweights) = if layout.in_place() {
+            (&mut dweights.as_chunks_mut().0[..layout.blocks()], None)
+        } else {
+            (pieces.zeros(layout.blocks()), Some(dweights))
+        };
+        Buffers {
+            w,
+            dw,
+            dweights,
+            dbias: pieces.zeros(width),
+            dbiases,
+            pixels: pieces.zeros(rows * width),
+            dy: pieces.take(rows * width),
+            panel: pieces.take(ROWS * 4),
+        }
+    }
+
+    /// Adds the gradients of the weights and of the bias to those of the parameters.
+    pub fn finish<const G: usize>(self, conv: &Conv) {
+        if let Some(dweights) = self.dweights {
+            conv.weights.add_unpacked(self.dw, dweights);
+        }
+        let dbias = self.dbias.as_flattened().chunks_exact(G);
+        for (d, group) in self.dbiases.iter_mut().zip(dbias) {
+            *d += group[0];
+        }
+    }
+}
+
+/// Brings the output gradient into panels.
+pub(crate) struct Loader<'a, T, L, const G: usize> {
+    lanes: L,
+    dy: Maps<'a, T>,
+    masks: Option<&'a [T]>,
+    join: Join,
+    width: usize,
+    /// Output pixels of an image.
+    pub pixels: usize,
+    channels: usize,
+    regular: bool,
+}
+
+impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
+    pub fn new(lanes: L, conv: &Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
+        Loader {
+            lanes,
+            dy,
+            masks,
+            join: Join::new(conv.out.fields),
+            width: conv.weights.width(),
+            pixels: conv.out.pixels(),
+            channels: conv.out.fields.dim(),
+            regular: conv.out.fields.regular_fields().is_some(),
+        }
+    }
+
+    /// Loads `count` pixels into a panel, back through the ReLU if there is one, and adds them to
+    /// the gradient of the bias.
+    #[inline(always)]
+    pub fn run(&self, first: usize, count: usize, buffers: &mut Buffers<T>) {
+        let mut places = [0; MOST];
+        let places = &mut places[..count];
+        let (from, scale) = match self.dy {
+            Maps::Channels(dy) => {
+                self.join(&dy[first * self.channels..], buffers.pixels, places);
+                (&*buffers.pixels, 1.0)
+            }
+            Maps::Staged(patches, dy) => {
+                patches.places(first, places);
+                (dy.as_chunks().0, patches.scale())
+            }
+        };
+        let pixels = PixelGradients {
+            lanes: self.lanes,
+            from,
+            places,
+            dbias: buffers.dbias,
+        };
+        let masks = self.masks.map(|masks| &masks[first * self.width..]);
+        match masks {
+            None => pixels.copy(scale, buffers.dy),
+            Some(masks) if self.regular => pixels.gate::<G>(masks, scale, buffers.dy),
+            Some(masks) => pixels.gate::<1>(masks, scale, buffers.dy),
+        }
+    }
+
+    /// Brings the channels of some pixels into blocks, one pixel after the other.
+    #[inline(always)]
+    fn join(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
+        let channels = dy.chunks_exact(self.channels);
+        let pixels = pixels.chunks_exact_mut(self.width);
+        for (r, ((place, to), dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate() {
+            *place = r * self.width;
+            self.join
+                .run::<T, G>(T::from_f64(1.0), dy, to.as_flattened_mut());
+        }
+    }
+}
+
+/// Some pixels of the output gradient.
+struct PixelGradients<'a, T, L> {
+    lanes: L,
+    from: &'a [Block<T>],
+    /// Where the first block of every pixel lies.
+    places: &'a [usize],
+    dbias: &'a mut [Block<T>],
+}
+
+impl<T: Real, L: Lanes<T>> PixelGradients<'_, T, L> {
+    #[inline(always)]
+    fn copy(self, scale: f64, panel: &mut [Block<T>]) {
+        let (lanes, rows) = (self.lanes, self.places.len());
+        let scale = lanes.splat(T::from_f64(scale));
+        for (c, dbias) in self.dbias.iter_mut().enumerate() {
+            let mut sum = lanes.load(dbias);
+            let panel = &mut panel[c * rows..][..rows];
+            for (to, place) in panel.iter_mut().zip(self.places) {
+                let v = lanes.mul(lanes.load(&self.from[place + c]), scale);
+                sum = lanes.add(sum, v);
+                lanes.store(to, v);
+            }
+            lanes.store(dbias, sum);
+        }
+    }
+
+    /// Lets through what the ReLU let through, in the basis that the group permutes.
+    #[inline(always)]
+    fn gate<const G: usize>(self, masks: &[T], scale: f64, panel: &mut [Block<T>]) {
+        let (lanes, rows, width) = (self.lanes, self.places.len(), self.dbias.len());
+        let masks = &masks[..rows * width];
+        let scale = lanes.splat(T::from_f64(scale / G as f64));
+        for (c, dbias) in self.dbias.iter_mut().enumerate() {
+            let mut sum = lanes.load(dbias);
+            let panel = &mut panel[c * rows..][..rows];
+            for (r, (to, place)) in panel.iter_mut().zip(self.places).enumerate() {
+                let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&self.from[place + c]));
+                let v = lanes.keep(v, masks[r * width + c].to_mask());
+                let v = lanes.mul(unscaled_hadamard::<T, L, G>(lanes, v), scale);
+                sum = lanes.add(sum, v);
+                lanes.store(to, v);
+            }
+            lanes.store(dbias, sum);
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! The feature maps that passes read and write.
+
+use crate::real::Real;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::patches::Patches;
+
+/// Feature maps of some samples.
+#[derive(Clone, Copy)]
+pub(crate) enum Maps<'a, T> {
+    /// `[N, H, W, C]`, irrep-major channels.
+    Channels(&'a [T]),
+    /// Staged for the convolution with these patches.
+    Staged(&'a Patches, &'a [T]),
+}
+
+/// The same, to be written.
+pub(crate) enum MapsMut<'a, T> {
+    Channels(&'a mut [T]),
+    Staged(&'a Patches, &'a mut [T]),
+}
+
+impl<T: Real> Maps<'_, T> {
+    /// Some of the images, staged; `own` has room for them in case they are not.
+    #[inline(always)]
+    pub fn stage<'b, L: Lanes<T>>(
+        &'b self,
+        lanes: L,
+        patches: &Patches,
+        (first, images): (usize, usize),
+        own: &'b mut [T],
+    ) -> &'b [T] {
+        let staged = patches.staged();
+        match self {
+            Maps::Channels(x) => {
+                let len = patches.image().len();
+                for i in 0..images {
+                    let x = &x[(first + i) * len..][..len];
+                    patches.stage(lanes, x, &mut own[i * staged..][..staged]);
+                }
+                own
+            }
+            Maps::Staged(_, x) => &x[first * staged..][..images * staged],
+        }
+    }
+}
+
+impl<'a, T: Real> MapsMut<'a, T> {
+    /// The maps of a single image before this pixel, and from it on; it must be the first of a
+    /// line. `channels` is their number at a pixel.
+    pub fn split(self, pixel: usize, channels: usize) -> (MapsMut<'a, T>, MapsMut<'a, T>) {
+        match self {
+            MapsMut::Channels(y) => {
+                let (above, below) = y.split_at_mut(pixel * channels);
+                (MapsMut::Channels(above), MapsMut::Channels(below))
+            }
+            MapsMut::Staged(patches, y) => {
+                let (above, below) = y.split_at_mut(patches.before(pixel) * LANES);
+                (
+                    MapsMut::Staged(patches, above),
+                    MapsMut::Staged(patches, below),
+                )
+            }
+        }
+    }
+}
+
+/// Counts the pixels of images.
+pub(crate) struct Cursor {
+    pub image: usize,
+    pub pixel: usize,
+    pixels: usize,
+}
+
+impl Cursor {
+    pub fn new(pixels: usize) -> Cursor {
+        Cursor {
+            image: 0,
+            pixel: 0,
+            pixels,
+        }
+    }
+
+    #[inline(always)]
+    pub fn advance(&mut self) {
+        self.pixel += 1;
+        if self.pixel == self.pixels {
+            self.pixel = 0;
+            self.image += 1;
+        }
+    }
+
+    /// Where the pixel lies in staged images.
+    #[inline(always)]
+    pub fn at(&self, offsets: &[usize], staged: usize) -> usize {
+        self.image * staged + offsets[self.pixel]
+    }
+}

@@ -1,0 +1,98 @@
+//! The passes of a convolution: which kernel runs, on which instruction set and on how many
+//! threads.
+
+use crate::chunks::in_one_of_many_chunks;
+use crate::conv::geometry::Conv;
+use crate::conv::maps::Maps;
+use crate::conv::pass::{Backward, Forward};
+use crate::conv::{backward, forward};
+use crate::real::Real;
+use crate::simd::lanes::{InstructionSet, LANES, Lanes, Portable, WithLanes, run_f32};
+
+/// Multiplications from which on half of them are worth another thread, which takes microseconds to
+/// get.
+const SPLIT: usize = 1 << 18;
+
+/// The precisions that passes are compiled for: not generic, so that they are compiled once and
+/// with this crate's settings.
+pub trait Passes: Real {
+    /// Runs a forward pass.
+    fn forward(pass: Forward<Self>);
+
+    /// Runs a backward pass.
+    fn backward(pass: Backward<Self>);
+}
+
+impl Passes for f32 {
+    fn forward(pass: Forward<f32>) {
+        run_f32(pass, InstructionSet::Avx512);
+    }
+
+    fn backward(pass: Backward<f32>) {
+        run_f32(pass, InstructionSet::Avx512);
+    }
+}
+
+impl Passes for f64 {
+    fn forward(pass: Forward<f64>) {
+        pass.run(Portable);
+    }
+
+    fn backward(pass: Backward<f64>) {
+        pass.run(Portable);
+    }
+}
+
+/// The length of the scratch of both passes; `staged` says whether the input is.
+pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
+    let forward = forward::scratch_len(conv, samples, staged);
+    forward.max(backward::scratch_len(conv, samples, staged))
+}
+
+impl<T: Passes> Forward<'_, T> {
+    /// Runs the pass: that of a single image in two halves, which have the same bits, if a thread
+    /// of the current rayon pool may be free for one of them.
+    pub(crate) fn run_on_threads(self) {
+        let products = self.conv.out.pixels() * self.conv.weights.blocks() * LANES;
+        let worth = self.samples == 1 && self.conv.out.height > 1 && products >= SPLIT;
+        let threads = match rayon::current_thread_index() {
+            Some(_) if !in_one_of_many_chunks() => rayon::current_num_threads(),
+            _ => 1,
+        };
+        if worth && threads > 1 {
+            let (above, below) = self.halves();
+            rayon::join(|| T::forward(above), || T::forward(below));
+        } else {
+            T::forward(self);
+        }
+    }
+}
+
+impl<T: Real> WithLanes<T> for Forward<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<T>>(self, lanes: L) {
+        if let (Some(lines), Maps::Channels(x)) = (self.conv.patches.lines(), self.x) {
+            return self.run_lines(lanes, lines, x);
+        }
+        match self.conv.weights.order() {
+            1 => self.run_panels::<L, 1>(lanes),
+            2 => self.run_panels::<L, 2>(lanes),
+            _ => self.run_panels::<L, 4>(lanes),
+        }
+    }
+}
+
+impl<T: Real> WithLanes<T> for Backward<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<T>>(self, lanes: L) {
+        let lines = self.conv.patches.lines();
+        if let (Some(lines), Maps::Channels(x), None) = (lines, self.x, &self.dx) {
+            return self.run_lines(lanes, lines, x);
+        }
+        match self.conv.weights.order() {
+            1 => self.run_panels::<L, 1>(lanes),
+            2 => self.run_panels::<L, 2>(lanes),
+            _ => self.run_panels::<L, 4>(lanes),
+        }
+    }
+}

@@ -1,0 +1,16 @@
+//! What networks are built from.
+
+mod accepted;
+pub(crate) mod average_pool;
+pub(crate) mod concat;
+pub(crate) mod field_norm;
+mod fused;
+pub(crate) mod group_max_pool;
+pub(crate) mod group_mean_pool;
+pub(crate) mod layer;
+pub(crate) mod linear;
+pub(crate) mod max_pool;
+pub(crate) mod r2_conv;
+pub(crate) mod relu;
+pub(crate) mod sequential;
+pub(crate) mod soft_argmax;

@@ -1,0 +1,29 @@
+//! What types of fields a layer takes.
+
+use crate::error::LayerError;
+use crate::shape::Shape;
+use crate::steerable::hadamard::permuted;
+
+/// The order of the group and the number of fields of a map that has a basis which the group
+/// permutes.
+pub(crate) fn permuted_fields(
+    layer: &'static str,
+    shape: Shape,
+) -> Result<(usize, usize), LayerError> {
+    LayerError::check_map(layer, shape, 0)?;
+    permuted(shape.fields).ok_or(LayerError::Type {
+        layer,
+        got: shape.fields,
+        expected: "regular fields only or trivial channels only",
+    })
+}
+
+/// The number of fields of a map of regular fields.
+pub(crate) fn regular_fields(layer: &'static str, shape: Shape) -> Result<usize, LayerError> {
+    LayerError::check_map(layer, shape, 0)?;
+    shape.fields.regular_fields().ok_or(LayerError::Type {
+        layer,
+        got: shape.fields,
+        expected: "regular fields only",
+    })
+}

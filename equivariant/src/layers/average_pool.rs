@@ -1,0 +1,118 @@
+//! Spatial average-pooling.
+
+use std::fmt;
+
+use crate::error::LayerError;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::steerable::window::Kernel;
+use crate::steerable::windows::Windows;
+
+/// The average over a window, channel by channel, of any type; padding counts as zeros.
+#[derive(Clone, Copy, Debug)]
+pub struct AveragePool {
+    shape: Shape,
+    windows: Windows,
+}
+
+impl AveragePool {
+    /// The pooling of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty, the windows do not sit symmetrically (see [`Kernel`]), none fits, or
+    /// the padding exceeds half a window.
+    pub fn new(shape: Shape, kernel: Kernel) -> Result<AveragePool, LayerError> {
+        let windows = Windows::of_pooling("AveragePool", shape, kernel)?;
+        Ok(AveragePool { shape, windows })
+    }
+
+    /// The weight of one pixel.
+    fn weight<T: Scalar>(&self) -> T {
+        T::from_f64((self.windows.kernel.size as f64).powi(2).recip())
+    }
+}
+
+impl Signature for AveragePool {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.windows.out_shape(self.shape.fields)
+    }
+}
+
+impl<T: Scalar> Layer<T> for AveragePool {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
+        y.fill(T::ZERO);
+        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
+            for (i, y) in y.chunks_exact_mut(dim).enumerate() {
+                for pixel in self.windows.pixels(i) {
+                    for (y, &x) in y.iter_mut().zip(&x[pixel * dim..]) {
+                        *y += x * weight;
+                    }
+                }
+            }
+        }
+    }
+
+    fn run_backward(&self, BackwardPass { dy, dx, .. }: BackwardPass<T>) {
+        let Some(dx) = dx else { return };
+        let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
+        dx.fill(T::ZERO);
+        for (dy, dx) in self.out_shape().each(dy).zip(self.shape.each_mut(dx)) {
+            for (i, dy) in dy.chunks_exact(dim).enumerate() {
+                for pixel in self.windows.pixels(i) {
+                    for (dx, &dy) in dx[pixel * dim..].iter_mut().zip(dy) {
+                        *dx += dy * weight;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl fmt::Display for AveragePool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to, window) = (self.shape, self.out_shape(), self.windows.kernel);
+        write!(f, "AveragePool({from} -> {to}, {window})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use symmetry::Group;
+
+    #[test]
+    fn padding_counts_as_zeros() {
+        let kernel = Kernel {
+            size: 2,
+            stride: 1,
+            padding: 1,
+        };
+        let pool = AveragePool::new(Shape::image(1, 2, Group::D2.trivial(1)), kernel).unwrap();
+        assert_eq!((pool.out_shape().height, pool.out_shape().width), (2, 3));
+        let mut y = [f64::NAN; 6];
+        pool.forward(&[], &[4.0, 8.0], &mut y, &mut pool.scratch(1));
+        assert_eq!(y, [1.0, 3.0, 2.0, 1.0, 3.0, 2.0]);
+    }
+
+    #[test]
+    fn a_window_that_breaks_the_symmetry_is_refused_by_name() {
+        let kernel = Kernel {
+            size: 2,
+            stride: 2,
+            padding: 0,
+        };
+        let shape = Shape::image(4, 5, Group::D1x.regular(1));
+        let message = AveragePool::new(shape, kernel).unwrap_err().to_string();
+        assert!(
+            message.starts_with("AveragePool: D1x flips the width"),
+            "{message}"
+        );
+        assert!(message.contains("(5 + 2 * 0 - 2) mod 2 = 1"), "{message}");
+    }
+}

@@ -1,0 +1,188 @@
+//! The direct sum of two maps.
+
+use std::fmt;
+use std::ops::Range;
+
+use symmetry::Irrep;
+
+use crate::error::LayerError;
+use crate::shape::Shape;
+
+/// The direct sum of two maps of one size; within an irrep, the first map's channels come first.
+///
+/// Channels stay irrep-major, so the sum interleaves the two maps irrep by irrep: it is not one
+/// pixel's channels after the other's. It has two inputs and hence is not a
+/// [`Layer`](crate::Layer): it stands between the networks that it joins.
+#[derive(Clone, Copy, Debug)]
+pub struct Concat {
+    first: Shape,
+    second: Shape,
+    sum: Shape,
+}
+
+impl Concat {
+    /// The sum of maps of these shapes.
+    ///
+    /// # Errors
+    /// When heights, widths or groups differ, or a map is empty.
+    pub fn new(first: Shape, second: Shape) -> Result<Concat, LayerError> {
+        LayerError::check_groups("Concat", first.fields, second.fields)?;
+        let sizes = [first, second].map(|shape| [shape.height, shape.width]);
+        if sizes[0] != sizes[1] {
+            return Err(LayerError::Sizes {
+                layer: "Concat",
+                first: sizes[0],
+                second: sizes[1],
+            });
+        }
+        LayerError::check_map("Concat", first, 0)?;
+        LayerError::check_map("Concat", second, 0)?;
+        let sum = Shape {
+            fields: first.fields + second.fields,
+            ..first
+        };
+        Ok(Concat { first, second, sum })
+    }
+
+    /// The shapes of the inputs.
+    pub fn in_shapes(&self) -> [Shape; 2] {
+        [self.first, self.second]
+    }
+
+    /// The shape of the sum.
+    pub fn out_shape(&self) -> Shape {
+        self.sum
+    }
+
+    /// Writes the sum of N samples of both maps into `y`.
+    ///
+    /// # Panics
+    /// When the lengths of the slices do not agree.
+    pub fn forward<T: Copy>(&self, first: &[T], second: &[T], y: &mut [T]) {
+        self.check([first.len(), second.len()], ("y", y.len()));
+        let ranges = self.ranges();
+        let pixels = first
+            .chunks_exact(self.first.fields.dim())
+            .zip(second.chunks_exact(self.second.fields.dim()));
+        for ((a, b), y) in pixels.zip(y.chunks_exact_mut(self.sum.fields.dim())) {
+            for [from_a, from_b, to] in &ranges {
+                let (to_a, to_b) = y[to.clone()].split_at_mut(from_a.len());
+                to_a.copy_from_slice(&a[from_a.clone()]);
+                to_b.copy_from_slice(&b[from_b.clone()]);
+            }
+        }
+    }
+
+    /// Splits a sum, or the gradient in it, into the two maps.
+    ///
+    /// # Panics
+    /// When the lengths of the slices do not agree.
+    pub fn backward<T: Copy>(&self, dy: &[T], first: &mut [T], second: &mut [T]) {
+        self.check([first.len(), second.len()], ("dy", dy.len()));
+        let ranges = self.ranges();
+        let pixels = first
+            .chunks_exact_mut(self.first.fields.dim())
+            .zip(second.chunks_exact_mut(self.second.fields.dim()));
+        for ((a, b), dy) in pixels.zip(dy.chunks_exact(self.sum.fields.dim())) {
+            for [to_a, to_b, from] in &ranges {
+                let (from_a, from_b) = dy[from.clone()].split_at(to_a.len());
+                a[to_a.clone()].copy_from_slice(from_a);
+                b[to_b.clone()].copy_from_slice(from_b);
+            }
+        }
+    }
+
+    /// The channels of every irrep in the first map, the second and the sum.
+    fn ranges(&self) -> [[Range<usize>; 3]; 4] {
+        let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
+        Irrep::ALL.map(|irrep| fields.map(|fields| fields.range(irrep)))
+    }
+
+    /// Refuses slices that do not hold equally many samples, as the sum does.
+    fn check(&self, inputs: [usize; 2], (sum, got): (&str, usize)) {
+        let each = self.sum.len();
+        assert!(
+            got.is_multiple_of(each),
+            "{self}: got {sum} of {got} values, expected a multiple of {each}"
+        );
+        let samples = got / each;
+        let names = ["first", "second"].into_iter().zip(inputs);
+        for ((name, got), shape) in names.zip(self.in_shapes()) {
+            let expected = samples * shape.len();
+            assert!(
+                got == expected,
+                "{self}: got {name} of {got} values, expected {expected}, as {sum} says"
+            );
+        }
+    }
+}
+
+impl fmt::Display for Concat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Concat({}, {})", self.first, self.second)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use symmetry::{FieldType, Group};
+
+    #[test]
+    fn channels_are_interleaved_by_irrep() {
+        let a = Shape::vector(FieldType::new(Group::D2, [1, 0, 2, 0]));
+        let b = Shape::vector(FieldType::new(Group::D2, [1, 1, 1, 0]));
+        let concat = Concat::new(a, b).unwrap();
+        assert_eq!(concat.out_shape().fields.to_string(), "2 1 + 1 x + 3 y");
+        let (x, y) = (
+            [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+            [10.0, 20.0, 30.0, 40.0, 50.0, 60.0],
+        );
+        let mut sum = [0.0; 12];
+        concat.forward(&x, &y, &mut sum);
+        assert_eq!(sum[..6], [1.0, 10.0, 20.0, 2.0, 3.0, 30.0]);
+        let (mut dx, mut dy) = ([0.0; 6], [0.0; 6]);
+        concat.backward(&sum, &mut dx, &mut dy);
+        assert_eq!((dx, dy), (x, y));
+    }
+
+    #[test]
+    fn the_sum_commutes_with_every_group() {
+        for group in Group::ALL {
+            let a = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
+            let b = Shape::image(2, 3, group.regular(2));
+            let concat = Concat::new(a, b).unwrap();
+            let sum = |x: &[f32], y: &[f32]| {
+                let mut sum = vec![0.0; concat.out_shape().len()];
+                concat.forward(x, y, &mut sum);
+                sum
+            };
+            let x: Vec<f32> = (0..a.len()).map(|i| (i as f32).sin()).collect();
+            let y: Vec<f32> = (0..b.len()).map(|i| (i as f32).cos()).collect();
+            for &g in group.elements() {
+                let of_moved = sum(&a.act(g, &x), &b.act(g, &y));
+                assert_eq!(
+                    of_moved,
+                    concat.out_shape().act(g, &sum(&x, &y)),
+                    "{group} {g}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn maps_that_do_not_fit_are_refused_with_both() {
+        let shape = |height, group: Group| Shape::image(height, 3, group.regular(1));
+        let refused = |a, b| Concat::new(a, b).unwrap_err().to_string();
+        let sizes = refused(shape(2, Group::D2), shape(3, Group::D2));
+        assert!(
+            sizes.contains("got maps of 2 x 3 and 3 x 3 pixels"),
+            "{sizes}"
+        );
+        let groups = refused(shape(2, Group::D2), shape(2, Group::C2));
+        assert!(
+            groups.contains("`1 reg` of D2 and `C2: 1 reg` of C2"),
+            "{groups}"
+        );
+    }
+}

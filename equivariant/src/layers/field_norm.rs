@@ -1,0 +1,358 @@
+//! Normalisation of fields.
+
+use std::array::from_fn;
+use std::fmt;
+use std::ops::Range;
+use std::slice::ChunksExact;
+
+use rand::Rng;
+use symmetry::Irrep;
+
+use crate::error::LayerError;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+
+/// Added to every variance.
+const EPSILON: f64 = 1e-5;
+/// Fields that are treated together: their sums live on the stack.
+const BLOCK: usize = 8;
+
+/// Whose mean and variance a [`FieldNorm`] uses.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Statistics {
+    /// Those of each sample alone (Ulyanov et al., "Instance normalization", 2016): the same at
+    /// training and inference.
+    Sample,
+    /// Those of all samples of one call of `forward` (Ioffe and Szegedy, "Batch normalization",
+    /// ICML 2015). In a minibatch that runs in chunks that is the chunk: ghost batch normalisation
+    /// (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed, so the result does not depend on
+    /// threads.
+    Batch,
+    /// Fixed ones, `[mean, variance]` per field, such as [`FieldNorm::moments`] of training data:
+    /// for inference after training with `Batch`.
+    Fixed(Vec<[f64; 2]>),
+}
+
+/// Normalises every field to mean 0 and variance 1 over the group, space and samples, then scales
+/// and shifts it.
+///
+/// For regular fields, mean and variance are those of the values in the regular basis. In the irrep
+/// basis the mean is the trivial coefficient's and the transform is orthonormal, so no change of
+/// basis is needed: with G coefficients c_a a field, mu = E c_0 and var = (sum_a E c_a^2 - mu^2) /
+/// G, and y_a = gain (c_a - mu \[a = 0\]) / sqrt(var + 1e-5) + bias \[a = 0\].
+///
+/// In other types every channel is a field of its own. Channels of odd irreps have mean 0 over the
+/// group and are only scaled. The parameters are one gain per field, then one bias per trivial
+/// channel, in units of its coefficient.
+#[derive(Clone, Debug)]
+pub struct FieldNorm {
+    shape: Shape,
+    /// Channels of a field; the channels of field f are f, f + fields, f + 2 fields ...
+    order: usize,
+    fields: usize,
+    statistics: Statistics,
+}
+
+/// What turns a field's coefficients into normalised ones.
+#[derive(Clone, Copy)]
+struct Standard<T> {
+    /// Of the first coefficient; the others have none.
+    mean: T,
+    /// One over the standard deviation.
+    inverse: T,
+}
+
+impl<T: Scalar> Standard<T> {
+    #[inline(always)]
+    fn apply(self, coefficient: usize, x: T) -> T {
+        match coefficient {
+            0 => (x - self.mean) * self.inverse,
+            _ => x * self.inverse,
+        }
+    }
+}
+
+impl FieldNorm {
+    /// The normalisation of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty, or fixed statistics are not one finite mean and one variance of at
+    /// least 0 per field.
+    pub fn new(shape: Shape, statistics: Statistics) -> Result<FieldNorm, LayerError> {
+        LayerError::check_map("FieldNorm", shape, 0)?;
+        let (order, fields) = match shape.fields.regular_fields() {
+            Some(fields) => (shape.fields.group().order(), fields),
+            None => (1, shape.fields.dim()),
+        };
+        if let Statistics::Fixed(moments) = &statistics {
+            let valid = |[mean, variance]: &[f64; 2]| {
+                mean.is_finite() && variance.is_finite() && *variance >= 0.0
+            };
+            if moments.len() != fields || !moments.iter().all(valid) {
+                return Err(LayerError::Setting {
+                    layer: "FieldNorm",
+                    setting: "fixed statistics",
+                    got: format!("{moments:?}"),
+                    expected: "a finite mean and a variance of at least 0 for each field",
+                });
+            }
+        }
+        Ok(FieldNorm {
+            shape,
+            order,
+            fields,
+            statistics,
+        })
+    }
+
+    /// `[mean, variance]` of every field over all samples of `x`, in units of
+    /// [`Statistics::Fixed`].
+    ///
+    /// # Panics
+    /// When `x` is not whole samples.
+    pub fn moments<T: Scalar>(&self, x: &[T]) -> Vec<[f64; 2]> {
+        let (got, each) = (x.len(), self.shape.len());
+        assert!(
+            got.is_multiple_of(each),
+            "{self}: got x of {got} values, expected a multiple of {each}"
+        );
+        let blocks = (0..self.fields).step_by(BLOCK);
+        let moments = blocks.flat_map(|first| self.measure(x, first));
+        moments.take(self.fields).collect()
+    }
+
+    /// Whether a field has a trivial channel, hence a mean and a bias.
+    fn centred(&self, field: usize) -> bool {
+        field < self.shape.fields.multiplicity(Irrep::Trivial)
+    }
+
+    /// The channels of a block's fields, one range per coefficient; only those of the first are
+    /// trivial.
+    fn channels(&self, first: usize) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
+        let (fields, end) = (self.fields, self.fields.min(first + BLOCK));
+        (0..self.order).map(move |a| (a, a * fields + first..a * fields + end))
+    }
+
+    fn pixels<'a, T>(&self, x: &'a [T]) -> ChunksExact<'a, T> {
+        x.chunks_exact(self.shape.fields.dim())
+    }
+
+    /// `[mean, variance]` of the fields of a block, summed in double precision.
+    fn measure<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; BLOCK] {
+        let pixels = self.pixels(x).len().max(1) as f64;
+        let mut means = [0.0; BLOCK];
+        for pixel in self.pixels(x) {
+            for (sum, v) in means.iter_mut().zip(&pixel[first..]) {
+                *sum += v.to_f64();
+            }
+        }
+        let means: [f64; BLOCK] = from_fn(|j| match self.centred(first + j) {
+            true => means[j] / pixels,
+            false => 0.0,
+        });
+        let mut squares = [0.0; BLOCK];
+        for pixel in self.pixels(x) {
+            for (a, channels) in self.channels(first) {
+                for (j, v) in pixel[channels].iter().enumerate() {
+                    let centre = if a == 0 { means[j] } else { 0.0 };
+                    squares[j] += (v.to_f64() - centre).powi(2);
+                }
+            }
+        }
+        from_fn(|j| [means[j], squares[j] / (pixels * self.order as f64)])
+    }
+
+    fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
+        let moments = match &self.statistics {
+            Statistics::Fixed(moments) => {
+                from_fn(|j| moments.get(first + j).copied().unwrap_or_default())
+            }
+            _ => self.measure(x, first),
+        };
+        moments.map(|[mean, variance]| Standard {
+            mean: T::from_f64(mean),
+            inverse: T::from_f64((variance + EPSILON).sqrt().recip()),
+        })
+    }
+
+    /// The number of values that share statistics.
+    fn group(&self, len: usize) -> usize {
+        match self.statistics {
+            Statistics::Sample => self.shape.len(),
+            _ => len.max(1),
+        }
+    }
+
+    /// Writes the normalised fields of a block.
+    fn normalise<T: Scalar>(&self, params: &[T], first: usize, x: &[T], y: &mut [T]) {
+        let (gains, biases) = params.split_at(self.fields);
+        let standards = self.standards(x, first);
+        let dim = self.shape.fields.dim();
+        for (x, y) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
+            for (a, channels) in self.channels(first) {
+                let values = x[channels.clone()].iter().zip(&mut y[channels]);
+                for (j, (&x, y)) in values.enumerate() {
+                    *y = gains[first + j] * standards[j].apply(a, x);
+                    if a == 0 && self.centred(first + j) {
+                        *y += biases[first + j];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Sums over a block of dy times the normalised input, and of dy in the first coefficient.
+    fn sums<T: Scalar>(
+        &self,
+        standards: &[Standard<T>; BLOCK],
+        first: usize,
+        (x, dy): (&[T], &[T]),
+    ) -> [[f64; 2]; BLOCK] {
+        let mut sums = [[0.0; 2]; BLOCK];
+        for (x, dy) in self.pixels(x).zip(self.pixels(dy)) {
+            for (a, channels) in self.channels(first) {
+                let values = x[channels.clone()].iter().zip(&dy[channels]);
+                for (j, (&x, &dy)) in values.enumerate() {
+                    sums[j][0] += (standards[j].apply(a, x) * dy).to_f64();
+                    sums[j][1] += if a == 0 { dy.to_f64() } else { 0.0 };
+                }
+            }
+        }
+        sums
+    }
+
+    /// The gradients of a block: those of its parameters are added, that of its input is written.
+    fn differentiate<T: Scalar>(
+        &self,
+        params: &[T],
+        first: usize,
+        values: (&[T], &[T]),
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+    ) {
+        let standards = self.standards(values.0, first);
+        let sums = self.sums(&standards, first, values);
+        for (f, [scaled, shifted]) in (first..self.fields).zip(sums) {
+            dparams[f] += T::from_f64(scaled);
+            if self.centred(f) {
+                dparams[self.fields + f] += T::from_f64(shifted);
+            }
+        }
+        if let Some(dx) = dx {
+            let means = self.gradient_means(first, values.0, sums);
+            self.input_gradient(params, first, (&standards, means), values, dx);
+        }
+    }
+
+    /// What the gradients in the statistics subtract: the means of dy times the normalised input,
+    /// and of dy.
+    fn gradient_means<T: Scalar>(
+        &self,
+        first: usize,
+        x: &[T],
+        sums: [[f64; 2]; BLOCK],
+    ) -> [[T; 2]; BLOCK] {
+        if matches!(self.statistics, Statistics::Fixed(_)) {
+            return [[T::ZERO; 2]; BLOCK];
+        }
+        let pixels = self.pixels(x).len() as f64;
+        from_fn(|j| {
+            let [scaled, shifted] = sums[j];
+            let shifted = if self.centred(first + j) {
+                shifted
+            } else {
+                0.0
+            };
+            [scaled / (pixels * self.order as f64), shifted / pixels].map(T::from_f64)
+        })
+    }
+
+    fn input_gradient<T: Scalar>(
+        &self,
+        params: &[T],
+        first: usize,
+        (standards, means): (&[Standard<T>; BLOCK], [[T; 2]; BLOCK]),
+        (x, dy): (&[T], &[T]),
+        dx: &mut [T],
+    ) {
+        let dim = self.shape.fields.dim();
+        let inputs = self.pixels(x).zip(self.pixels(dy));
+        for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(dim)) {
+            for (a, channels) in self.channels(first) {
+                let values = x[channels.clone()].iter().zip(&dy[channels.clone()]);
+                for (j, ((&x, &dy), dx)) in values.zip(&mut dx[channels]).enumerate() {
+                    let [scaled, shifted] = means[j];
+                    let rest = dy - standards[j].apply(a, x) * scaled;
+                    let rest = if a == 0 { rest - shifted } else { rest };
+                    *dx = params[first + j] * standards[j].inverse * rest;
+                }
+            }
+        }
+    }
+}
+
+impl Signature for FieldNorm {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn num_params(&self) -> usize {
+        self.fields + self.shape.fields.multiplicity(Irrep::Trivial)
+    }
+
+    /// What it prints, and fixed moments, to the last bit.
+    fn description(&self) -> String {
+        match &self.statistics {
+            Statistics::Fixed(moments) => format!("{self} {moments:?}"),
+            _ => self.to_string(),
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for FieldNorm {
+    /// Sets the gains to `gain`, which draws nothing, and the biases to zero.
+    fn draw(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        let (gains, biases) = params.split_at_mut(self.fields);
+        gains.fill(T::from_f64(gain));
+        biases.fill(T::ZERO);
+    }
+
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let group = self.group(x.len());
+        for (x, y) in x.chunks(group).zip(y.chunks_mut(group)) {
+            for first in (0..self.fields).step_by(BLOCK) {
+                self.normalise(params, first, x, y);
+            }
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let mut dx = pass.dx;
+        let group = self.group(pass.x.len());
+        let values = pass.x.chunks(group).zip(pass.dy.chunks(group));
+        for (i, values) in values.enumerate() {
+            for first in (0..self.fields).step_by(BLOCK) {
+                let dx = dx.as_deref_mut();
+                let dx = dx.map(|dx| &mut dx[i * group..][..values.0.len()]);
+                self.differentiate(pass.params, first, values, dx, pass.dparams);
+            }
+        }
+    }
+}
+
+impl fmt::Display for FieldNorm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let statistics = match self.statistics {
+            Statistics::Sample => "statistics of each sample",
+            Statistics::Batch => "statistics of the batch",
+            Statistics::Fixed(_) => "fixed statistics",
+        };
+        let (shape, fields) = (self.shape, self.fields);
+        write!(f, "FieldNorm({shape}, {fields} fields, {statistics})")
+    }
+}

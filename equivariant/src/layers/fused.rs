@@ -1,0 +1,57 @@
+//! A fused chain as a layer.
+
+use std::fmt;
+
+use crate::conv::chain::{Chain, ChainGradient};
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+
+impl Signature for Chain {
+    fn in_shape(&self) -> Shape {
+        Chain::in_shape(self)
+    }
+
+    fn out_shape(&self) -> Shape {
+        Chain::out_shape(self)
+    }
+
+    fn num_params(&self) -> usize {
+        Chain::num_params(self)
+    }
+
+    fn scratch_len(&self, samples: usize) -> usize {
+        Chain::scratch_len(self, samples)
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        true
+    }
+}
+
+impl<T: Scalar> Layer<T> for Chain {
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        Chain::forward(self, params, x, y, scratch);
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        Chain::backward(
+            self,
+            ChainGradient {
+                params: pass.params,
+                x: pass.x,
+                dy: pass.dy,
+                dx: pass.dx,
+                dparams: pass.dparams,
+                scratch: pass.scratch,
+            },
+        );
+    }
+}
+
+impl fmt::Display for Chain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shapes: Vec<String> = self.convs().map(|conv| conv.out.to_string()).collect();
+        write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
+    }
+}

@@ -1,0 +1,152 @@
+//! Group max-pooling: from regular fields to invariants.
+
+use std::array::from_fn;
+use std::fmt;
+
+use crate::error::LayerError;
+use crate::layers::accepted::regular_fields;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::real::exceeds;
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::steerable::hadamard::{parts, parts_mut, transform};
+
+/// The maximum over the group of every regular field.
+///
+/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On
+/// ties the gradient goes to the first group element.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupMaxPool {
+    shape: Shape,
+    fields: usize,
+}
+
+impl GroupMaxPool {
+    /// The pooling of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty or its type is not regular fields only.
+    pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
+        let fields = regular_fields("GroupMaxPool", shape)?;
+        Ok(GroupMaxPool { shape, fields })
+    }
+}
+
+impl Signature for GroupMaxPool {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        Shape {
+            fields: self.shape.fields.group().trivial(self.fields),
+            ..self.shape
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for GroupMaxPool {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        match self.shape.fields.group().order() {
+            1 => forward::<T, 1>(self.fields, x, y),
+            2 => forward::<T, 2>(self.fields, x, y),
+            _ => forward::<T, 4>(self.fields, x, y),
+        }
+    }
+
+    fn run_backward(&self, BackwardPass { x, dy, dx, .. }: BackwardPass<T>) {
+        let Some(dx) = dx else { return };
+        match self.shape.fields.group().order() {
+            1 => backward::<T, 1>(self.fields, x, dy, dx),
+            2 => backward::<T, 2>(self.fields, x, dy, dx),
+            _ => backward::<T, 4>(self.fields, x, dy, dx),
+        }
+    }
+}
+
+fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
+    for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
+        let x = parts::<T, G>(x, n);
+        for f in 0..n {
+            y[f] = first_maximum(transform::<T, G>(from_fn(|a| x[a][f]))).1;
+        }
+    }
+}
+
+fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
+    let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
+    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
+        let x = parts::<T, G>(x, n);
+        let dx = parts_mut::<T, G>(dx, n);
+        for f in 0..n {
+            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| x[a][f])));
+            let mut values = [T::ZERO; G];
+            values[g] = dy[f];
+            let values = transform(values);
+            for a in 0..G {
+                dx[a][f] = values[a];
+            }
+        }
+    }
+}
+
+/// The first of the largest values, and its place; not a number counts as larger than anything.
+fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
+    let mut best = (0, values[0]);
+    for (g, &value) in values.iter().enumerate().skip(1) {
+        if exceeds(value, best.1) {
+            best = (g, value);
+        }
+    }
+    best
+}
+
+impl fmt::Display for GroupMaxPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GroupMaxPool({})", self.shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Group;
+
+    use super::*;
+
+    #[test]
+    fn ties_go_to_the_first_element() {
+        assert_eq!(first_maximum([1.0, 3.0, 3.0, 2.0]), (1, 3.0));
+    }
+
+    #[test]
+    fn not_a_number_is_never_pooled_away() {
+        for place in 0..4 {
+            let mut values = [1.0f64, 5.0, 2.0, 3.0];
+            values[place] = f64::NAN;
+            assert!(first_maximum(values).1.is_nan(), "{values:?}");
+        }
+    }
+
+    #[test]
+    fn the_largest_value_of_the_regular_basis_comes_out() {
+        let pool = GroupMaxPool::new(Shape::vector(Group::D2.regular(1))).unwrap();
+        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
+        let mut y = [0.0];
+        let mut scratch = pool.scratch(1);
+        pool.forward(&[], &x, &mut y, &mut scratch);
+        assert_eq!(y, [3.0]);
+        let mut dx = [0.0; 4];
+        pool.backward(&[], &x, &y, &[2.0], Some(&mut dx), &mut [], &mut scratch);
+        assert_eq!(transform(dx), [0.0, 0.0, 2.0, 0.0]);
+    }
+
+    #[test]
+    fn trivial_channels_are_refused() {
+        let shape = Shape::vector(Group::D2.trivial(4));
+        let message = GroupMaxPool::new(shape).unwrap_err().to_string();
+        assert!(
+            message.contains("got the type `4 1`, expected regular"),
+            "{message}"
+        );
+    }
+}

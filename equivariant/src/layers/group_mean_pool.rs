@@ -1,0 +1,109 @@
+//! Group mean-pooling: from regular fields to invariants.
+
+use std::fmt;
+
+use crate::error::LayerError;
+use crate::layers::accepted::regular_fields;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+
+/// The mean over the group of every regular field.
+///
+/// Maps n regular fields to n trivial channels: the mean of a field's values is its trivial
+/// coefficient over the square root of the group's order. The other coefficients are dropped, so it
+/// is linear.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupMeanPool {
+    shape: Shape,
+    fields: usize,
+}
+
+impl GroupMeanPool {
+    /// The pooling of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty or its type is not regular fields only.
+    pub fn new(shape: Shape) -> Result<GroupMeanPool, LayerError> {
+        let fields = regular_fields("GroupMeanPool", shape)?;
+        Ok(GroupMeanPool { shape, fields })
+    }
+
+    fn scale<T: Scalar>(&self) -> T {
+        let order = self.shape.fields.group().order() as f64;
+        T::from_f64(order.sqrt().recip())
+    }
+}
+
+impl Signature for GroupMeanPool {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        let fields = self.shape.fields.group().trivial(self.fields);
+        Shape {
+            fields,
+            ..self.shape
+        }
+    }
+}
+
+impl<T: Scalar> Layer<T> for GroupMeanPool {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
+        let ys = y.chunks_exact_mut(self.fields);
+        for (x, y) in x.chunks_exact(dim).zip(ys) {
+            for (y, &x) in y.iter_mut().zip(x) {
+                *y = x * scale;
+            }
+        }
+    }
+
+    fn run_backward(&self, BackwardPass { dy, dx, .. }: BackwardPass<T>) {
+        let Some(dx) = dx else { return };
+        let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
+        let dys = dy.chunks_exact(self.fields);
+        for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
+            let (trivial, rest) = dx.split_at_mut(dy.len());
+            for (dx, &dy) in trivial.iter_mut().zip(dy) {
+                *dx = dy * scale;
+            }
+            rest.fill(T::ZERO);
+        }
+    }
+}
+
+impl fmt::Display for GroupMeanPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GroupMeanPool({})", self.shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::steerable::hadamard::hadamard;
+    use symmetry::Group;
+
+    #[test]
+    fn the_mean_is_that_of_the_regular_basis() {
+        for group in Group::ALL {
+            let pool = GroupMeanPool::new(Shape::vector(group.regular(1))).unwrap();
+            let values = [1.0, -2.0, 3.0, -8.0];
+            let mut x = values[..group.order()].to_vec();
+            let mean = x.iter().sum::<f64>() / x.len() as f64;
+            hadamard(group, &mut x);
+            let mut y = [0.0];
+            pool.forward(&[], &x, &mut y, &mut pool.scratch(1));
+            assert!((y[0] - mean).abs() < 1e-15, "{group}");
+        }
+    }
+
+    #[test]
+    fn trivial_channels_of_a_larger_group_are_refused() {
+        let shape = Shape::vector(Group::C2.trivial(4));
+        let message = GroupMeanPool::new(shape).unwrap_err().to_string();
+        assert!(message.contains("got the type `C2: 4 1`"), "{message}");
+    }
+}

@@ -1,0 +1,252 @@
+//! What a layer is.
+
+use std::fmt;
+
+use rand::Rng;
+
+use crate::conv::chain::Fusible;
+use crate::scalar::Scalar;
+use crate::scratch::Scratch;
+use crate::shape::{LARGEST, Shape};
+use crate::steerable::dense::Dense;
+
+/// The gain of weights that are followed by a ReLU: it halves the second moment.
+const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
+
+/// What a layer maps between, whatever the precision.
+///
+/// What the trait provides is right for a layer without parameters or scratch.
+pub trait Signature: fmt::Display + Send + Sync {
+    /// The shape of one input sample.
+    fn in_shape(&self) -> Shape;
+
+    /// The shape of one output sample.
+    fn out_shape(&self) -> Shape;
+
+    /// The number of parameters.
+    fn num_params(&self) -> usize {
+        0
+    }
+
+    /// The number of values that the passes of this many samples need for themselves.
+    fn scratch_len(&self, _samples: usize) -> usize {
+        0
+    }
+
+    /// Whether `backward` reads what `forward` left in the scratch.
+    fn keeps_scratch(&self) -> bool {
+        false
+    }
+
+    /// One line with all that distinguishes the layer from others but its parameters:
+    /// [`save`](crate::save) writes it and [`load`](crate::load) compares it. By default it is what
+    /// the layer prints.
+    fn description(&self) -> String {
+        self.to_string()
+    }
+
+    /// The layer as an ordinary convolution, if it is linear and has weights.
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        None
+    }
+
+    /// What a sequence may fuse this layer as.
+    #[doc(hidden)]
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        None
+    }
+}
+
+/// An equivariant map of feature maps that owns no weights.
+///
+/// Slices hold N samples one after the other, `[N, H, W, C]`; N is the length of `x` over
+/// `in_shape().len()`. [`forward`](Layer::forward), [`backward`](Layer::backward) and
+/// [`init`](Layer::init) are what callers use: they panic when a slice has another length than the
+/// shapes say, and name it. A new layer implements `run_forward`, `run_backward` and, if it has
+/// parameters, `draw`, and relies on those lengths.
+pub trait Layer<T: Scalar>: Signature {
+    /// Writes f(x) into `y`. The contents of `scratch` on entry do not matter.
+    ///
+    /// # Panics
+    /// When a slice has a wrong length, or the scratch is for fewer samples.
+    fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut Scratch<T>) {
+        let (samples, num_params) = (samples(self, x.len()), self.num_params());
+        let out_len = samples * self.out_shape().len();
+        let slices = [
+            ("params", params.len(), num_params),
+            ("y", y.len(), out_len),
+        ];
+        check(self, slices);
+        self.run_forward(params, x, y, front(self, samples, scratch));
+        scratch.set_samples(samples);
+    }
+
+    /// Adds the gradient in the parameters to `dparams` and, where asked for, writes that in the
+    /// input into `dx`.
+    ///
+    /// `x` and `y` are those of the forward pass and `dy` is the gradient in `y`. When the layer
+    /// [keeps its scratch](Signature::keeps_scratch), `scratch` must be as `forward` of the same
+    /// samples left it, or a clone of that.
+    ///
+    /// # Panics
+    /// When a slice has a wrong length, or the scratch is for fewer samples or, where it is kept,
+    /// was last used for another number of them.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "flat slices, each with one meaning, and no tape that would hide them"
+    )]
+    fn backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut Scratch<T>,
+    ) {
+        let (samples, num_params) = (samples(self, x.len()), self.num_params());
+        let out_len = samples * self.out_shape().len();
+        let dx_len = dx.as_ref().map_or(x.len(), |dx| dx.len());
+        let slices = [
+            ("params", params.len(), num_params),
+            ("y", y.len(), out_len),
+            ("dy", dy.len(), out_len),
+            ("dx", dx_len, x.len()),
+            ("dparams", dparams.len(), num_params),
+        ];
+        check(self, slices);
+        assert!(
+            !self.keeps_scratch() || scratch.samples() == samples,
+            "{self}: got a scratch that forward left for {} samples, expected one for the {samples} of x",
+            scratch.samples()
+        );
+        self.run_backward(BackwardPass {
+            params,
+            x,
+            y,
+            dy,
+            dx,
+            dparams,
+            scratch: front(self, samples, scratch),
+        });
+    }
+
+    /// Draws the weights for a layer followed by a ReLU, which halves the second moment: gain
+    /// sqrt(2).
+    ///
+    /// He et al., "Delving deep into rectifiers", ICCV 2015, equation 10.
+    ///
+    /// # Panics
+    /// As [`init_scaled`](Layer::init_scaled).
+    fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {
+        self.init_scaled(rng, RELU_GAIN, params);
+    }
+
+    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero; equal
+    /// generators give equal weights.
+    ///
+    /// The generalisation of He et al. (ICCV 2015, equation 7) to these bases: output irrep b is y
+    /// = sum_j w_j phi_j over its F columns phi, the folded patch, and independent weights of
+    /// variance gain^2 / F give E_w y^2 = gain^2 (1/F) sum_j phi_j^2, gain^2 times the mean square
+    /// of its columns. The fold is orthonormal, so columns have unit second moment when the taps
+    /// are uncorrelated and of unit second moment. Between regular fields more is true: every entry
+    /// of the patch appears, rotated, in the columns of exactly one irrep and all irreps have
+    /// equally many, hence the mean of E_w y^2 over a field is gain^2 times the mean square of the
+    /// patch, whatever its correlations. The change to the regular basis is orthonormal, so the
+    /// same holds for the values that a ReLU sees.
+    ///
+    /// In a sequence, `gain` is that of the last layer with parameters; the layers before it keep
+    /// the gain of [`init`](Layer::init).
+    ///
+    /// # Panics
+    /// When `params` does not hold the layer's parameters.
+    fn init_scaled(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        check(self, [("params", params.len(), self.num_params())]);
+        self.draw(rng, gain, params);
+    }
+
+    /// Memory for the passes of up to this many samples.
+    ///
+    /// # Panics
+    /// For more than 2^31 samples.
+    fn scratch(&self, samples: usize) -> Scratch<T> {
+        assert!(
+            samples <= LARGEST,
+            "{self}: got {samples} samples, expected at most {LARGEST}"
+        );
+        Scratch::filled(self.scratch_len(samples), T::ZERO)
+    }
+
+    /// The layers of a chain, in order; their parameters follow one another. Other layers have
+    /// none.
+    fn layers(&self) -> &[Box<dyn Layer<T>>] {
+        &[]
+    }
+
+    /// What [`init_scaled`](Layer::init_scaled) does, with a slice of the right length.
+    fn draw(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
+
+    /// What [`forward`](Layer::forward) does, with slices of the right lengths; `scratch` has those
+    /// that [`scratch_len`](Signature::scratch_len) asks for.
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
+
+    /// What [`backward`](Layer::backward) does, with slices of the right lengths.
+    fn run_backward(&self, pass: BackwardPass<T>);
+}
+
+/// What a backward pass reads and writes; see [`Layer::backward`].
+#[derive(Debug)]
+pub struct BackwardPass<'a, T> {
+    /// The parameters.
+    pub params: &'a [T],
+    /// What the forward pass read.
+    pub x: &'a [T],
+    /// What it wrote.
+    pub y: &'a [T],
+    /// The gradient in `y`.
+    pub dy: &'a [T],
+    /// Where to write the gradient in `x`, if it is wanted.
+    pub dx: Option<&'a mut [T]>,
+    /// Where to add the gradient in the parameters.
+    pub dparams: &'a mut [T],
+    /// Memory, as the forward pass left it where the layer keeps its scratch.
+    pub scratch: &'a mut [T],
+}
+
+/// The number of samples in `x` of this length.
+fn samples(layer: &(impl Signature + ?Sized), x: usize) -> usize {
+    let each = layer.in_shape().len();
+    assert!(
+        x.is_multiple_of(each),
+        "{layer}: got x of {x} values, expected a multiple of {each}"
+    );
+    x / each
+}
+
+/// Refuses slices that do not have the length that the shapes and the samples in `x` ask for.
+fn check<const N: usize>(
+    layer: &(impl Signature + ?Sized),
+    slices: [(&'static str, usize, usize); N],
+) {
+    for (slice, got, expected) in slices {
+        assert!(
+            got == expected,
+            "{layer}: got {slice} of {got} values, expected {expected}, as its shapes and x say"
+        );
+    }
+}
+
+/// The part of a scratch that this many samples use.
+fn front<'a, T: Scalar>(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    scratch: &'a mut Scratch<T>,
+) -> &'a mut [T] {
+    let (got, expected) = (scratch.len(), layer.scratch_len(samples));
+    assert!(
+        got >= expected,
+        "{layer}: got a scratch of {got} values, expected at least {expected} for {samples} samples"
+    );
+    scratch.front(expected)
+}

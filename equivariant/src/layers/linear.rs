@@ -1,0 +1,136 @@
+//! Equivariant linear layers on vectors.
+
+use std::fmt;
+
+use rand::Rng;
+use symmetry::{FieldType, Irrep};
+
+use crate::error::LayerError;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::{Shape, product};
+use crate::steerable::blocks::{Blocks, Columns, ColumnsMut};
+use crate::steerable::dense::Dense;
+use crate::steerable::taps::Taps;
+use crate::steerable::window::Kernel;
+
+/// A linear map of vectors, with a bias on the trivial irrep.
+///
+/// By Schur's lemma it mixes channels of the same irrep only: y_b = W_b x_b. The parameters are W_b
+/// `[out multiplicity of b, in multiplicity of b]` in irrep order, then the bias.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    in_type: FieldType,
+    out_type: FieldType,
+    blocks: Blocks,
+}
+
+impl Linear {
+    /// The map between two types; an output irrep that the input lacks is zero.
+    ///
+    /// # Errors
+    /// When the groups of the types differ, or one of them has no channels.
+    pub fn new(in_type: FieldType, out_type: FieldType) -> Result<Linear, LayerError> {
+        let layer = "Linear";
+        LayerError::check_groups(layer, in_type, out_type)?;
+        LayerError::check_map(layer, Shape::vector(in_type), 0)?;
+        LayerError::check_map(layer, Shape::vector(out_type), 0)?;
+        let weights = product([in_type.dim(), out_type.dim()]);
+        weights.ok_or(LayerError::TooLarge {
+            layer,
+            what: "a matrix",
+        })?;
+        let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));
+        Ok(Linear {
+            in_type,
+            out_type,
+            blocks: Blocks::new(cols, out_type),
+        })
+    }
+
+    /// The layer as an ordinary convolution of one tap.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "Linear",
+            taps: Taps::new(self.in_type, 1),
+            blocks: &self.blocks,
+            places: None,
+            window: Kernel {
+                size: 1,
+                stride: 1,
+                padding: 0,
+            },
+            in_shape: Shape::vector(self.in_type),
+            out_shape: Shape::vector(self.out_type),
+        }
+    }
+
+    fn channels<'a, T>(&self, b: Irrep, x: &'a [T]) -> Columns<'a, T> {
+        Columns {
+            data: x.get(self.in_type.range(b).start..).unwrap_or_default(),
+            stride: self.in_type.dim(),
+        }
+    }
+}
+
+impl Signature for Linear {
+    fn in_shape(&self) -> Shape {
+        Shape::vector(self.in_type)
+    }
+
+    fn out_shape(&self) -> Shape {
+        Shape::vector(self.out_type)
+    }
+
+    fn num_params(&self) -> usize {
+        self.blocks.num_params()
+    }
+
+    fn as_dense(&self) -> Option<Dense<'_>> {
+        Some(self.dense())
+    }
+}
+
+impl<T: Scalar> Layer<T> for Linear {
+    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        self.blocks.init(rng, gain, params);
+    }
+
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        self.blocks.fill_bias(params, y);
+        for b in Irrep::ALL {
+            self.blocks.forward(b, params, self.channels(b, x), y);
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let BackwardPass {
+            params,
+            x,
+            dy,
+            dparams,
+            ..
+        } = pass;
+        self.blocks.add_bias_gradient(dy, dparams);
+        for b in Irrep::ALL {
+            let x = self.channels(b, x);
+            self.blocks.add_weight_gradient(b, x, dy, dparams);
+        }
+        let Some(dx) = pass.dx else { return };
+        for b in Irrep::ALL {
+            let start = self.in_type.range(b).start;
+            let channels = ColumnsMut {
+                data: dx.get_mut(start..).unwrap_or_default(),
+                stride: self.in_type.dim(),
+            };
+            self.blocks.input_gradient(b, params, dy, channels);
+        }
+    }
+}
+
+impl fmt::Display for Linear {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to, parameters) = (self.in_type, self.out_type, self.blocks.num_params());
+        write!(f, "Linear({from} -> {to} | {parameters} parameters)")
+    }
+}

@@ -1,0 +1,194 @@
+//! Spatial max-pooling.
+
+use std::fmt;
+
+use crate::error::LayerError;
+use crate::layers::accepted::permuted_fields;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::real::exceeds;
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::steerable::hadamard::transform_pixels;
+use crate::steerable::window::Kernel;
+use crate::steerable::windows::Windows;
+
+/// The maximum over a window, for every channel in the regular basis.
+///
+/// The group permutes pixels and the channels of the regular basis, so the map is exactly
+/// equivariant wherever the windows sit symmetrically. Padding never wins. On ties the gradient
+/// goes to the first pixel, row-major. Trivial channels are pooled as they are.
+#[derive(Clone, Copy, Debug)]
+pub struct MaxPool {
+    shape: Shape,
+    order: usize,
+    fields: usize,
+    windows: Windows,
+}
+
+impl MaxPool {
+    /// The pooling of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty, its type is neither regular fields only nor trivial channels only,
+    /// the windows do not sit symmetrically (see [`Kernel`]), none fits, or the padding exceeds
+    /// half a window.
+    pub fn new(shape: Shape, kernel: Kernel) -> Result<MaxPool, LayerError> {
+        let (order, fields) = permuted_fields("MaxPool", shape)?;
+        Ok(MaxPool {
+            shape,
+            order,
+            fields,
+            windows: Windows::of_pooling("MaxPool", shape, kernel)?,
+        })
+    }
+
+    fn transform<T: Scalar>(&self, values: &mut [T]) {
+        transform_pixels(self.order, self.fields, values);
+    }
+
+    /// Writes the maxima of window `index` into `y` `[dim]`.
+    fn maximum<T: Scalar>(&self, regular: &[T], index: usize, y: &mut [T]) {
+        let dim = y.len();
+        let mut pixels = self.windows.pixels(index);
+        if let Some(first) = pixels.next() {
+            y.copy_from_slice(&regular[first * dim..][..dim]);
+        }
+        for pixel in pixels {
+            for (y, &x) in y.iter_mut().zip(&regular[pixel * dim..]) {
+                *y = if exceeds(x, *y) { x } else { *y };
+            }
+        }
+    }
+
+    /// Adds the gradient of window `index` to the first pixel that holds the maximum; uses `dy` up.
+    fn route<T: Scalar>(&self, regular: &[T], index: usize, y: &[T], dy: &mut [T], dx: &mut [T]) {
+        let dim = y.len();
+        for pixel in self.windows.pixels(index) {
+            let (x, dx) = (
+                &regular[pixel * dim..][..dim],
+                &mut dx[pixel * dim..][..dim],
+            );
+            for c in 0..dim {
+                let hit = x[c] == y[c];
+                dx[c] += if hit { dy[c] } else { T::ZERO };
+                dy[c] = if hit { T::ZERO } else { dy[c] };
+            }
+        }
+    }
+}
+
+impl Signature for MaxPool {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.windows.out_shape(self.shape.fields)
+    }
+
+    /// One image in the regular basis, then two of its pixels.
+    fn scratch_len(&self, _samples: usize) -> usize {
+        self.shape.len() + 2 * self.shape.fields.dim()
+    }
+}
+
+impl<T: Scalar> Layer<T> for MaxPool {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let regular = &mut scratch[..self.shape.len()];
+        for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
+            regular.copy_from_slice(x);
+            self.transform(regular);
+            let pixels = y.chunks_exact_mut(self.shape.fields.dim());
+            for (i, y) in pixels.enumerate() {
+                self.maximum(regular, i, y);
+            }
+            self.transform(y);
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let Some(dx) = pass.dx else { return };
+        let dim = self.shape.fields.dim();
+        let (regular, pixel) = pass.scratch.split_at_mut(self.shape.len());
+        let (y, gradient) = pixel.split_at_mut(dim);
+        let inputs = self.shape.each(pass.x).zip(self.out_shape().each(pass.dy));
+        for ((x, dy), dx) in inputs.zip(self.shape.each_mut(dx)) {
+            regular.copy_from_slice(x);
+            self.transform(regular);
+            dx.fill(T::ZERO);
+            for (i, dy) in dy.chunks_exact(dim).enumerate() {
+                self.maximum(regular, i, y);
+                gradient.copy_from_slice(dy);
+                self.transform(gradient);
+                self.route(regular, i, y, gradient, dx);
+            }
+            self.transform(dx);
+        }
+    }
+}
+
+impl fmt::Display for MaxPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to, window) = (self.shape, self.out_shape(), self.windows.kernel);
+        write!(f, "MaxPool({from} -> {to}, {window})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scratch::Scratch;
+    use symmetry::Group;
+
+    fn halving(size: usize, fields: symmetry::FieldType) -> MaxPool {
+        let kernel = Kernel {
+            size: 2,
+            stride: 2,
+            padding: 0,
+        };
+        MaxPool::new(Shape::image(size, size, fields), kernel).unwrap()
+    }
+
+    #[test]
+    fn the_largest_pixel_of_each_channel_comes_out_and_takes_the_gradient() {
+        let pool = halving(2, Group::C1.trivial(2));
+        let x = [1.0, 8.0, 4.0, 5.0, 3.0, 6.0, 4.0, 7.0];
+        let (mut y, mut dx) = ([0.0; 2], [f64::NAN; 8]);
+        let mut scratch = Scratch::filled(12, f64::NAN);
+        pool.forward(&[], &x, &mut y, &mut scratch);
+        assert_eq!(y, [4.0, 8.0]);
+        let dy = [10.0, 20.0];
+        pool.backward(&[], &x, &y, &dy, Some(&mut dx), &mut [], &mut scratch);
+        assert_eq!(dx, [0.0, 20.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn padding_never_wins_and_not_a_number_always_does() {
+        let kernel = Kernel {
+            size: 3,
+            stride: 1,
+            padding: 1,
+        };
+        let pool = MaxPool::new(Shape::image(1, 3, Group::D2.trivial(1)), kernel).unwrap();
+        let (mut y, mut scratch) = ([0.0f64; 3], pool.scratch(1));
+        pool.forward(&[], &[-3.0, -2.0, -5.0], &mut y, &mut scratch);
+        assert_eq!(y, [-2.0, -2.0, -2.0]);
+        pool.forward(&[], &[f64::NAN, -2.0, -5.0], &mut y, &mut scratch);
+        assert!(y[0].is_nan() && y[1].is_nan() && y[2] == -2.0);
+    }
+
+    #[test]
+    fn odd_irreps_alone_are_refused() {
+        let shape = Shape::image(2, 2, "1 x".parse().unwrap());
+        let kernel = Kernel {
+            size: 2,
+            stride: 2,
+            padding: 0,
+        };
+        let message = MaxPool::new(shape, kernel).unwrap_err().to_string();
+        assert!(
+            message.starts_with("MaxPool: got the type `1 x`"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,177 @@
+//! ReLU on regular or trivial fields.
+
+use std::array::from_fn;
+use std::fmt;
+
+use crate::conv::chain::Fusible;
+use crate::error::LayerError;
+use crate::layers::accepted::permuted_fields;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::steerable::hadamard::{parts, parts_mut, transform};
+
+/// The pointwise max(0, .) in the regular basis.
+///
+/// The group permutes the regular basis, so a pointwise map there is equivariant: Hadamard
+/// transform, ReLU, transform back, all orthonormal. On trivial channels it is the plain ReLU.
+#[derive(Clone, Copy, Debug)]
+pub struct Relu {
+    shape: Shape,
+    order: usize,
+    fields: usize,
+}
+
+impl Relu {
+    /// The ReLU of maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty or its type is neither regular fields only nor trivial channels only.
+    pub fn new(shape: Shape) -> Result<Relu, LayerError> {
+        let (order, fields) = permuted_fields("Relu", shape)?;
+        Ok(Relu {
+            shape,
+            order,
+            fields,
+        })
+    }
+}
+
+impl Signature for Relu {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        Some(Fusible::Relu)
+    }
+}
+
+impl<T: Scalar> Layer<T> for Relu {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        match self.order {
+            1 => forward_fields::<T, 1>(self.fields, x, y),
+            2 => forward_fields::<T, 2>(self.fields, x, y),
+            _ => forward_fields::<T, 4>(self.fields, x, y),
+        }
+    }
+
+    fn run_backward(&self, BackwardPass { x, dy, dx, .. }: BackwardPass<T>) {
+        let Some(dx) = dx else { return };
+        match self.order {
+            1 => backward_fields::<T, 1>(self.fields, x, dy, dx),
+            2 => backward_fields::<T, 2>(self.fields, x, dy, dx),
+            _ => backward_fields::<T, 4>(self.fields, x, dy, dx),
+        }
+    }
+}
+
+/// Zero where `gate` is at most zero, else `value`: not a number stays visible.
+#[inline(always)]
+fn pass<T: Scalar>(gate: T, value: T) -> T {
+    if gate <= T::ZERO { T::ZERO } else { value }
+}
+
+fn forward_fields<T: Scalar, const G: usize>(fields: usize, x: &[T], y: &mut [T]) {
+    match fields {
+        // constant widths let the compiler vectorise the common cases
+        4 => forward_pixels::<T, G>(4, x, y),
+        8 => forward_pixels::<T, G>(8, x, y),
+        16 => forward_pixels::<T, G>(16, x, y),
+        n => forward_pixels::<T, G>(n, x, y),
+    }
+}
+
+fn backward_fields<T: Scalar, const G: usize>(fields: usize, x: &[T], dy: &[T], dx: &mut [T]) {
+    match fields {
+        4 => backward_pixels::<T, G>(4, x, dy, dx),
+        8 => backward_pixels::<T, G>(8, x, dy, dx),
+        16 => backward_pixels::<T, G>(16, x, dy, dx),
+        n => backward_pixels::<T, G>(n, x, dy, dx),
+    }
+}
+
+#[inline(always)]
+fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
+    let width = G * n;
+    for (x, y) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
+        let x = parts::<T, G>(x, n);
+        let y = parts_mut::<T, G>(y, n);
+        for f in 0..n {
+            let values = transform::<T, G>(from_fn(|a| x[a][f])).map(|v| pass(v, v));
+            let values = transform(values);
+            for a in 0..G {
+                y[a][f] = values[a];
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
+    let width = G * n;
+    let inputs = x.chunks_exact(width).zip(dy.chunks_exact(width));
+    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(width)) {
+        let (x, dy) = (parts::<T, G>(x, n), parts::<T, G>(dy, n));
+        let dx = parts_mut::<T, G>(dx, n);
+        for f in 0..n {
+            let gates = transform::<T, G>(from_fn(|a| x[a][f]));
+            let values = transform::<T, G>(from_fn(|a| dy[a][f]));
+            let values = transform::<T, G>(from_fn(|g| pass(gates[g], values[g])));
+            for a in 0..G {
+                dx[a][f] = values[a];
+            }
+        }
+    }
+}
+
+impl fmt::Display for Relu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Relu({})", self.shape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use symmetry::{FieldType, Group};
+
+    #[test]
+    fn one_field_is_rectified_in_the_regular_basis() {
+        let relu = Relu::new(Shape::vector(Group::D2.regular(1))).unwrap();
+        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
+        let mut y = [0.0; 4];
+        relu.forward(&[], &x, &mut y, &mut relu.scratch(1));
+        assert_eq!(transform(y), [1.0, 0.0, 3.0, 0.0]);
+    }
+
+    #[test]
+    fn trivial_channels_are_rectified_as_they_are() {
+        let relu = Relu::new(Shape::vector(Group::D2.trivial(3))).unwrap();
+        let mut y = [0.0; 3];
+        relu.forward(&[], &[-1.0, 0.0, 2.0], &mut y, &mut relu.scratch(1));
+        assert_eq!(y, [0.0, 0.0, 2.0]);
+    }
+
+    #[test]
+    fn not_a_number_stays_visible() {
+        let relu = Relu::new(Shape::vector(Group::D2.trivial(2))).unwrap();
+        let mut y = [0.0f64; 2];
+        relu.forward(&[], &[f64::NAN, -1.0], &mut y, &mut relu.scratch(1));
+        assert!(y[0].is_nan() && y[1] == 0.0);
+    }
+
+    #[test]
+    fn odd_irreps_alone_are_refused() {
+        let shape = Shape::vector(FieldType::new(Group::D2, [2, 1, 1, 0]));
+        let message = Relu::new(shape).unwrap_err().to_string();
+        assert!(
+            message.contains("got the type `2 1 + 1 x + 1 y`"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,285 @@
+//! Layers one after the other.
+
+use std::fmt;
+use std::ops::Range;
+
+use rand::Rng;
+
+use crate::conv::chain::Chain;
+use crate::error::LayerError;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::simd::lanes::LANES;
+
+/// A chain of layers, itself a layer.
+///
+/// Convolutions and ReLUs that follow one another run fused, which changes no value but by
+/// rounding. Its parameters are those of its layers in order. `forward` leaves every activation in
+/// `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same
+/// samples filled.
+pub struct Sequential<T> {
+    layers: Vec<Box<dyn Layer<T>>>,
+    params: Vec<Range<usize>>,
+    stages: Vec<Stage>,
+}
+
+/// Layers that run as one.
+struct Stage {
+    layers: Range<usize>,
+    fused: Option<Chain>,
+}
+
+/// Fuses what can be fused.
+fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
+    let mut stages = Vec::new();
+    let mut start = 0;
+    while start < layers.len() {
+        let rest = layers[start..].iter().map(|layer| layer.fusible());
+        let (fused, len) = Chain::take(rest).unzip();
+        let end = start + len.unwrap_or(1);
+        let layers = start..end;
+        stages.push(Stage { layers, fused });
+        start = end;
+    }
+    stages
+}
+
+impl<T: Scalar> Sequential<T> {
+    /// Chains the layers.
+    ///
+    /// # Errors
+    /// When there are none, or neighbours disagree about the shape between them.
+    pub fn new(layers: Vec<Box<dyn Layer<T>>>) -> Result<Sequential<T>, LayerError> {
+        if layers.is_empty() {
+            return Err(LayerError::Empty);
+        }
+        for (previous, pair) in layers.windows(2).enumerate() {
+            let (gives, takes) = (pair[0].out_shape(), pair[1].in_shape());
+            if gives != takes {
+                return Err(LayerError::Mismatch {
+                    index: previous + 1,
+                    takes,
+                    gives,
+                });
+            }
+        }
+        let mut end = 0;
+        let params = layers.iter().map(|layer| {
+            let start = end;
+            end += layer.num_params();
+            start..end
+        });
+        Ok(Sequential {
+            params: params.collect(),
+            stages: stages(&layers),
+            layers,
+        })
+    }
+
+    /// Where the parameters of layer `index` lie among those of the chain.
+    pub fn params_of(&self, index: usize) -> Range<usize> {
+        self.params[index].clone()
+    }
+
+    /// The stages with their parameters.
+    fn stages(&self) -> impl DoubleEndedIterator<Item = (&dyn Layer<T>, Range<usize>)> + Clone {
+        self.stages.iter().map(|stage| {
+            let Range { start, end } = stage.layers;
+            let layer = match &stage.fused {
+                Some(chain) => chain,
+                None => self.layers[start].as_ref(),
+            };
+            (layer, self.params[start].start..self.params[end - 1].end)
+        })
+    }
+
+    /// The parts of the scratch of this many samples.
+    fn parts<'a>(&self, samples: usize, scratch: &'a mut [T]) -> Parts<'a, T> {
+        let sizes = self.sizes(samples);
+        let mut rest = scratch;
+        Parts {
+            activations: take_front(&mut rest, sizes.activations),
+            kept: take_front(&mut rest, sizes.kept),
+            gradients: [(); 2].map(|()| take_front(&mut rest, sizes.gradient)),
+            shared: rest,
+        }
+    }
+
+    fn sizes(&self, samples: usize) -> Sizes {
+        let inner = self.stages().take(self.stages.len() - 1);
+        let activations = inner.map(|(layer, _)| whole(samples * layer.out_shape().len()));
+        let scratch = |kept| {
+            let stages = self.stages().map(|(layer, _)| layer);
+            let stages = stages.filter(move |layer| layer.keeps_scratch() == kept);
+            stages.map(move |layer| whole(layer.scratch_len(samples)))
+        };
+        Sizes {
+            activations: activations.clone().sum(),
+            kept: scratch(true).sum(),
+            gradient: activations.max().unwrap_or(0),
+            shared: scratch(false).max().unwrap_or(0),
+        }
+    }
+}
+
+/// The length rounded up to cache lines, so that what follows starts on one.
+fn whole(len: usize) -> usize {
+    len.next_multiple_of(LANES)
+}
+
+/// Lengths of the parts of a chain's scratch.
+struct Sizes {
+    /// What stages hand on.
+    activations: usize,
+    /// The scratches of those stages that keep theirs.
+    kept: usize,
+    /// Each of two gradients of activations.
+    gradient: usize,
+    /// The scratch of the stages that do not keep theirs.
+    shared: usize,
+}
+
+/// The parts of a chain's scratch.
+struct Parts<'a, T> {
+    activations: &'a mut [T],
+    kept: &'a mut [T],
+    gradients: [&'a mut [T]; 2],
+    shared: &'a mut [T],
+}
+
+impl<T: Scalar> Signature for Sequential<T> {
+    fn in_shape(&self) -> Shape {
+        self.layers[0].in_shape()
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.layers[self.layers.len() - 1].out_shape()
+    }
+
+    fn num_params(&self) -> usize {
+        self.params[self.params.len() - 1].end
+    }
+
+    fn scratch_len(&self, samples: usize) -> usize {
+        let sizes = self.sizes(samples);
+        sizes.activations + sizes.kept + 2 * sizes.gradient + sizes.shared
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        true
+    }
+}
+
+impl<T: Scalar> Layer<T> for Sequential<T> {
+    fn layers(&self) -> &[Box<dyn Layer<T>>] {
+        &self.layers
+    }
+
+    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        let scaled = self.layers.iter().rposition(|layer| layer.num_params() > 0);
+        for (i, (layer, range)) in self.layers.iter().zip(&self.params).enumerate() {
+            let params = &mut params[range.clone()];
+            match scaled {
+                Some(last) if last == i => layer.init_scaled(rng, gain, params),
+                _ => layer.init(rng, params),
+            }
+        }
+    }
+
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let samples = x.len() / self.in_shape().len();
+        let mut parts = self.parts(samples, scratch);
+        let mut y = Some(y);
+        let mut input = x;
+        for (i, (layer, range)) in self.stages().enumerate() {
+            let scratch = match layer.keeps_scratch() {
+                true => take_whole(&mut parts.kept, layer.scratch_len(samples)),
+                false => &mut parts.shared[..layer.scratch_len(samples)],
+            };
+            let output = match y.take_if(|_| i + 1 == self.stages.len()) {
+                Some(y) => y,
+                None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
+            };
+            layer.run_forward(&params[range], input, output, scratch);
+            input = output;
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let samples = pass.x.len() / self.in_shape().len();
+        let mut parts = self.parts(samples, pass.scratch);
+        let [mut output_gradient, mut input_gradient] = parts.gradients;
+        let mut activations = &*parts.activations;
+        let (mut dx, mut y) = (pass.dx, pass.y);
+        for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
+            let (in_len, out_len) = (samples * layer.in_shape().len(), y.len());
+            let (x, dx) = match i {
+                0 => (pass.x, dx.take()),
+                _ => {
+                    let x = take_back(&mut activations, in_len);
+                    (x, Some(&mut input_gradient[..in_len]))
+                }
+            };
+            let scratch = match layer.keeps_scratch() {
+                true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
+                false => &mut parts.shared[..layer.scratch_len(samples)],
+            };
+            layer.run_backward(BackwardPass {
+                params: &pass.params[range.clone()],
+                x,
+                y,
+                dy: match i + 1 == self.stages.len() {
+                    true => pass.dy,
+                    false => &output_gradient[..out_len],
+                },
+                dx,
+                dparams: &mut pass.dparams[range],
+                scratch,
+            });
+            std::mem::swap(&mut output_gradient, &mut input_gradient);
+            y = x;
+        }
+    }
+}
+
+fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    let (front, back) = std::mem::take(rest).split_at_mut(len);
+    *rest = back;
+    front
+}
+
+/// Takes values off the front, and what [`whole`] adds.
+fn take_whole<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    &mut take_front(rest, whole(len))[..len]
+}
+
+/// The same from the back.
+fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
+    let (front, back) = rest.split_at(rest.len() - whole(len));
+    *rest = front;
+    &back[..len]
+}
+
+fn take_back_mut<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    let at = rest.len() - whole(len);
+    let (front, back) = std::mem::take(rest).split_at_mut(at);
+    *rest = front;
+    &mut back[..len]
+}
+
+impl<T: Scalar> fmt::Display for Sequential<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let layers: Vec<String> = self.layers.iter().map(|layer| layer.to_string()).collect();
+        write!(f, "Sequential({})", layers.join(", "))
+    }
+}
+
+impl<T: Scalar> fmt::Debug for Sequential<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Sequential")
+            .field("layers", &self.layers.len())
+            .field("num_params", &self.num_params())
+            .finish()
+    }
+}

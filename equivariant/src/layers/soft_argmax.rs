@@ -1,0 +1,333 @@
+//! Spatial soft-argmax: maps to keypoints.
+
+use std::fmt;
+
+use symmetry::Irrep;
+
+use crate::error::LayerError;
+use crate::layers::accepted::permuted_fields;
+use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::real::exceeds;
+use crate::scalar::Scalar;
+use crate::shape::Shape;
+use crate::steerable::hadamard::transform_pixels;
+use symmetry::FieldType;
+
+/// The expected position of every map under the softmax over its pixels.
+///
+/// Each channel in the regular basis is divided by the temperature and turned into a distribution
+/// over the pixels; its mean (x, y) is a keypoint (Levine et al., "End-to-end training of deep
+/// visuomotor policies", JMLR 2016, section 5.1). x grows to the right and y upwards; the image's
+/// edges lie at -1 and 1.
+///
+/// An element g permutes the channels of a regular field and negates the coordinates that it flips:
+/// keypoints transform as regular x (x + y). Multiplying the value at element h by the sign x(h),
+/// or y(h), makes that a regular field again, so n regular fields become 2 n, those of x before
+/// those of y. n trivial channels become n channels of irrep x and n of irrep y.
+#[derive(Clone, Copy, Debug)]
+pub struct SpatialSoftArgmax {
+    shape: Shape,
+    order: usize,
+    fields: usize,
+    temperature: f64,
+}
+
+impl SpatialSoftArgmax {
+    /// The keypoints of maps of this shape; 1 is the usual temperature, and a lower one is closer
+    /// to the maximum.
+    ///
+    /// # Errors
+    /// When the map is empty, its type is neither regular fields only nor trivial channels only, or
+    /// the temperature or its reciprocal is not a positive, finite and normal number in single
+    /// precision.
+    pub fn new(shape: Shape, temperature: f64) -> Result<SpatialSoftArgmax, LayerError> {
+        let (order, fields) = permuted_fields("SpatialSoftArgmax", shape)?;
+        // both are used, the second in either precision
+        let usable = [temperature as f32, temperature.recip() as f32];
+        if !usable.iter().all(|t| t.is_normal() && *t > 0.0) {
+            return Err(LayerError::Setting {
+                layer: "SpatialSoftArgmax",
+                setting: "temperature",
+                got: temperature.to_string(),
+                expected: "a number above 0 that is finite in single precision, as is its reciprocal",
+            });
+        }
+        Ok(SpatialSoftArgmax {
+            shape,
+            order,
+            fields,
+            temperature,
+        })
+    }
+
+    fn out_type(&self) -> FieldType {
+        let (group, n) = (self.shape.fields.group(), self.fields);
+        match self.order {
+            1 => FieldType::new(group, [0, n, n, 0]),
+            _ => group.regular(2 * n),
+        }
+    }
+
+    /// The position of a pixel.
+    fn position<T: Scalar>(&self, pixel: usize) -> [T; 2] {
+        let Shape { height, width, .. } = self.shape;
+        let centred = |at: usize, size: usize| (2.0 * at as f64 + 1.0 - size as f64) / size as f64;
+        [
+            T::from_f64(centred(pixel % width, width)),
+            T::from_f64(-centred(pixel / width, height)),
+        ]
+    }
+
+    /// Where the coordinate of a channel of the regular basis lies in the output, and its sign
+    /// there.
+    fn target(&self, channel: usize, coordinate: usize) -> (usize, i8) {
+        let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
+        let group = self.shape.fields.group();
+        if self.order == 1 {
+            let range = self.out_type().range(group.restrict(irrep));
+            // x and y are one irrep to C1 and C2, and x comes first there
+            let place = if coordinate == 0 {
+                range.start
+            } else {
+                range.end - n
+            };
+            return (place + channel, 1);
+        }
+        let (element, field) = (channel / n, channel % n);
+        let place = element * 2 * n + coordinate * n + field;
+        (place, irrep.sign(group.elements()[element]))
+    }
+
+    fn transform_input<T: Scalar>(&self, values: &mut [T]) {
+        transform_pixels(self.order, self.fields, values);
+    }
+
+    fn transform_output<T: Scalar>(&self, values: &mut [T]) {
+        transform_pixels(self.order, 2 * self.fields, values);
+    }
+
+    /// Writes output fields `y` `[2 dim]` as x of every channel in the regular basis, then y;
+    /// `spare` is as long.
+    fn keypoints<T: Scalar>(&self, y: &[T], spare: &mut [T], keypoints: &mut [T]) {
+        spare.copy_from_slice(y);
+        self.transform_output(spare);
+        let dim = self.shape.fields.dim();
+        for (i, keypoint) in keypoints[..2 * dim].iter_mut().enumerate() {
+            let (place, sign) = self.target(i % dim, i / dim);
+            *keypoint = if sign < 0 {
+                -spare[place]
+            } else {
+                spare[place]
+            };
+        }
+    }
+
+    /// Turns the channels `[H, W, dim]` of one sample into distributions over the pixels.
+    fn softmax<T: Scalar>(&self, map: &mut [T], row: &mut [T]) {
+        let dim = row.len();
+        largest(map, row);
+        let inverse = T::from_f64(self.temperature.recip());
+        for pixel in map.chunks_exact_mut(dim) {
+            for (v, &best) in pixel.iter_mut().zip(&*row) {
+                *v = ((*v - best) * inverse).exp();
+            }
+        }
+        row.fill(T::ZERO);
+        for pixel in map.chunks_exact(dim) {
+            for (sum, &v) in row.iter_mut().zip(pixel) {
+                *sum += v;
+            }
+        }
+        for pixel in map.chunks_exact_mut(dim) {
+            for (v, &sum) in pixel.iter_mut().zip(&*row) {
+                *v /= sum;
+            }
+        }
+    }
+
+    /// Writes the expected x of every channel `[dim]`, then the expected y.
+    fn means<T: Scalar>(&self, map: &[T], means: &mut [T]) {
+        means.fill(T::ZERO);
+        let (x_means, y_means) = means.split_at_mut(means.len() / 2);
+        for (i, pixel) in map.chunks_exact(x_means.len()).enumerate() {
+            let [x, y] = self.position::<T>(i);
+            for ((x_mean, y_mean), &p) in x_means.iter_mut().zip(&mut *y_means).zip(pixel) {
+                *x_mean += p * x;
+                *y_mean += p * y;
+            }
+        }
+    }
+
+    /// Writes the gradient in the channels of the regular basis, given the distributions, and the
+    /// keypoints and their gradient as [`keypoints`](SpatialSoftArgmax::keypoints) writes them.
+    fn gradient<T: Scalar>(&self, map: &[T], (means, gradients): (&[T], &[T]), dx: &mut [T]) {
+        let dim = self.shape.fields.dim();
+        let inverse = T::from_f64(self.temperature.recip());
+        let pixels = map.chunks_exact(dim).zip(dx.chunks_exact_mut(dim));
+        for (i, (p, dx)) in pixels.enumerate() {
+            let [x, y] = self.position::<T>(i);
+            for c in 0..dim {
+                let along_x = (x - means[c]) * gradients[c];
+                let along_y = (y - means[dim + c]) * gradients[dim + c];
+                dx[c] = p[c] * inverse * (along_x + along_y);
+            }
+        }
+    }
+}
+
+/// Writes the largest value of every channel.
+fn largest<T: Scalar>(map: &[T], row: &mut [T]) {
+    row.copy_from_slice(&map[..row.len()]);
+    for pixel in map.chunks_exact(row.len()) {
+        for (best, &v) in row.iter_mut().zip(pixel) {
+            *best = if exceeds(v, *best) { v } else { *best };
+        }
+    }
+}
+
+impl Signature for SpatialSoftArgmax {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        Shape::vector(self.out_type())
+    }
+
+    /// The distributions of all samples, then three rows of keypoints.
+    fn scratch_len(&self, samples: usize) -> usize {
+        samples * self.shape.len() + 6 * self.shape.fields.dim()
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        true
+    }
+}
+
+impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let dim = self.shape.fields.dim();
+        let (distributions, rows) = scratch.split_at_mut(x.len());
+        distributions.copy_from_slice(x);
+        let maps = self.shape.each_mut(distributions);
+        for (map, y) in maps.zip(y.chunks_exact_mut(2 * dim)) {
+            self.transform_input(map);
+            self.softmax(map, &mut rows[..dim]);
+            let means = &mut rows[..2 * dim];
+            self.means(map, means);
+            for (i, &mean) in means.iter().enumerate() {
+                let (place, sign) = self.target(i % dim, i / dim);
+                y[place] = if sign < 0 { -mean } else { mean };
+            }
+            self.transform_output(y);
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let Some(dx) = pass.dx else { return };
+        let dim = self.shape.fields.dim();
+        let (distributions, rows) = pass.scratch.split_at_mut(dx.len());
+        let (spare, rows) = rows.split_at_mut(2 * dim);
+        let (means, gradients) = rows.split_at_mut(2 * dim);
+        let maps = self.shape.each(distributions);
+        let (ys, dys) = (pass.y.chunks_exact(2 * dim), pass.dy.chunks_exact(2 * dim));
+        for ((map, (y, dy)), dx) in maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx)) {
+            self.keypoints(y, spare, means);
+            self.keypoints(dy, spare, gradients);
+            self.gradient(map, (means, gradients), dx);
+            self.transform_input(dx);
+        }
+    }
+}
+
+impl fmt::Display for SpatialSoftArgmax {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to, temperature) = (self.shape, self.out_type(), self.temperature);
+        write!(
+            f,
+            "SpatialSoftArgmax({from} -> {to}, temperature {temperature})"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Group;
+
+    use super::*;
+    use crate::scratch::Scratch;
+
+    fn keypoints(group: Group, size: [usize; 2], x: &[f64], temperature: f64) -> Vec<f64> {
+        let channels = x.len() / (size[0] * size[1]);
+        let shape = Shape::image(size[0], size[1], group.trivial(channels));
+        let layer = SpatialSoftArgmax::new(shape, temperature).unwrap();
+        let mut y = vec![f64::NAN; 2 * channels];
+        let mut scratch = Scratch::filled(layer.scratch_len(1), f64::NAN);
+        layer.forward(&[], x, &mut y, &mut scratch);
+        y
+    }
+
+    #[test]
+    fn a_cold_softmax_finds_the_brightest_pixel() {
+        let mut image = [0.0; 12];
+        image[4 + 3] = 1.0;
+        // row 1 of 3 is the middle, column 3 of 4 has its centre at 3/4 of the half width
+        for group in Group::ALL {
+            let mut found = keypoints(group, [3, 4], &image, 1e-3);
+            if group == Group::D1x {
+                // y is invariant there and comes first
+                found.reverse();
+            }
+            assert!((found[0] - 0.75).abs() < 1e-12 && found[1].abs() < 1e-12);
+        }
+        image[0] = 2.0;
+        let found = keypoints(Group::D2, [3, 4], &image, 1e-3);
+        assert!((found[0] + 0.75).abs() < 1e-12 && (found[1] - 2.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_flat_map_has_its_keypoint_at_the_centre() {
+        let found = keypoints(Group::C2, [4, 6], &[7.0; 48], 1.0);
+        assert!(found.iter().all(|v| v.abs() < 1e-15), "{found:?}");
+    }
+
+    #[test]
+    fn regular_fields_give_twice_as_many() {
+        let out = |fields: FieldType| {
+            let layer = SpatialSoftArgmax::new(Shape::image(4, 4, fields), 1.0).unwrap();
+            layer.out_shape().fields
+        };
+        for group in Group::ALL {
+            assert_eq!(out(group.regular(3)), group.regular(6));
+        }
+        assert_eq!(out(Group::D2.trivial(3)).to_string(), "3 x + 3 y");
+        assert_eq!(out(Group::D1y.trivial(3)).to_string(), "D1y: 3 reg");
+        assert_eq!(out(Group::C2.trivial(3)).to_string(), "C2: 6 x");
+    }
+
+    #[test]
+    fn temperatures_that_give_what_is_not_finite_are_refused() {
+        let shape = Shape::image(2, 3, Group::D2.regular(1));
+        for temperature in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-39, 1e39, 1e300] {
+            let error = SpatialSoftArgmax::new(shape, temperature).unwrap_err();
+            let message = error.to_string();
+            let expected = format!("got the temperature {temperature}, expected a number above 0");
+            assert!(message.contains(&expected), "{message}");
+        }
+    }
+
+    #[test]
+    fn extreme_temperatures_give_finite_keypoints_and_gradients() {
+        let shape = Shape::image(2, 3, Group::D2.trivial(1));
+        for temperature in [1e-37, 1e37] {
+            let layer = SpatialSoftArgmax::new(shape, temperature).unwrap();
+            let (mut y, mut dx) = ([0.0f32; 2], [0.0f32; 6]);
+            let mut scratch = layer.scratch(1);
+            let x = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+            layer.forward(&[], &x, &mut y, &mut scratch);
+            let dy = [1.0, 1.0];
+            layer.backward(&[], &x, &y, &dy, Some(&mut dx), &mut [], &mut scratch);
+            assert!(y.iter().chain(&dx).all(|v| v.is_finite()), "{y:?} {dx:?}");
+        }
+    }
+}

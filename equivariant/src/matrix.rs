@@ -1,0 +1,93 @@
+//! Matrix products in some columns of wider matrices, through faer.
+
+use faer::linalg::matmul::matmul;
+use faer::traits::RealField;
+use faer::{Accum, MatMut, MatRef, Par};
+
+/// A row-major matrix of `rows` x `cols` numbers: row `r` starts at `r * stride`.
+#[derive(Clone, Copy, Debug)]
+pub struct Strided<'a, T> {
+    pub(crate) data: &'a [T],
+    pub(crate) rows: usize,
+    pub(crate) cols: usize,
+    pub(crate) stride: usize,
+    /// Whether its transpose is meant.
+    pub(crate) transposed: bool,
+}
+
+/// The same, to be written.
+#[derive(Debug)]
+pub struct StridedMut<'a, T> {
+    pub(crate) data: &'a mut [T],
+    pub(crate) rows: usize,
+    pub(crate) cols: usize,
+    pub(crate) stride: usize,
+}
+
+impl<'a, T> Strided<'a, T> {
+    pub(crate) fn new(data: &'a [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
+        Strided {
+            data,
+            rows,
+            cols,
+            stride,
+            transposed: false,
+        }
+    }
+
+    pub(crate) fn transpose(self) -> Self {
+        Strided {
+            transposed: !self.transposed,
+            ..self
+        }
+    }
+
+    fn view(self) -> MatRef<'a, T> {
+        let Strided {
+            data,
+            rows,
+            cols,
+            stride,
+            transposed,
+        } = self;
+        let view = MatRef::from_row_major_slice_with_stride(data, rows, cols, stride);
+        if transposed { view.transpose() } else { view }
+    }
+}
+
+impl<'a, T> StridedMut<'a, T> {
+    pub(crate) fn new(data: &'a mut [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
+        StridedMut {
+            data,
+            rows,
+            cols,
+            stride,
+        }
+    }
+
+    fn view(self) -> MatMut<'a, T> {
+        // the transpose of a column-major view, because faer 0.24.4 confuses the strides in
+        // `from_row_major_slice_with_stride_mut` and then writes outside the slice
+        let (data, stride) = (self.data, self.stride);
+        MatMut::from_column_major_slice_with_stride_mut(data, self.cols, self.rows, stride)
+            .transpose_mut()
+    }
+}
+
+/// Writes a b into `to`, or adds it to what is there.
+pub(crate) fn product<T: RealField + Copy>(
+    to: StridedMut<T>,
+    add: bool,
+    a: Strided<T>,
+    b: Strided<T>,
+) {
+    let accumulate = if add { Accum::Add } else { Accum::Replace };
+    matmul(
+        to.view(),
+        accumulate,
+        a.view(),
+        b.view(),
+        T::one_impl(),
+        Par::Seq,
+    );
+}

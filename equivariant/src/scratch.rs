@@ -1,0 +1,111 @@
+//! The memory that a layer's passes work in.
+
+use std::fmt;
+
+use crate::real::Real;
+
+/// Bytes of a cache line, on which scratches start.
+const LINE: usize = 64;
+/// Numbers that are skipped at most to get to one, of the narrowest type.
+const SLACK: usize = LINE / size_of::<f32>();
+
+/// Memory for the passes of a layer: what `forward` leaves for `backward`, and room for sums.
+///
+/// [`Layer::scratch`](crate::Layer::scratch) makes one. It starts on a cache line, because a load
+/// that straddles two of them takes twice the time, and what lies in it does not depend on its
+/// address: a clone made between `forward` and `backward` gives the same gradients.
+pub struct Scratch<T> {
+    values: Vec<T>,
+    /// The first value on a cache line.
+    start: usize,
+    len: usize,
+    /// The number of samples that the last `forward` had.
+    filled: usize,
+}
+
+impl<T: Real> Scratch<T> {
+    /// Room for `len` values, all of them `value`: layers must not read what they did not write, and
+    /// a test of that fills it with NaN.
+    pub fn filled(len: usize, value: T) -> Scratch<T> {
+        Scratch::aligned(len, value)
+    }
+}
+
+impl<T> Scratch<T> {
+    /// The number of values.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether it has no room, as for layers that need none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// The first values.
+    pub(crate) fn front(&mut self, len: usize) -> &mut [T] {
+        &mut self.values[self.start..][..len]
+    }
+
+    /// The number of samples that the last `forward` had.
+    pub(crate) fn samples(&self) -> usize {
+        self.filled
+    }
+
+    pub(crate) fn set_samples(&mut self, samples: usize) {
+        self.filled = samples;
+    }
+}
+
+impl<T: Clone> Scratch<T> {
+    fn aligned(len: usize, value: T) -> Scratch<T> {
+        let values = vec![value; len + SLACK];
+        Scratch {
+            start: values.as_ptr().align_offset(LINE).min(SLACK),
+            values,
+            len,
+            filled: 0,
+        }
+    }
+}
+
+impl<T: Clone> Clone for Scratch<T> {
+    fn clone(&self) -> Scratch<T> {
+        let own = &self.values[self.start..][..self.len];
+        let mut clone = Scratch::aligned(self.len, self.values[0].clone());
+        clone.front(self.len).clone_from_slice(own);
+        clone.filled = self.filled;
+        clone
+    }
+}
+
+impl<T> fmt::Debug for Scratch<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Scratch({} values)", self.len)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scratch_starts_on_a_cache_line_and_clones_hold_the_same() {
+        for len in 0..100 {
+            let mut scratch = Scratch::filled(len, 1.0f32);
+            for (i, value) in scratch.front(len).iter_mut().enumerate() {
+                *value = i as f32;
+            }
+            // what lies between them moves the clone to another offset
+            let _between = vec![0u8; 8 * len + 8];
+            let mut clone = scratch.clone();
+            assert_eq!(clone.front(len), scratch.front(len));
+            assert_eq!(clone.front(len).as_ptr() as usize % LINE, 0);
+            assert_eq!(clone.len(), len);
+        }
+        assert_eq!(
+            Scratch::filled(9, 0.0f64).front(9).as_ptr() as usize % LINE,
+            0
+        );
+    }
+}

@@ -1,0 +1,183 @@
+//! Sixteen numbers at a time, on the instruction set that the processor has.
+
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use crate::real::Real;
+
+/// How many numbers a kernel handles at once.
+pub(crate) const LANES: usize = 16;
+
+/// The unit of memory of the kernels.
+pub(crate) type Block<T> = [T; LANES];
+
+/// Arithmetic on sixteen lanes of one instruction set.
+///
+/// Lanes come in groups of G = 1, 2 or 4 neighbours, one lane for each irrep.
+pub(crate) trait Lanes<T>: Copy {
+    /// Sixteen numbers in registers.
+    type V: Copy;
+    /// How many lots of sixteen lanes the registers hold.
+    const REGISTERS: usize;
+
+    fn load(self, block: &Block<T>) -> Self::V;
+    fn store(self, block: &mut Block<T>, v: Self::V);
+    fn splat(self, value: T) -> Self::V;
+    /// Group `i` of the block, repeated in all groups.
+    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
+    /// A group of four, repeated.
+    fn quad(self, group: &[T; 4]) -> Self::V;
+    fn add(self, a: Self::V, b: Self::V) -> Self::V;
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V;
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V;
+    /// a b + c.
+    fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
+    /// Lane i receives lane i xor `bits`, for `bits` in 0..4.
+    fn swap(self, v: Self::V, bits: usize) -> Self::V;
+    /// The groups `[e, e, o, o]` of lanes 4 i to 4 i + 3 of two registers.
+    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
+    /// Zero where a lane is at most zero, and the bits of the others: not a number stays visible.
+    fn rectify(self, v: Self::V) -> (Self::V, u16);
+    /// Zero where a bit is not set.
+    fn keep(self, v: Self::V, bits: u16) -> Self::V;
+}
+
+/// Work that is written once for all instruction sets.
+pub(crate) trait WithLanes<T> {
+    fn run<L: Lanes<T>>(self, lanes: L);
+}
+
+/// What work can run on, from narrow to wide.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub(crate) enum InstructionSet {
+    Portable,
+    Avx2,
+    Avx512,
+}
+
+/// Runs work in single precision on the widest instruction set that the processor has, up to
+/// `widest`, and says which it was.
+pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) -> InstructionSet {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if widest >= InstructionSet::Avx512
+            && let Some(simd) = pulp::x86::V4::try_new()
+        {
+            simd.vectorize(x86::OnV4 { simd, work });
+            return InstructionSet::Avx512;
+        }
+        if widest >= InstructionSet::Avx2
+            && let Some(simd) = pulp::x86::V3::try_new()
+        {
+            simd.vectorize(x86::OnV3 { simd, work });
+            return InstructionSet::Avx2;
+        }
+    }
+    work.run(Portable);
+    InstructionSet::Portable
+}
+
+/// The Walsh-Hadamard transform within groups of lanes, without its factor 1/sqrt(G).
+#[inline(always)]
+pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
+    lanes: L,
+    mut v: L::V,
+) -> L::V {
+    if G > 1 {
+        v = lanes.mul_add(v, signs(lanes, 1), lanes.swap(v, 1));
+    }
+    if G > 2 {
+        v = lanes.mul_add(v, signs(lanes, 2), lanes.swap(v, 2));
+    }
+    v
+}
+
+#[inline(always)]
+fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
+    let mut signs = [T::from_f64(1.0); LANES];
+    for (lane, sign) in signs.iter_mut().enumerate() {
+        if lane & bit != 0 {
+            *sign = T::from_f64(-1.0);
+        }
+    }
+    lanes.load(&signs)
+}
+
+/// Arrays, for every processor and both precisions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Portable;
+
+impl<T: Real> Lanes<T> for Portable {
+    type V = Block<T>;
+    const REGISTERS: usize = 4;
+
+    #[inline(always)]
+    fn load(self, block: &Block<T>) -> Block<T> {
+        *block
+    }
+
+    #[inline(always)]
+    fn store(self, block: &mut Block<T>, v: Block<T>) {
+        *block = v;
+    }
+
+    #[inline(always)]
+    fn splat(self, value: T) -> Block<T> {
+        [value; LANES]
+    }
+
+    #[inline(always)]
+    fn group<const G: usize>(self, block: &Block<T>, i: usize) -> Block<T> {
+        std::array::from_fn(|lane| block[i * G + lane % G])
+    }
+
+    #[inline(always)]
+    fn quad(self, group: &[T; 4]) -> Block<T> {
+        std::array::from_fn(|lane| group[lane % 4])
+    }
+
+    #[inline(always)]
+    fn add(self, a: Block<T>, b: Block<T>) -> Block<T> {
+        std::array::from_fn(|lane| a[lane] + b[lane])
+    }
+
+    #[inline(always)]
+    fn sub(self, a: Block<T>, b: Block<T>) -> Block<T> {
+        std::array::from_fn(|lane| a[lane] - b[lane])
+    }
+
+    #[inline(always)]
+    fn mul(self, a: Block<T>, b: Block<T>) -> Block<T> {
+        std::array::from_fn(|lane| a[lane] * b[lane])
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: Block<T>, b: Block<T>, c: Block<T>) -> Block<T> {
+        std::array::from_fn(|lane| a[lane] * b[lane] + c[lane])
+    }
+
+    #[inline(always)]
+    fn swap(self, v: Block<T>, bits: usize) -> Block<T> {
+        std::array::from_fn(|lane| v[lane ^ bits])
+    }
+
+    #[inline(always)]
+    fn pair(self, e: Block<T>, o: Block<T>, i: usize) -> Block<T> {
+        let of = |lane: usize| if lane & 2 == 0 { &e } else { &o };
+        std::array::from_fn(|lane| of(lane)[4 * i + lane / 4])
+    }
+
+    #[inline(always)]
+    fn rectify(self, v: Block<T>) -> (Block<T>, u16) {
+        let dropped = v.map(|x| x <= T::ZERO);
+        let bits = (0..LANES).map(|lane| u16::from(!dropped[lane]) << lane);
+        let kept = |lane: usize| if dropped[lane] { T::ZERO } else { v[lane] };
+        (std::array::from_fn(kept), bits.sum())
+    }
+
+    #[inline(always)]
+    fn keep(self, v: Block<T>, bits: u16) -> Block<T> {
+        let kept = |lane: usize| bits >> lane & 1 == 1;
+        std::array::from_fn(|lane| if kept(lane) { v[lane] } else { T::ZERO })
+    }
+}

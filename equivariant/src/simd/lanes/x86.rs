@@ -1,0 +1,247 @@
+//! AVX-512 and AVX2 through the safe intrinsics of `pulp`.
+
+use std::arch::x86_64::{__m256, __m512};
+
+use pulp::x86::{V3, V4};
+use pulp::{NullaryFnOnce, cast};
+
+use crate::simd::lanes::{Block, Lanes, Portable, WithLanes};
+
+/// Work with AVX-512.
+pub(super) struct OnV4<W> {
+    pub simd: V4,
+    pub work: W,
+}
+
+impl<W: WithLanes<f32>> NullaryFnOnce for OnV4<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.work.run(self.simd);
+    }
+}
+
+/// Work with AVX2 and FMA.
+pub(super) struct OnV3<W> {
+    pub simd: V3,
+    pub work: W,
+}
+
+impl<W: WithLanes<f32>> NullaryFnOnce for OnV3<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.work.run(self.simd);
+    }
+}
+
+impl Lanes<f32> for V4 {
+    type V = __m512;
+    const REGISTERS: usize = 32;
+
+    #[inline(always)]
+    fn load(self, block: &Block<f32>) -> __m512 {
+        cast(*block)
+    }
+
+    #[inline(always)]
+    fn store(self, block: &mut Block<f32>, v: __m512) {
+        *block = cast(v);
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> __m512 {
+        self.avx512f._mm512_set1_ps(value)
+    }
+
+    #[inline(always)]
+    fn group<const G: usize>(self, block: &Block<f32>, i: usize) -> __m512 {
+        match G {
+            1 => self.avx512f._mm512_set1_ps(block[i]),
+            2 => {
+                let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
+                cast(self.avx512f._mm512_set1_pd(pair))
+            }
+            _ => self.quad(&block.as_chunks().0[i]),
+        }
+    }
+
+    #[inline(always)]
+    fn quad(self, group: &[f32; 4]) -> __m512 {
+        self.avx512f._mm512_broadcast_f32x4(cast(*group))
+    }
+
+    #[inline(always)]
+    fn add(self, a: __m512, b: __m512) -> __m512 {
+        self.avx512f._mm512_add_ps(a, b)
+    }
+
+    #[inline(always)]
+    fn sub(self, a: __m512, b: __m512) -> __m512 {
+        self.avx512f._mm512_sub_ps(a, b)
+    }
+
+    #[inline(always)]
+    fn mul(self, a: __m512, b: __m512) -> __m512 {
+        self.avx512f._mm512_mul_ps(a, b)
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        self.avx512f._mm512_fmadd_ps(a, b, c)
+    }
+
+    #[inline(always)]
+    fn swap(self, v: __m512, bits: usize) -> __m512 {
+        match bits {
+            0 => v,
+            1 => self.avx512f._mm512_permute_ps::<0b10_11_00_01>(v),
+            2 => self.avx512f._mm512_permute_ps::<0b01_00_11_10>(v),
+            _ => self.avx512f._mm512_permute_ps::<0b00_01_10_11>(v),
+        }
+    }
+
+    #[inline(always)]
+    fn pair(self, e: __m512, o: __m512, i: usize) -> __m512 {
+        let first = self.avx512f._mm512_set1_epi32(4 * i as i32);
+        // an index of 16 and more is a lane of the second register
+        let index = [0, 0, 16, 16, 1, 1, 17, 17, 2, 2, 18, 18, 3, 3, 19, 19];
+        let index = self
+            .avx512f
+            ._mm512_add_epi32(cast::<[i32; 16], _>(index), first);
+        self.avx512f._mm512_permutex2var_ps(e, index, o)
+    }
+
+    #[inline(always)]
+    fn rectify(self, v: __m512) -> (__m512, u16) {
+        let bits = !self.avx512f._mm512_cmple_ps_mask(v, self.splat(0.0));
+        (self.keep(v, bits), bits)
+    }
+
+    #[inline(always)]
+    fn keep(self, v: __m512, bits: u16) -> __m512 {
+        self.avx512f._mm512_maskz_mov_ps(bits, v)
+    }
+}
+
+impl Lanes<f32> for V3 {
+    type V = [__m256; 2];
+    const REGISTERS: usize = 8;
+
+    #[inline(always)]
+    fn load(self, block: &Block<f32>) -> Self::V {
+        cast(*block)
+    }
+
+    #[inline(always)]
+    fn store(self, block: &mut Block<f32>, v: Self::V) {
+        *block = cast(v);
+    }
+
+    #[inline(always)]
+    fn splat(self, value: f32) -> Self::V {
+        [self.avx._mm256_set1_ps(value); 2]
+    }
+
+    #[inline(always)]
+    fn group<const G: usize>(self, block: &Block<f32>, i: usize) -> Self::V {
+        match G {
+            1 => [self.avx._mm256_set1_ps(block[i]); 2],
+            2 => {
+                let pair: f64 = cast([block[2 * i], block[2 * i + 1]]);
+                [cast(self.avx._mm256_set1_pd(pair)); 2]
+            }
+            _ => self.quad(&block.as_chunks().0[i]),
+        }
+    }
+
+    #[inline(always)]
+    fn quad(self, group: &[f32; 4]) -> Self::V {
+        [self.avx._mm256_broadcast_ps(&cast(*group)); 2]
+    }
+
+    #[inline(always)]
+    fn add(self, a: Self::V, b: Self::V) -> Self::V {
+        [
+            self.avx._mm256_add_ps(a[0], b[0]),
+            self.avx._mm256_add_ps(a[1], b[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn sub(self, a: Self::V, b: Self::V) -> Self::V {
+        [
+            self.avx._mm256_sub_ps(a[0], b[0]),
+            self.avx._mm256_sub_ps(a[1], b[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn mul(self, a: Self::V, b: Self::V) -> Self::V {
+        [
+            self.avx._mm256_mul_ps(a[0], b[0]),
+            self.avx._mm256_mul_ps(a[1], b[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V {
+        [
+            self.fma._mm256_fmadd_ps(a[0], b[0], c[0]),
+            self.fma._mm256_fmadd_ps(a[1], b[1], c[1]),
+        ]
+    }
+
+    #[inline(always)]
+    fn swap(self, v: Self::V, bits: usize) -> Self::V {
+        match bits {
+            0 => v,
+            1 => [
+                self.avx._mm256_permute_ps::<0b10_11_00_01>(v[0]),
+                self.avx._mm256_permute_ps::<0b10_11_00_01>(v[1]),
+            ],
+            2 => [
+                self.avx._mm256_permute_ps::<0b01_00_11_10>(v[0]),
+                self.avx._mm256_permute_ps::<0b01_00_11_10>(v[1]),
+            ],
+            _ => [
+                self.avx._mm256_permute_ps::<0b00_01_10_11>(v[0]),
+                self.avx._mm256_permute_ps::<0b00_01_10_11>(v[1]),
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
+        cast(Portable.pair(cast::<_, Block<f32>>(e), cast(o), i))
+    }
+
+    #[inline(always)]
+    fn rectify(self, v: Self::V) -> (Self::V, u16) {
+        let zero = self.avx._mm256_set1_ps(0.0);
+        // "not at most", unordered: true for not a number
+        let low = self.avx._mm256_cmp_ps::<0x16>(v[0], zero);
+        let high = self.avx._mm256_cmp_ps::<0x16>(v[1], zero);
+        let bits = self.avx._mm256_movemask_ps(low) | self.avx._mm256_movemask_ps(high) << 8;
+        let v = [
+            self.avx._mm256_and_ps(low, v[0]),
+            self.avx._mm256_and_ps(high, v[1]),
+        ];
+        (v, bits as u16)
+    }
+
+    #[inline(always)]
+    fn keep(self, v: Self::V, bits: u16) -> Self::V {
+        let values: Block<f32> = cast(v);
+        let kept = |lane: usize| {
+            if bits >> lane & 1 == 1 {
+                values[lane]
+            } else {
+                0.0
+            }
+        };
+        cast(std::array::from_fn::<f32, 16, _>(kept))
+    }
+}

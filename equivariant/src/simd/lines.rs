@@ -1,0 +1,179 @@
+//! Trivial channels of D2, folded along y.
+
+use std::ops::Range;
+
+use crate::real::Real;
+use crate::shape::Shape;
+use crate::simd::join::{head, head_mut};
+use crate::simd::lanes::{LANES, Lanes};
+use crate::steerable::window::Kernel;
+
+/// Lanes of a group.
+pub(crate) const G: usize = 4;
+
+/// The fold of rows of an image along y, for every line of output pixels.
+///
+/// Rows t and k - 1 - t of the windows become e = a + b and o = a - b, and a channel becomes the
+/// group e e o o, to which a fold along x adds or from which it subtracts another. The middle row
+/// of an odd kernel is its own e, and its o is zero.
+#[derive(Clone, Debug)]
+pub(crate) struct Lines {
+    image: Shape,
+    kernel: Kernel,
+    out_height: usize,
+    /// The length of a line with its padding.
+    len: usize,
+}
+
+impl Lines {
+    pub fn new(image: Shape, kernel: Kernel, out_height: usize, len: usize) -> Lines {
+        Lines {
+            image,
+            kernel,
+            out_height,
+            len,
+        }
+    }
+
+    /// Lines of one line of windows.
+    pub fn each(&self) -> usize {
+        self.kernel.size.div_ceil(2)
+    }
+
+    /// Side of the kernel in pixels.
+    pub fn size(&self) -> usize {
+        self.kernel.size
+    }
+
+    /// What a window sees of its lines: taps and channels.
+    pub fn columns(&self) -> usize {
+        self.each() * self.size() * self.image.fields.dim()
+    }
+
+    /// The length of the lines of one line of windows, in whole blocks.
+    pub fn staged(&self) -> usize {
+        (self.shift() + self.offset(self.each())).next_multiple_of(LANES)
+    }
+
+    /// Where a line starts, seen from the first.
+    pub fn offset(&self, i: usize) -> usize {
+        i * self.len
+    }
+
+    /// Lines of output pixels.
+    pub fn out_height(&self) -> usize {
+        self.out_height
+    }
+
+    pub fn count(&self) -> usize {
+        self.out_height * self.each()
+    }
+
+    /// Where the lines of one line of windows start, but for the shift.
+    pub fn first(&self, oy: usize) -> usize {
+        self.offset(oy * self.each())
+    }
+
+    fn row_len(&self) -> usize {
+        self.image.width * self.image.fields.dim()
+    }
+
+    /// The row of the image that a tap sees, unless it is padding.
+    fn row(&self, oy: usize, tap: usize) -> Option<usize> {
+        let row = (oy * self.kernel.stride + tap).checked_sub(self.kernel.padding)?;
+        (row < self.image.height).then(|| row * self.row_len())
+    }
+
+    /// Where the part of a line that is not padding starts.
+    fn start(&self, oy: usize, i: usize) -> usize {
+        let padding = 4 * self.kernel.padding * self.image.fields.dim();
+        self.shift() + self.first(oy) + self.offset(i) + padding
+    }
+
+    /// What brings the first pixel to a cache line: a store that straddles two of them takes twice
+    /// the time.
+    pub fn shift(&self) -> usize {
+        let padding = 4 * self.kernel.padding * self.image.fields.dim();
+        padding.next_multiple_of(LANES) - padding
+    }
+
+    /// Folds the rows of one image for a band of lines of windows; padding along x must be zero and
+    /// stays so.
+    #[inline(always)]
+    pub fn fold<T: Real, L: Lanes<T>>(
+        &self,
+        lanes: L,
+        image: &[T],
+        band: Range<usize>,
+        lines: &mut [T],
+    ) {
+        let len = self.row_len();
+        for oy in band.clone() {
+            for i in 0..self.each() {
+                let mirrored = self.kernel.size - 1 - i;
+                let line = &mut lines[self.start(oy - band.start, i)..][..4 * len];
+                let a = self.row(oy, i).map(|start| &image[start..][..len]);
+                let b = self.row(oy, mirrored).filter(|_| mirrored != i);
+                let b = b.map(|start| &image[start..][..len]);
+                match (a, b) {
+                    (Some(a), Some(b)) => fold_rows(lanes, a, b, line),
+                    (Some(a), None) => copy_row(a, mirrored != i, T::from_f64(1.0), line),
+                    (None, Some(b)) => copy_row(b, true, T::from_f64(-1.0), line),
+                    (None, None) => line.fill(T::ZERO),
+                }
+            }
+        }
+    }
+
+    /// The transpose of [`fold`](Lines::fold): overwrites one image.
+    pub fn unfold<T: Real>(&self, lines: &[T], image: &mut [T]) {
+        let len = self.row_len();
+        image.fill(T::ZERO);
+        for oy in 0..self.out_height {
+            for i in 0..self.each() {
+                let mirrored = self.kernel.size - 1 - i;
+                let line = lines[self.start(oy, i)..][..4 * len].as_chunks::<4>().0;
+                if let Some(start) = self.row(oy, i) {
+                    for (x, d) in image[start..][..len].iter_mut().zip(line) {
+                        *x += d[0] + d[1];
+                        if mirrored != i {
+                            *x += d[2] + d[3];
+                        }
+                    }
+                }
+                if let Some(start) = self.row(oy, mirrored).filter(|_| mirrored != i) {
+                    for (x, d) in image[start..][..len].iter_mut().zip(line) {
+                        *x += d[0] + d[1] - d[2] - d[3];
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Writes the groups e e o o of two rows.
+#[inline(always)]
+fn fold_rows<T: Real, L: Lanes<T>>(lanes: L, a: &[T], b: &[T], line: &mut [T]) {
+    let whole = a.len() / LANES * LANES;
+    for at in (0..whole).step_by(LANES) {
+        let (a, b) = (lanes.load(head(&a[at..])), lanes.load(head(&b[at..])));
+        let (e, o) = (lanes.add(a, b), lanes.sub(a, b));
+        for quarter in 0..4 {
+            let block = head_mut(&mut line[4 * at + quarter * LANES..]);
+            lanes.store(block, lanes.pair(e, o, quarter));
+        }
+    }
+    let rest = line[4 * whole..].as_chunks_mut().0;
+    for ((group, &a), &b) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
+        *group = [a + b, a + b, a - b, a - b];
+    }
+}
+
+/// The same where the other row is padding, or where there is none.
+#[inline(always)]
+fn copy_row<T: Real>(row: &[T], odd: bool, sign: T, line: &mut [T]) {
+    for (group, &x) in line.as_chunks_mut().0.iter_mut().zip(row) {
+        let o = if odd { sign * x } else { T::ZERO };
+        *group = [x, x, o, o];
+    }
+}

@@ -1,0 +1,336 @@
+//! Images laid out for the kernels, and the fold of their patches.
+//!
+//! Read this before editing. The *staged* image is padded with zeros and holds the channels of a
+//! pixel field by field: G lanes per field, one for each irrep. The fold of an orbit of taps then
+//! is a butterfly over a few blocks, and its result of parity p goes from input irrep a = b p to
+//! output irrep b by a swap of lanes within the groups. A *panel* holds the folded patches of some
+//! rows (output pixels), `[block][row]`.
+//!
+//! Trivial channels would leave most lanes empty. They are staged as G copies, and the lanes of a
+//! folded group are the parities of one orbit, since parity b is what leads from the trivial irrep
+//! to irrep b. For D2 the copies are folded along y already (see [`Lines`]), since the windows of a
+//! line share that fold.
+
+use std::ops::Range;
+
+use symmetry::{Group, Irrep};
+
+use crate::real::Real;
+use crate::shape::Shape;
+use crate::simd::join::Join;
+use crate::simd::lanes::{Block, LANES, Lanes};
+use crate::simd::lines::Lines;
+use crate::steerable::taps::Taps;
+use crate::steerable::window::Kernel;
+
+/// The geometry of staged images and of the fold.
+#[derive(Clone, Debug)]
+pub(crate) struct Patches {
+    image: Shape,
+    kernel: Kernel,
+    /// Where the window of every output pixel starts in a staged image.
+    windows: Vec<usize>,
+    /// Where every pixel of the image lies in a staged image.
+    pixels: Vec<usize>,
+    /// The length of a staged pixel.
+    pitch: usize,
+    /// Blocks of a staged pixel, the last perhaps not full.
+    blocks: usize,
+    replicated: bool,
+    lines: Option<Lines>,
+    pub(crate) orbits: Vec<Orbit>,
+    /// Blocks of a folded patch.
+    folded: usize,
+}
+
+/// The taps {g t}, folded together.
+#[derive(Clone, Debug)]
+pub(crate) struct Orbit {
+    /// The tap that it starts with.
+    pub start: [usize; 2],
+    /// Where the taps lie in a window.
+    pub taps: Vec<usize>,
+    /// The parities of the folds, as positions in the group's list of irreps.
+    pub parities: Vec<usize>,
+    /// The first block of the folds in a patch.
+    pub first: usize,
+    /// The factor that makes the fold orthonormal, given staged values over sqrt(G).
+    pub scale: f64,
+    /// For replicated channels: the coefficient of each tap in each lane.
+    pub coefficients: Vec<Block<f64>>,
+}
+
+impl Patches {
+    pub fn new(taps: &Taps, image: Shape, kernel: Kernel, out_size: [usize; 2]) -> Patches {
+        let group = image.fields.group();
+        let irreps = group.irreps().iter();
+        let fields = irreps.map(|&a| image.fields.multiplicity(a)).max();
+        let lanes = fields.unwrap_or(0) * group.order();
+        let blocks = lanes.div_ceil(LANES);
+        let mut patches = Patches {
+            image,
+            kernel,
+            windows: Vec::new(),
+            pixels: Vec::new(),
+            pitch: blocks * LANES,
+            blocks,
+            replicated: image.fields.is_trivial() && group.order() > 1,
+            lines: None,
+            orbits: Vec::new(),
+            folded: 0,
+        };
+        if patches.replicated {
+            // neighbours share a block: what a load sees beyond the pixel meets weights of zero
+            patches.pitch = lanes;
+        }
+        patches.windows = patches.offsets(out_size, kernel.stride, 0);
+        if patches.replicated && group == Group::D2 {
+            let line = patches.staged_width() * patches.pitch;
+            let lines = Lines::new(image, kernel, out_size[0], line);
+            for (i, window) in patches.windows.iter_mut().enumerate() {
+                let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
+                *window = lines.shift() + lines.first(oy) + ox * kernel.stride * patches.pitch;
+            }
+            patches.lines = Some(lines);
+        }
+        patches.pixels = patches.offsets([image.height, image.width], 1, kernel.padding);
+        for function in taps.functions() {
+            patches.add(taps, function.parts[0].0);
+        }
+        patches
+    }
+
+    /// The offsets of a grid of pixels in a staged image.
+    fn offsets(&self, [height, width]: [usize; 2], step: usize, first: usize) -> Vec<usize> {
+        let at = |y, x| (first + y * step) * self.staged_width() + first + x * step;
+        let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+        lines.map(|(y, x)| at(y, x) * self.pitch).collect()
+    }
+
+    /// Adds the orbit that starts with this tap, unless it is there.
+    fn add(&mut self, taps: &Taps, start: [usize; 2]) {
+        if self.orbits.iter().any(|o| o.start == start) {
+            return;
+        }
+        let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.pitch;
+        let group = self.image.fields.group();
+        let functions = taps.functions().iter().filter(|f| f.parts[0].0 == start);
+        let functions: Vec<_> = functions.collect();
+        let position = |p: Irrep| group.irreps().iter().position(|&a| a == p).unwrap_or(0);
+        let parities: Vec<usize> = functions.iter().map(|f| position(f.parity)).collect();
+        let mut parts = functions[0].parts.clone();
+        // folded lines stand for the rows of taps below the first
+        parts.retain(|(tap, _)| self.lines.is_none() || tap[0] == start[0]);
+        let orbit_len = functions[0].parts.len();
+        let coefficients = (0..parts.len()).map(|tap| {
+            std::array::from_fn(|lane| {
+                let of_lane = parities.iter().position(|&p| p == lane % group.order());
+                of_lane.map_or(0.0, |i| functions[i].parts[tap].1)
+            })
+        });
+        let orbit = Orbit {
+            start,
+            taps: parts.iter().map(|part| offset(part.0)).collect(),
+            first: self.folded,
+            scale: (group.order() as f64 / orbit_len as f64).sqrt(),
+            coefficients: coefficients.collect(),
+            parities,
+        };
+        self.folded += self.blocks * if self.replicated { 1 } else { parts.len() };
+        self.orbits.push(orbit);
+    }
+
+    pub fn image(&self) -> Shape {
+        self.image
+    }
+
+    pub fn kernel(&self) -> Kernel {
+        self.kernel
+    }
+
+    /// Blocks of a staged pixel.
+    pub fn blocks(&self) -> usize {
+        self.blocks
+    }
+
+    pub fn replicated(&self) -> bool {
+        self.replicated
+    }
+
+    pub fn orbits(&self) -> usize {
+        self.orbits.len()
+    }
+
+    /// Blocks of a folded patch.
+    pub fn folded(&self) -> usize {
+        self.folded
+    }
+
+    /// Blocks of a folded patch that come from one orbit.
+    pub fn folded_of(&self, orbit: usize) -> Range<usize> {
+        let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first);
+        self.orbits[orbit].first..next
+    }
+
+    /// The first group of lanes of a folded patch that holds the channels of a function on the
+    /// taps.
+    pub fn first_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
+        let group = self.image.fields.group();
+        let per_block = LANES / group.order();
+        let Some(orbit) = self.orbits.iter().find(|o| o.start == start) else {
+            unreachable!("every function starts with the first tap of an orbit")
+        };
+        let fold = orbit
+            .parities
+            .iter()
+            .position(|&p| group.irreps()[p] == parity);
+        let skipped = if self.replicated {
+            0
+        } else {
+            fold.unwrap_or(0)
+        };
+        (orbit.first + skipped * self.blocks) * per_block
+    }
+
+    fn staged_width(&self) -> usize {
+        self.image.width + 2 * self.kernel.padding
+    }
+
+    /// The length of a staged image, with room for a block at every pixel.
+    pub fn staged(&self) -> usize {
+        let line = self.staged_width() * self.pitch;
+        let lines = match &self.lines {
+            Some(lines) => lines.count(),
+            None => self.image.height + 2 * self.kernel.padding,
+        };
+        let beyond = (self.blocks + 1) * LANES - self.pitch;
+        (lines * line + beyond).next_multiple_of(LANES)
+    }
+
+    /// Where the window of every output pixel starts in a staged image.
+    pub fn windows(&self) -> &[usize] {
+        &self.windows
+    }
+
+    /// Where consecutive pixels lie in staged images, in blocks.
+    #[inline(always)]
+    pub fn places(&self, first: usize, places: &mut [usize]) {
+        let pixels = self.pixels.len();
+        let (mut start, mut pixel) = (first / pixels * self.staged(), first % pixels);
+        for place in places {
+            *place = (start + self.pixels[pixel]) / LANES;
+            pixel += 1;
+            if pixel == pixels {
+                (start, pixel) = (start + self.staged(), 0);
+            }
+        }
+    }
+
+    /// Blocks of a staged image before this pixel; the padding above the first pixel belongs to it.
+    pub fn before(&self, pixel: usize) -> usize {
+        match pixel {
+            0 => 0,
+            _ => self.pixels[pixel] / LANES,
+        }
+    }
+
+    /// The factor of staged values, which orbits of G taps then need no other to be orthonormal.
+    pub fn scale(&self) -> f64 {
+        (self.image.fields.group().order() as f64).sqrt().recip()
+    }
+
+    /// Writes zeros around an image.
+    pub fn clear_border<T: Real>(&self, staged: &mut [T]) {
+        let line = self.image.width * self.pitch;
+        let mut end = 0;
+        for &start in self.pixels.iter().step_by(self.image.width.max(1)) {
+            staged[end..start].fill(T::ZERO);
+            end = start + line;
+        }
+        staged[end..].fill(T::ZERO);
+    }
+
+    /// The folded lines of trivial channels of D2.
+    pub fn lines(&self) -> Option<&Lines> {
+        self.lines.as_ref()
+    }
+
+    /// Stages one image; padding and lanes without a channel must be zero and stay so.
+    #[inline(always)]
+    pub fn stage<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
+        if let Some(lines) = &self.lines {
+            return lines.fold(lanes, image, 0..lines.out_height(), staged);
+        }
+        match self.image.fields.group().order() {
+            1 => self.stage_groups::<T, 1>(image, staged),
+            2 => self.stage_groups::<T, 2>(image, staged),
+            _ => self.stage_groups::<T, 4>(image, staged),
+        }
+    }
+
+    #[inline(always)]
+    fn stage_groups<T: Real, const G: usize>(&self, image: &[T], staged: &mut [T]) {
+        let channels = self.image.fields.dim();
+        if self.replicated {
+            let line = self.image.width * channels;
+            let starts = self.pixels.iter().step_by(self.image.width.max(1));
+            for (line, &start) in image.chunks_exact(line.max(1)).zip(starts) {
+                replicate::<T, G>(line, &mut staged[start..][..line.len() * G]);
+            }
+            return;
+        }
+        let scale = T::from_f64(self.scale());
+        let join = Join::new(self.image.fields);
+        for (i, &to) in self.pixels.iter().enumerate() {
+            let from = &image[i * channels..][..channels];
+            join.run::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
+        }
+    }
+
+    /// The transpose of [`stage`](Patches::stage): overwrites one image.
+    #[inline(always)]
+    pub fn unstage<T: Real>(&self, staged: &[T], image: &mut [T]) {
+        if let Some(lines) = &self.lines {
+            return lines.unfold(staged, image);
+        }
+        match self.image.fields.group().order() {
+            1 => self.unstage_groups::<T, 1>(staged, image),
+            2 => self.unstage_groups::<T, 2>(staged, image),
+            _ => self.unstage_groups::<T, 4>(staged, image),
+        }
+    }
+
+    #[inline(always)]
+    fn unstage_groups<T: Real, const G: usize>(&self, staged: &[T], image: &mut [T]) {
+        let channels = self.image.fields.dim();
+        let scale = T::from_f64(self.scale());
+        let join = Join::new(self.image.fields);
+        for (i, &from) in self.pixels.iter().enumerate() {
+            let to = &mut image[i * channels..][..channels];
+            let from = &staged[from..][..self.pitch];
+            if self.replicated {
+                add_up::<T, G>(from, to);
+            } else {
+                join.undo::<T, G>(scale, from, to);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn replicate<T: Real, const G: usize>(channels: &[T], groups: &mut [T]) {
+    for (group, &x) in groups.as_chunks_mut::<G>().0.iter_mut().zip(channels) {
+        *group = [x; G];
+    }
+}
+
+#[inline(always)]
+fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
+    for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {
+        let mut sum = group[0];
+        for &copy in &group[1..] {
+            sum += copy;
+        }
+        *x = sum;
+    }
+}

@@ -1,0 +1,264 @@
+//! The inner loops of the matrix products: tiles of sums that stay in registers.
+//!
+//! One lane is one (field, irrep) of the result. A factor that all fields share is a group of G
+//! lanes, one for each irrep, repeated over the block: so one product serves all the irreps at
+//! once, and narrow layers fill the registers as well as wide ones.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "loops over constants that index several arrays of registers"
+)]
+
+use crate::real::Real;
+use crate::simd::join::head;
+use crate::simd::lanes::{Block, LANES, Lanes};
+
+/// Rows of the panels of a forward pass.
+pub(crate) const ROWS: usize = 12;
+
+/// Loads in a plain loop: a closure would not be compiled for the instruction set.
+#[inline(always)]
+pub(crate) fn load_all<T: Real, L: Lanes<T>, const N: usize>(
+    lanes: L,
+    blocks: &[Block<T>; N],
+) -> [L::V; N] {
+    let mut values = [lanes.splat(T::ZERO); N];
+    for (value, block) in values.iter_mut().zip(blocks) {
+        *value = lanes.load(block);
+    }
+    values
+}
+
+/// y = x w for the first `rows` of ROWS rows; x is a panel `[block][row]`, w `[group of x][block of
+/// y]`, y `[row][block]`.
+#[inline(always)]
+pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
+    lanes: L,
+    x: &[[Block<T>; ROWS]],
+    w: &[Block<T>],
+    y: &mut [Block<T>],
+    rows: usize,
+) {
+    let width = y.len() / ROWS;
+    let whole = rows == ROWS && L::REGISTERS >= 32;
+    let mut first = 0;
+    while first < width {
+        let tile = Tile { w, width, first };
+        // weights come from the second-level cache: a tile reads them once for all of its rows
+        first += match width - first {
+            1 if whole => {
+                forward_tile::<T, L, G, ROWS, 1>(lanes, x, 0, tile, y);
+                1
+            }
+            1 => {
+                for row in (0..rows).step_by(4) {
+                    forward_tile::<T, L, G, 4, 1>(lanes, x, row, tile, y);
+                }
+                1
+            }
+            _ if whole => {
+                forward_tile::<T, L, G, ROWS, 2>(lanes, x, 0, tile, y);
+                2
+            }
+            _ if L::REGISTERS >= 32 => {
+                for row in (0..rows).step_by(4) {
+                    forward_tile::<T, L, G, 4, 2>(lanes, x, row, tile, y);
+                }
+                2
+            }
+            _ => {
+                for row in (0..rows).step_by(2) {
+                    forward_tile::<T, L, G, 2, 2>(lanes, x, row, tile, y);
+                }
+                2
+            }
+        };
+    }
+}
+
+/// Some columns of the weights `[group][width]`.
+#[derive(Clone, Copy)]
+struct Tile<'a, T> {
+    w: &'a [Block<T>],
+    width: usize,
+    first: usize,
+}
+
+#[inline(always)]
+fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
+    lanes: L,
+    x: &[[Block<T>; ROWS]],
+    row: usize,
+    tile: Tile<T>,
+    y: &mut [Block<T>],
+) {
+    let mut sums = [[lanes.splat(T::ZERO); V]; R];
+    let groups = LANES / G;
+    let mut ws = tile.w.chunks_exact(groups * tile.width);
+    for x in x {
+        let Some(w) = ws.next() else { break };
+        let x: &[Block<T>; R] = head(&x[row..]);
+        for g in 0..groups {
+            let w: &[Block<T>; V] = head(&w[g * tile.width + tile.first..]);
+            let w = load_all(lanes, w);
+            for r in 0..R {
+                let x = lanes.group::<G>(&x[r], g);
+                for v in 0..V {
+                    sums[r][v] = lanes.mul_add(x, w[v], sums[r][v]);
+                }
+            }
+        }
+    }
+    for (r, sums) in sums.iter().enumerate() {
+        let y = &mut y[(row + r) * tile.width + tile.first..][..V];
+        for (y, &sum) in y.iter_mut().zip(sums) {
+            lanes.store(y, sum);
+        }
+    }
+}
+
+/// dw += x^T dy over all rows; x is a panel `[block][row]`, dy `[block][row]`, dw `[group of
+/// x][block of y]`, `step` blocks from one block of x to the next.
+#[inline(always)]
+pub(crate) fn weights<T: Real, L: Lanes<T>, const G: usize>(
+    lanes: L,
+    x: &[Block<T>],
+    dy: &[Block<T>],
+    rows: usize,
+    dw: &mut [Block<T>],
+    step: usize,
+) {
+    let tile = GradientTile {
+        x,
+        dy,
+        rows,
+        step,
+        width: dy.len() / rows,
+    };
+    let mut first = 0;
+    while first < tile.width {
+        let wide = L::REGISTERS >= 32;
+        // sixteen sums hide the latency of the additions
+        first += match (G, tile.width - first) {
+            (4, 4..) if wide => tile.blocks::<L, G, 1, 4, 4>(lanes, first, dw),
+            (4, 2..) if wide => tile.blocks::<L, G, 2, 4, 2>(lanes, first, dw),
+            (4, _) if wide => tile.blocks::<L, G, 4, 4, 1>(lanes, first, dw),
+            (2, 2..) if wide => tile.blocks::<L, G, 1, 8, 2>(lanes, first, dw),
+            (2, _) if wide => tile.blocks::<L, G, 2, 8, 1>(lanes, first, dw),
+            (1, _) if wide => tile.blocks::<L, G, 1, 16, 1>(lanes, first, dw),
+            _ => tile.blocks::<L, G, 1, 4, 1>(lanes, first, dw),
+        };
+    }
+}
+
+/// The operands of a weight gradient.
+#[derive(Clone, Copy)]
+struct GradientTile<'a, T> {
+    x: &'a [Block<T>],
+    dy: &'a [Block<T>],
+    rows: usize,
+    width: usize,
+    step: usize,
+}
+
+impl<T: Real> GradientTile<'_, T> {
+    /// V blocks of outputs for all blocks of x, B of them at a time where there are so many, K
+    /// groups at a time.
+    #[inline(always)]
+    fn blocks<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
+        self,
+        lanes: L,
+        first: usize,
+        dw: &mut [Block<T>],
+    ) -> usize {
+        let blocks = self.x.len() / self.rows;
+        let mut block = 0;
+        while block < blocks {
+            for group in (0..LANES / G).step_by(K) {
+                if blocks - block >= B {
+                    self.sum::<L, G, B, K, V>(lanes, block, group, first, dw);
+                } else {
+                    self.sum::<L, G, 1, K, V>(lanes, block, group, first, dw);
+                }
+            }
+            block += if blocks - block >= B { B } else { 1 };
+        }
+        V
+    }
+
+    #[inline(always)]
+    fn sum<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
+        self,
+        lanes: L,
+        block: usize,
+        group: usize,
+        first: usize,
+        dw: &mut [Block<T>],
+    ) {
+        let GradientTile {
+            rows, width, step, ..
+        } = self;
+        let (mut x, mut dy) = ([&self.x[..rows]; B], [&self.dy[..rows]; V]);
+        for b in 0..B {
+            x[b] = &self.x[(block + b) * rows..][..rows];
+        }
+        for v in 0..V {
+            dy[v] = &self.dy[(first + v) * rows..][..rows];
+        }
+        let at = |b: usize, k: usize| (block + b) * step + (group + k) * width + first;
+        let mut sums = [[[lanes.splat(T::ZERO); V]; K]; B];
+        for r in 0..rows {
+            let mut d = [lanes.splat(T::ZERO); V];
+            for v in 0..V {
+                d[v] = lanes.load(&dy[v][r]);
+            }
+            for b in 0..B {
+                for k in 0..K {
+                    let x = lanes.group::<G>(&x[b][r], group + k);
+                    for v in 0..V {
+                        sums[b][k][v] = lanes.mul_add(x, d[v], sums[b][k][v]);
+                    }
+                }
+            }
+        }
+        for b in 0..B {
+            for k in 0..K {
+                let dw = &mut dw[at(b, k)..][..V];
+                for v in 0..V {
+                    let sum = lanes.add(lanes.load(&dw[v]), sums[b][k][v]);
+                    lanes.store(&mut dw[v], sum);
+                }
+            }
+        }
+    }
+}
+
+/// The gradient of N folds in R rows: sums over the groups of dy `[block][row]`, w `[group of
+/// dy][N]`.
+#[inline(always)]
+pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const N: usize>(
+    lanes: L,
+    dy: &[Block<T>],
+    rows: usize,
+    row: usize,
+    w: &[Block<T>],
+) -> [[L::V; N]; R] {
+    let mut sums = [[lanes.splat(T::ZERO); N]; R];
+    let groups = LANES / G;
+    let mut ws = w.chunks_exact(groups * N);
+    for dy in dy.chunks_exact(rows) {
+        let Some(w) = ws.next() else { break };
+        let dy: &[Block<T>; R] = head(&dy[row..]);
+        for g in 0..groups {
+            let w: &[Block<T>; N] = head(&w[g * N..]);
+            let w = load_all(lanes, w);
+            for r in 0..R {
+                let d = lanes.group::<G>(&dy[r], g);
+                for i in 0..N {
+                    sums[r][i] = lanes.mul_add(d, w[i], sums[r][i]);
+                }
+            }
+        }
+    }
+    sums
+}

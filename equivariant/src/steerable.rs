@@ -1,0 +1,8 @@
+//! The mathematics of steerable kernels on the pixel grid, without any thought of speed.
+
+pub(crate) mod blocks;
+pub(crate) mod dense;
+pub(crate) mod hadamard;
+pub(crate) mod taps;
+pub(crate) mod window;
+pub(crate) mod windows;

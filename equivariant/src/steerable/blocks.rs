@@ -1,0 +1,160 @@
+//! The block-diagonal linear map: one weight matrix per output irrep.
+
+use std::ops::Range;
+
+use rand::Rng;
+use symmetry::{FieldType, Irrep};
+
+use crate::init::fill_normal;
+use crate::matrix::{Strided, StridedMut};
+use crate::real::Real;
+
+/// Parameter layout and products of an equivariant linear map.
+///
+/// Output irrep b sees `cols[b]` inputs; irreps that the group lacks see and have none. Its weights
+/// are `[out multiplicity of b, cols[b]]`, row-major, the blocks in irrep order, then one bias per
+/// trivial output channel.
+#[derive(Clone, Debug)]
+pub(crate) struct Blocks {
+    cols: [usize; 4],
+    out: FieldType,
+}
+
+impl Blocks {
+    pub fn new(cols: [usize; 4], out: FieldType) -> Blocks {
+        Blocks { cols, out }
+    }
+
+    pub fn cols(&self, b: Irrep) -> usize {
+        self.cols[b.index()]
+    }
+
+    fn block_len(&self, b: Irrep) -> usize {
+        self.cols(b) * self.out.multiplicity(b)
+    }
+
+    /// Where the weights of a block lie among the parameters.
+    pub fn weights(&self, b: Irrep) -> Range<usize> {
+        let start = Irrep::ALL[..b.index()]
+            .iter()
+            .map(|&a| self.block_len(a))
+            .sum();
+        start..start + self.block_len(b)
+    }
+
+    pub fn bias(&self) -> Range<usize> {
+        let start = self.weights(Irrep::XY).end;
+        start..start + self.out.multiplicity(Irrep::Trivial)
+    }
+
+    pub fn num_params(&self) -> usize {
+        self.bias().end
+    }
+
+    pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        assert_eq!(
+            params.len(),
+            self.num_params(),
+            "wrong number of parameters"
+        );
+        for b in Irrep::ALL {
+            let std = gain / (self.cols(b).max(1) as f64).sqrt();
+            fill_normal(rng, std, &mut params[self.weights(b)]);
+        }
+        params[self.bias()].fill(T::ZERO);
+    }
+
+    /// Writes the bias into the trivial channels of every row of `y` and zero into the others.
+    pub fn fill_bias<T: Real>(&self, params: &[T], y: &mut [T]) {
+        let bias = &params[self.bias()];
+        for row in y.chunks_exact_mut(self.out.dim().max(1)) {
+            let (trivial, rest) = row.split_at_mut(bias.len());
+            trivial.copy_from_slice(bias);
+            rest.fill(T::ZERO);
+        }
+    }
+
+    /// Adds the sum of the trivial channels of `dy` to the gradient of the bias.
+    pub fn add_bias_gradient<T: Real>(&self, dy: &[T], dparams: &mut [T]) {
+        let dbias = &mut dparams[self.bias()];
+        for row in dy.chunks_exact(self.out.dim().max(1)) {
+            for (sum, &d) in dbias.iter_mut().zip(row) {
+                *sum += d;
+            }
+        }
+    }
+
+    /// y_b += x_b W_b^T, with y `[rows, dim]` and x `[rows, channels]` of a type with these inputs.
+    pub fn forward<T: Real>(&self, b: Irrep, params: &[T], x: Columns<T>, y: &mut [T]) {
+        let Some([rows, k, n]) = self.sizes(b, y.len()) else {
+            return;
+        };
+        let y = StridedMut::new(&mut y[self.out.range(b).start..], [rows, n], self.out.dim());
+        let weight = Strided::new(&params[self.weights(b)], [n, k], k);
+        T::product(y, true, x.view([rows, k]), weight.transpose());
+    }
+
+    /// dW_b += dy_b^T x_b.
+    pub fn add_weight_gradient<T: Real>(
+        &self,
+        b: Irrep,
+        x: Columns<T>,
+        dy: &[T],
+        dparams: &mut [T],
+    ) {
+        let Some([rows, k, n]) = self.sizes(b, dy.len()) else {
+            return;
+        };
+        let dweight = StridedMut::new(&mut dparams[self.weights(b)], [n, k], k);
+        let dy = self.output(b, dy).view([rows, n]);
+        T::product(dweight, true, dy.transpose(), x.view([rows, k]));
+    }
+
+    /// dx_b = dy_b W_b; zero where the block has no outputs.
+    pub fn input_gradient<T: Real>(&self, b: Irrep, params: &[T], dy: &[T], dx: ColumnsMut<T>) {
+        let ColumnsMut { data, stride } = dx;
+        if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
+            let dx = StridedMut::new(data, [rows, k], stride);
+            let weight = Strided::new(&params[self.weights(b)], [n, k], k);
+            T::product(dx, false, self.output(b, dy).view([rows, n]), weight);
+        } else if self.out.multiplicity(b) == 0 {
+            for row in data.chunks_mut(stride) {
+                row[..self.cols(b)].fill(T::ZERO);
+            }
+        }
+    }
+
+    /// Rows, inputs and outputs of a block for an output of this length, if there is anything to
+    /// multiply.
+    fn sizes(&self, b: Irrep, out_len: usize) -> Option<[usize; 3]> {
+        let rows = out_len / self.out.dim();
+        let sizes = [rows, self.cols(b), self.out.multiplicity(b)];
+        (!sizes.contains(&0)).then_some(sizes)
+    }
+
+    fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> Columns<'a, T> {
+        Columns {
+            data: &dy[self.out.range(b).start..],
+            stride: self.out.dim(),
+        }
+    }
+}
+
+/// The channels of an irrep in vectors of `stride` channels, from its first one on.
+#[derive(Clone, Copy)]
+pub(crate) struct Columns<'a, T> {
+    pub data: &'a [T],
+    pub stride: usize,
+}
+
+/// The same, to be written.
+pub(crate) struct ColumnsMut<'a, T> {
+    pub data: &'a mut [T],
+    pub stride: usize,
+}
+
+impl<'a, T> Columns<'a, T> {
+    fn view(self, size: [usize; 2]) -> Strided<'a, T> {
+        Strided::new(self.data, size, self.stride)
+    }
+}

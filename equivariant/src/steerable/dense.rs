@@ -1,0 +1,204 @@
+//! The dense form of a linear layer: what other libraries hold, and the slow twin of ours.
+
+use symmetry::{FieldType, Irrep};
+
+use crate::real::Real;
+use crate::shape::Shape;
+use crate::steerable::blocks::Blocks;
+use crate::steerable::hadamard::{permuted, transform_pixels};
+use crate::steerable::taps::Taps;
+use crate::steerable::window::Kernel;
+
+/// A layer with weights as an ordinary convolution: a kernel `[C_out, C_in, size, size]` and a bias
+/// `[C_out]`.
+///
+/// [`R2Conv::dense`](crate::R2Conv::dense) and [`Linear::dense`](crate::Linear::dense) make it; a
+/// linear layer is a convolution of one tap. An ordinary cross-correlation with the kernel, plus
+/// the bias, is the layer. It is meant for checks, export and import; layers never build it.
+///
+/// In the irrep basis the parameters are coefficients of an orthonormal basis of all steerable
+/// kernels, so [`project`](Dense::project) is both the inverse of [`kernel`](Dense::kernel) and the
+/// best approximation of a kernel that is not steerable.
+#[derive(Clone, Debug)]
+pub struct Dense<'a> {
+    pub(crate) name: &'static str,
+    pub(crate) taps: Taps,
+    pub(crate) blocks: &'a Blocks,
+    /// The parameter of every entry of the blocks; none where the blocks themselves are the
+    /// parameters.
+    pub(crate) places: Option<&'a [usize]>,
+    pub(crate) window: Kernel,
+    pub(crate) in_shape: Shape,
+    pub(crate) out_shape: Shape,
+}
+
+/// The steerable part of a dense kernel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Projection<T> {
+    /// The layer's parameters; the biases are zero.
+    pub params: Vec<T>,
+    /// What is not steerable: the Euclidean norm of the rest over that of the kernel, in [0, 1].
+    pub residual: f64,
+}
+
+impl Dense<'_> {
+    /// The window of the convolution.
+    pub fn window(&self) -> Kernel {
+        self.window
+    }
+
+    /// The shape of one input sample.
+    pub fn in_shape(&self) -> Shape {
+        self.in_shape
+    }
+
+    /// The shape of one output sample.
+    pub fn out_shape(&self) -> Shape {
+        self.out_shape
+    }
+
+    /// `[C_out, C_in, size, size]`.
+    pub fn kernel_shape(&self) -> [usize; 4] {
+        let size = self.taps.size();
+        [self.out_type().dim(), self.in_type().dim(), size, size]
+    }
+
+    /// The kernel in the irrep basis.
+    ///
+    /// # Panics
+    /// When `params` does not hold the layer's parameters.
+    pub fn kernel<T: Real>(&self, params: &[T]) -> Vec<T> {
+        self.check(params);
+        let mut kernel = vec![T::ZERO; self.kernel_shape().iter().product()];
+        self.each_coefficient(|weight, tap, c| kernel[tap] += params[weight] * T::from_f64(c));
+        kernel
+    }
+
+    /// The bias in the irrep basis: zero but for trivial channels.
+    ///
+    /// # Panics
+    /// As [`kernel`](Dense::kernel).
+    pub fn bias<T: Real>(&self, params: &[T]) -> Vec<T> {
+        self.check(params);
+        let mut bias = params[self.blocks.bias()].to_vec();
+        bias.resize(self.out_type().dim(), T::ZERO);
+        bias
+    }
+
+    /// The kernel in the regular basis, as a library of expanded steerable kernels would hold it.
+    ///
+    /// Regular fields are in the layout of [`hadamard`](crate::hadamard()), where a ReLU is that of
+    /// every other library. A side of another type stays in the irrep basis.
+    ///
+    /// # Panics
+    /// As [`kernel`](Dense::kernel).
+    pub fn regular_kernel<T: Real>(&self, params: &[T]) -> Vec<T> {
+        let mut kernel = self.kernel(params);
+        self.change_basis(&mut kernel);
+        kernel
+    }
+
+    /// The bias in the regular basis: the same for all elements of a field.
+    ///
+    /// # Panics
+    /// As [`kernel`](Dense::kernel).
+    pub fn regular_bias<T: Real>(&self, params: &[T]) -> Vec<T> {
+        let mut bias = self.bias(params);
+        change_channels(self.out_type(), &mut bias, 1);
+        bias
+    }
+
+    /// The steerable kernel that is closest to a dense one in the irrep basis.
+    ///
+    /// # Panics
+    /// When `kernel` is not of the [`kernel_shape`](Dense::kernel_shape).
+    pub fn project<T: Real>(&self, kernel: &[T]) -> Projection<T> {
+        let shape = self.kernel_shape();
+        assert_eq!(
+            kernel.len(),
+            shape.iter().product::<usize>(),
+            "{}: got a kernel of this many entries, expected {shape:?}",
+            self.name
+        );
+        let mut params = vec![T::ZERO; self.blocks.num_params()];
+        self.each_coefficient(|weight, tap, c| params[weight] += kernel[tap] * T::from_f64(c));
+        let square = |v: f64| v * v;
+        let total: f64 = kernel.iter().map(|k| square(k.to_f64())).sum();
+        let projected = self.kernel(&params);
+        let pairs = kernel.iter().zip(&projected);
+        let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
+        Projection {
+            params,
+            residual: (rest / total.max(f64::MIN_POSITIVE)).sqrt(),
+        }
+    }
+
+    /// The steerable kernel that is closest to a dense one in the regular basis.
+    ///
+    /// # Panics
+    /// As [`project`](Dense::project).
+    pub fn project_regular<T: Real>(&self, kernel: &[T]) -> Projection<T> {
+        // the change of basis is orthonormal and its own inverse
+        let mut kernel = kernel.to_vec();
+        self.change_basis(&mut kernel);
+        self.project(&kernel)
+    }
+
+    fn in_type(&self) -> FieldType {
+        self.in_shape.fields
+    }
+
+    fn out_type(&self) -> FieldType {
+        self.out_shape.fields
+    }
+
+    fn check<T>(&self, params: &[T]) {
+        let expected = self.blocks.num_params();
+        let got = params.len();
+        assert!(
+            got == expected,
+            "{}: got {got} parameters, expected {expected}",
+            self.name
+        );
+    }
+
+    /// Calls `f(parameter, kernel entry, coefficient)` for every entry that a basis kernel is not
+    /// zero at.
+    fn each_coefficient(&self, mut f: impl FnMut(usize, usize, f64)) {
+        let [_, in_dim, size, _] = self.kernel_shape();
+        for b in Irrep::ALL {
+            let mut weights = self.blocks.weights(b);
+            for out in self.out_type().range(b) {
+                for function in self.taps.functions() {
+                    let channels = self.in_type().range(self.taps.input(b, function.parity));
+                    for (channel, weight) in channels.zip(&mut weights) {
+                        for &([row, col], c) in &function.parts {
+                            f(
+                                self.places.map_or(weight, |places| places[weight]),
+                                ((out * in_dim + channel) * size + row) * size + col,
+                                c,
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn change_basis<T: Real>(&self, kernel: &mut [T]) {
+        let [_, in_dim, size, _] = self.kernel_shape();
+        for per_output in kernel.chunks_exact_mut((in_dim * size * size).max(1)) {
+            change_channels(self.in_type(), per_output, size * size);
+        }
+        change_channels(self.out_type(), kernel, in_dim * size * size);
+    }
+}
+
+/// Transforms the first axis, the channels, of `[dim, inner]` values between the irrep basis and
+/// the regular one.
+fn change_channels<T: Real>(fields: FieldType, values: &mut [T], inner: usize) {
+    if let Some((order, n)) = permuted(fields) {
+        // [order, n, inner] is to the transform one pixel of n * inner fields
+        transform_pixels(order, n * inner, values);
+    }
+}

@@ -1,0 +1,152 @@
+//! The change between the irrep basis and the regular basis of regular fields.
+
+use std::array::from_fn;
+
+use symmetry::{FieldType, Group};
+
+use crate::real::Real;
+
+/// The orthonormal Walsh-Hadamard transform of G = 1, 2 or 4 numbers; its own inverse.
+///
+/// Maps the coefficients of the irreps to the values at the group elements, and back: out\[g\] =
+/// 1/sqrt(G) sum_a a(g) in\[a\]. Flipping the signs of a group element on one side permutes the
+/// other side, bit by bit.
+#[inline(always)]
+pub(crate) fn transform<T: Real, const G: usize>(mut values: [T; G]) -> [T; G] {
+    let mut step = 1;
+    while step < G {
+        for i in (0..G).filter(|i| i & step == 0) {
+            let (a, b) = (values[i], values[i + step]);
+            (values[i], values[i + step]) = (a + b, a - b);
+        }
+        step *= 2;
+    }
+    let scale = T::from_f64((G as f64).sqrt().recip());
+    values.map(|value| value * scale)
+}
+
+/// Transforms regular fields of a group in place between the irrep basis and the regular basis.
+///
+/// `channels` are the |G| n channels of n fields: the coefficient of the i-th irrep of field f, or
+/// its value at the i-th group element, lies at `i * n + f`. The transform is orthonormal and its
+/// own inverse.
+///
+/// # Panics
+/// When the number of channels is not a multiple of the group's order.
+pub fn hadamard<T: Real>(group: Group, channels: &mut [T]) {
+    assert!(
+        channels.len().is_multiple_of(group.order()),
+        "got {} channels, expected a multiple of {}, the order of {group}",
+        channels.len(),
+        group.order()
+    );
+    let n = channels.len() / group.order();
+    transform_pixels(group.order(), n, channels);
+}
+
+/// The order of the group and the number of fields of a type that has a basis which the group
+/// permutes.
+///
+/// Trivial channels are fields of order 1. Other types have no such basis here.
+pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
+    if fields.is_trivial() {
+        return Some((1, fields.dim()));
+    }
+    let n = fields.regular_fields()?;
+    Some((fields.group().order(), n))
+}
+
+/// Transforms n fields of this order in place at every pixel.
+pub(crate) fn transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]) {
+    match order {
+        1 => {}
+        2 => transform_each::<T, 2>(n, pixels),
+        _ => transform_each::<T, 4>(n, pixels),
+    }
+}
+
+#[expect(
+    clippy::needless_range_loop,
+    reason = "f indexes every part of a pixel"
+)]
+fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
+    for pixel in pixels.chunks_exact_mut((G * n).max(1)) {
+        let parts = parts_mut::<T, G>(pixel, n);
+        for f in 0..n {
+            let values = transform::<T, G>(from_fn(|a| parts[a][f]));
+            for a in 0..G {
+                parts[a][f] = values[a];
+            }
+        }
+    }
+}
+
+/// Splits the channels of one pixel into those of the irreps.
+#[inline(always)]
+pub(crate) fn parts<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
+    from_fn(|a| &pixel[a * n..][..n])
+}
+
+/// The same, to be written.
+#[inline(always)]
+pub(crate) fn parts_mut<T, const G: usize>(mut pixel: &mut [T], n: usize) -> [&mut [T]; G] {
+    from_fn(|_| {
+        let (part, rest) = std::mem::take(&mut pixel).split_at_mut(n);
+        pixel = rest;
+        part
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_transform_is_that_of_the_signs() {
+        let x = [0.3, -1.0, 2.0, 0.7];
+        for group in Group::ALL {
+            let order = group.order();
+            let mut y = x[..order].to_vec();
+            hadamard(group, &mut y);
+            for (&g, y) in group.elements().iter().zip(y) {
+                let terms = group.irreps().iter().zip(x);
+                let sum: f64 = terms.map(|(a, x)| f64::from(a.sign(g)) * x).sum();
+                assert!((y - sum / (order as f64).sqrt()).abs() < 1e-15);
+            }
+        }
+    }
+
+    #[test]
+    fn signs_on_one_side_permute_the_other_bit_by_bit() {
+        for group in Group::ALL {
+            let values: Vec<f32> = (0..group.order()).map(|i| (i as f32).cos()).collect();
+            let mut regular = values.clone();
+            hadamard(group, &mut regular);
+            for &g in group.elements() {
+                let mut signed = values.clone();
+                group.regular(1).act(g, &mut signed);
+                hadamard(group, &mut signed);
+                for (&h, value) in group.elements().iter().zip(signed) {
+                    let source = group.elements().iter().position(|&e| e == g * h).unwrap();
+                    assert_eq!(value, regular[source], "{group} {g} {h}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_transform_of_fields_is_its_own_inverse() {
+        let fields = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 9.0];
+        let mut twice = fields;
+        hadamard(Group::D2, &mut twice);
+        assert_ne!(twice, fields);
+        hadamard(Group::D2, &mut twice);
+        assert_eq!(twice, fields);
+    }
+
+    #[test]
+    #[should_panic(expected = "got 3 channels, expected a multiple of 2, the order of C2")]
+    fn half_a_field_is_refused() {
+        hadamard(Group::C2, &mut [0.0; 3]);
+    }
+}

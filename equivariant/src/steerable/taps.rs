@@ -1,0 +1,151 @@
+//! The taps of a kernel, folded into functions of a pure parity.
+
+use std::collections::BTreeMap;
+
+use symmetry::{FieldType, Group, Irrep};
+
+/// An orthonormal basis of the functions on k x k taps, each with the signs of one irrep of the
+/// group.
+///
+/// An orbit of taps {g t} carries, for every irrep a, the function sum_g a(g) delta(g t), unless
+/// the taps that g leaves in place cancel it. D2 folds along both axes, D1x and D1y along one, C2
+/// pairs a tap with the one opposite, and C1 leaves every tap alone. The functions are ordered by
+/// irrep, then by the first tap of their orbit, row-major.
+///
+/// A function of parity p takes input irrep a to output irrep a p. The columns of output irrep
+/// b are therefore ordered by function and then by the channels of input irrep b p.
+#[derive(Clone, Debug)]
+pub(crate) struct Taps {
+    in_type: FieldType,
+    size: usize,
+    functions: Vec<FoldedTap>,
+}
+
+/// One function on the taps.
+#[derive(Clone, Debug)]
+pub(crate) struct FoldedTap {
+    /// The irrep whose signs it has.
+    pub parity: Irrep,
+    /// Its taps `[row, column]` and coefficients; the first tap is that of the orbit.
+    pub parts: Vec<([usize; 2], f64)>,
+}
+
+impl Taps {
+    pub fn new(in_type: FieldType, size: usize) -> Taps {
+        let group = in_type.group();
+        let functions = group.irreps().iter().flat_map(|&parity| {
+            (0..size * size).filter_map(move |t| folded(group, size, parity, [t / size, t % size]))
+        });
+        Taps {
+            in_type,
+            size,
+            functions: functions.collect(),
+        }
+    }
+
+    pub fn in_type(&self) -> FieldType {
+        self.in_type
+    }
+
+    /// Side of the kernel in pixels.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    pub fn functions(&self) -> &[FoldedTap] {
+        &self.functions
+    }
+
+    /// The input irrep that a function of this parity takes to output irrep b.
+    pub fn input(&self, b: Irrep, parity: Irrep) -> Irrep {
+        self.in_type.group().restrict(b * parity)
+    }
+
+    /// The first column, in the matrix of output irrep b, of the channels of a function.
+    pub fn column(&self, b: Irrep, function: usize) -> usize {
+        let before = self.functions[..function].iter();
+        before
+            .map(|f| self.in_type.multiplicity(self.input(b, f.parity)))
+            .sum()
+    }
+
+    /// The number of columns of the matrix of output irrep b; 0 unless b is an irrep of the group.
+    pub fn cols(&self, b: Irrep) -> usize {
+        if self.in_type.group().restrict(b) == b {
+            self.column(b, self.functions.len())
+        } else {
+            0
+        }
+    }
+}
+
+/// The function of this parity on the orbit of `tap`; `None` if it vanishes or `tap` is not the
+/// first of its orbit.
+fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<FoldedTap> {
+    let mut sums = BTreeMap::new();
+    for &g in group.elements() {
+        let (row, col) = g.apply_pixel(tap[0], tap[1], size, size);
+        *sums.entry([row, col]).or_insert(0.0) += f64::from(parity.sign(g));
+    }
+    let norm = sums.values().map(|s| s * s).sum::<f64>().sqrt();
+    let first = sums.first_key_value().is_some_and(|(t, _)| *t == tap);
+    (first && norm > 0.0).then(|| FoldedTap {
+        parity,
+        parts: sums.into_iter().map(|(t, s)| (t, s / norm)).collect(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn dense(function: &FoldedTap, size: usize) -> Vec<f64> {
+        let mut values = vec![0.0; size * size];
+        for &([row, col], c) in &function.parts {
+            values[row * size + col] = c;
+        }
+        values
+    }
+
+    #[test]
+    fn the_functions_are_an_orthonormal_basis() {
+        for group in Group::ALL {
+            for size in 1..6 {
+                let taps = Taps::new(group.trivial(1), size);
+                assert_eq!(taps.functions().len(), size * size, "{group}");
+                let rows: Vec<_> = taps.functions().iter().map(|f| dense(f, size)).collect();
+                for (i, a) in rows.iter().enumerate() {
+                    for (j, b) in rows.iter().enumerate() {
+                        let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
+                        let expected = f64::from(u8::from(i == j));
+                        assert!((product - expected).abs() < 1e-15, "{group} {size}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_function_has_the_signs_of_its_parity() {
+        for group in Group::ALL {
+            for function in Taps::new(group.trivial(1), 3).functions() {
+                for &g in group.elements() {
+                    let sign = f64::from(function.parity.sign(g));
+                    let moved = g.transform_image(&dense(function, 3), 3, 3, 1);
+                    let signed = dense(function, 3).into_iter().map(|v| v * sign);
+                    assert!(signed.eq(moved), "{group} {function:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn columns_are_ordered_by_parity_tap_and_channel() {
+        let taps = Taps::new(FieldType::new(Group::C2, [2, 3, 0, 0]), 3);
+        // 5 even functions on 2 channels, then 4 odd ones on 3
+        assert_eq!(taps.cols(Irrep::Trivial), 22);
+        assert_eq!(taps.column(Irrep::Trivial, 6), 13);
+        assert_eq!(taps.cols(Irrep::X), 5 * 3 + 4 * 2);
+        assert_eq!(taps.cols(Irrep::Y), 0);
+    }
+}

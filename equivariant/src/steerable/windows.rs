@@ -1,0 +1,208 @@
+//! Where windows lie on an image.
+
+use symmetry::{FieldType, Group};
+
+use crate::error::LayerError;
+use crate::shape::Shape;
+use crate::steerable::window::Kernel;
+
+/// The windows of a convolution or of a pooling.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Windows {
+    pub kernel: Kernel,
+    in_size: [usize; 2],
+    pub out_size: [usize; 2],
+}
+
+impl Windows {
+    /// The windows on a `[height, width]` image, if they sit symmetrically on the axes that the
+    /// group flips.
+    pub fn new(
+        layer: &'static str,
+        group: Group,
+        kernel: Kernel,
+        in_size: [usize; 2],
+    ) -> Result<Windows, LayerError> {
+        let [height, width] = in_size;
+        let axes = [
+            ("height", height, group.flips_y()),
+            ("width", width, group.flips_x()),
+        ];
+        let [rows, columns] = axes.map(|(axis, size, flipped)| {
+            along(layer, kernel, (axis, size), flipped.then_some(group))
+        });
+        Ok(Windows {
+            kernel,
+            in_size,
+            out_size: [rows?, columns?],
+        })
+    }
+
+    /// The same for a pooling, whose windows must not lie in the padding altogether.
+    pub fn of_pooling(
+        layer: &'static str,
+        shape: Shape,
+        kernel: Kernel,
+    ) -> Result<Windows, LayerError> {
+        LayerError::check_map(layer, shape, kernel.padding)?;
+        let in_size = [shape.height, shape.width];
+        let windows = Windows::new(layer, shape.fields.group(), kernel, in_size)?;
+        if kernel.padding > kernel.size / 2 {
+            return Err(LayerError::Padding {
+                layer,
+                padding: kernel.padding,
+                size: kernel.size,
+            });
+        }
+        Ok(windows)
+    }
+
+    /// The map of an output pixel for every window.
+    pub fn out_shape(&self, fields: FieldType) -> Shape {
+        let [height, width] = self.out_size;
+        Shape::image(height, width, fields)
+    }
+
+    /// The indices of the pixels that output pixel `index` sees, row-major; padding is no pixel.
+    pub fn pixels(&self, index: usize) -> impl Iterator<Item = usize> + use<> {
+        let [_, out_width] = self.out_size;
+        let [height, width] = self.in_size;
+        let along = |at: usize, size: usize| {
+            let Kernel {
+                size: window,
+                stride,
+                padding,
+            } = self.kernel;
+            let start = at * stride;
+            start.saturating_sub(padding)..(start + window - padding).min(size)
+        };
+        let (rows, cols) = (
+            along(index / out_width, height),
+            along(index % out_width, width),
+        );
+        rows.flat_map(move |row| cols.clone().map(move |col| row * width + col))
+    }
+}
+
+/// The number of windows along an axis; `flipped` by a group, or by none.
+fn along(
+    layer: &'static str,
+    kernel: Kernel,
+    (axis, size): (&'static str, usize),
+    flipped: Option<Group>,
+) -> Result<usize, LayerError> {
+    let padding = kernel.padding.checked_mul(2);
+    let padded = padding.and_then(|padding| padding.checked_add(size));
+    let room = padded.and_then(|padded| padded.checked_sub(kernel.size));
+    let (Some(room), 1.., 1..) = (room, kernel.size, kernel.stride) else {
+        return Err(LayerError::Window {
+            layer,
+            axis,
+            size,
+            kernel,
+        });
+    };
+    let remainder = room % kernel.stride;
+    match flipped {
+        Some(group) if remainder != 0 => Err(LayerError::Inexact {
+            layer,
+            group,
+            axis,
+            size,
+            kernel,
+            remainder,
+        }),
+        _ => Ok(room / kernel.stride + 1),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
+        Kernel {
+            size,
+            stride,
+            padding,
+        }
+    }
+
+    fn image(height: usize, width: usize) -> Shape {
+        Shape::image(height, width, Group::D2.trivial(1))
+    }
+
+    fn windows(group: Group, window: [usize; 3], image: [usize; 2]) -> Result<[usize; 2], String> {
+        let windows = Windows::new("R2Conv", group, kernel(window), image);
+        windows
+            .map(|windows| windows.out_size)
+            .map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_inexact_window_is_refused_with_its_numbers() {
+        assert_eq!(windows(Group::D2, [3, 2, 1], [5, 7]), Ok([3, 4]));
+        let message = windows(Group::C2, [3, 2, 1], [5, 48]).unwrap_err();
+        assert!(
+            message.starts_with("R2Conv: C2 flips the width"),
+            "{message}"
+        );
+        assert!(
+            message.contains("got (48 + 2 * 1 - 3) mod 2 = 1, expected 0"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn only_axes_that_the_group_flips_must_be_exact() {
+        let inexact = [[5, 6], [6, 5], [6, 6]];
+        let fits = |group| inexact.map(|image| windows(group, [3, 2, 1], image).is_ok());
+        assert_eq!(windows(Group::C1, [3, 2, 1], [6, 6]), Ok([3, 3]));
+        assert_eq!(fits(Group::C1), [true; 3]);
+        assert_eq!(fits(Group::D1x), [false, true, false]);
+        assert_eq!(fits(Group::D1y), [true, false, false]);
+        assert_eq!(fits(Group::C2), [false; 3]);
+        assert_eq!(fits(Group::D2), [false; 3]);
+    }
+
+    #[test]
+    fn a_window_that_does_not_fit_is_refused() {
+        let on = |size, stride| windows(Group::C1, [size, stride, 0], [9, 3]);
+        let message = on(4, 1).unwrap_err();
+        assert!(message.contains("got a window of 4 pixels"), "{message}");
+        assert!(message.contains("on the width of 3"), "{message}");
+        assert!(on(0, 1).is_err());
+        assert!(on(3, 0).is_err());
+        assert_eq!(on(3, 1), Ok([7, 1]));
+    }
+
+    #[test]
+    fn sums_of_sizes_do_not_wrap() {
+        // 5 + 2 * padding is 5 in arithmetic that wraps
+        let padding = usize::MAX / 2 + 1;
+        let message = windows(Group::C1, [3, 1, padding], [5, 7]).unwrap_err();
+        assert!(
+            message.contains(&format!("padding {padding} on the height of 5")),
+            "{message}"
+        );
+        let refused = Windows::of_pooling("MaxPool", image(5, 7), kernel([3, 1, padding]));
+        assert!(refused.is_err());
+    }
+
+    #[test]
+    fn windows_are_cut_at_the_border() {
+        let windows = Windows::new("MaxPool", Group::D2, kernel([3, 2, 1]), [3, 5]).unwrap();
+        assert_eq!(windows.out_size, [2, 3]);
+        let pixels = |index| windows.pixels(index).collect::<Vec<_>>();
+        assert_eq!(pixels(0), [0, 1, 5, 6]);
+        assert_eq!(pixels(4), [6, 7, 8, 11, 12, 13]);
+    }
+
+    #[test]
+    fn pools_of_padding_alone_are_refused() {
+        let window = kernel([2, 2, 2]);
+        let error = Windows::of_pooling("MaxPool", image(4, 6), window).unwrap_err();
+        let expected = "MaxPool: got a padding of 2 for a window of 2, expected at most 2 / 2";
+        assert_eq!(error.to_string(), expected);
+    }
+}

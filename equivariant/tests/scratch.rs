@@ -1,0 +1,64 @@
+//! What lies in a scratch does not depend on where the scratch lies.
+
+mod common;
+
+use common::{layers, normal, params, scratch};
+use equivariant::{Layer, Scalar, Scratch};
+
+const SAMPLES: usize = 3;
+
+/// The gradients, with the scratch moved between forward and backward.
+fn gradients<T: Scalar>(layer: &dyn Layer<T>, moved: impl Fn(Scratch<T>) -> Scratch<T>) -> Vec<T> {
+    let params = params(layer, 1);
+    let x = normal::<T>(SAMPLES * layer.in_shape().len(), 2);
+    let dy = normal::<T>(SAMPLES * layer.out_shape().len(), 3);
+    let mut y = vec![T::ZERO; dy.len()];
+    let mut scratch = scratch(layer, SAMPLES);
+    layer.forward(&params, &x, &mut y, &mut scratch);
+    let mut scratch = moved(scratch);
+    let (mut dx, mut dparams) = (vec![T::ZERO; x.len()], vec![T::ZERO; params.len()]);
+    let dx_too = Some(&mut dx[..]);
+    layer.backward(&params, &x, &y, &dy, dx_too, &mut dparams, &mut scratch);
+    [dx, dparams].concat()
+}
+
+/// Clones many times with blocks of odd sizes between, so that the memory lies at other offsets.
+fn cloned<T: Scalar>(scratch: Scratch<T>) -> Scratch<T> {
+    let mut held = Vec::new();
+    let mut clone = scratch;
+    for i in 0..9 {
+        held.push(vec![0u8; 24 + 40 * i]);
+        clone = clone.clone();
+    }
+    clone
+}
+
+fn assert_position_does_not_matter<T: Scalar>() {
+    for (name, layer) in layers::<T>() {
+        let layer = layer.as_ref();
+        let stayed = gradients(layer, |scratch| scratch);
+        assert!(gradients(layer, cloned) == stayed, "{name}");
+        assert!(stayed.iter().all(|v| v.to_f64().is_finite()), "{name}");
+    }
+}
+
+#[test]
+fn clones_made_between_the_passes_give_the_same_gradients() {
+    assert_position_does_not_matter::<f32>();
+    assert_position_does_not_matter::<f64>();
+}
+
+#[test]
+fn an_empty_scratch_in_its_place_is_noticed() {
+    for (name, layer) in layers::<f32>()
+        .into_iter()
+        .filter(|(_, l)| l.keeps_scratch())
+    {
+        let len = layer.scratch_len(SAMPLES);
+        let lost = || gradients(layer.as_ref(), |_| Scratch::filled(len, 0.0));
+        assert!(
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(lost)).is_err(),
+            "{name}"
+        );
+    }
+}

@@ -1,0 +1,158 @@
+//! A task group of your own in the stream: pushing a block along a rail. No file of this project
+//! knows it.
+//!
+//! `cargo run --release --example own_task -- --budget short`
+
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+use covers::presets::{Budget, Method};
+use covers::schedule::Schedule;
+use covers::tables::{rollout_line, summary_table};
+use covers::{CoversError, Experiment, Run, RunFolder};
+use envs::reward::{hamacher, long_tail};
+use envs::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+    TaskRegistry, conformance,
+};
+use glam::DVec3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+/// Way of the block from its start to the end of the rail (metres).
+const TRAVEL: f64 = 0.14;
+/// Way left at success and at full reward (metres).
+const SUCCESS: f64 = 0.02;
+const DONE: f64 = 0.01;
+/// From the block's middle to where the fingertips push it (metres).
+const PUSH: DVec3 = DVec3::new(0.0, -0.04, 0.0);
+/// Fingertips this near to that point count as there (metres).
+const NEAR: f64 = 0.02;
+
+/// Push a block to the end of its rail.
+struct BlockPush;
+
+impl Task for BlockPush {
+    fn name(&self) -> &str {
+        "block-push"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            mjcf: Some(include_str!("block_push.xml")),
+            object_body: Some("block"),
+            ..Parts::default()
+        }
+    }
+
+    /// Right of the centre and away from the robot: the four variants fill four quadrants.
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let (x, y) = (rng.random_range(0.08..0.2), rng.random_range(0.08..0.14));
+        let object = DVec3::new(x, y, 0.07);
+        Placement {
+            object,
+            goal: object + DVec3::new(0.0, TRAVEL, 0.0),
+        }
+    }
+
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+        let remaining = (start.placement.goal.y - now.object.y).abs();
+        let way = |measured: &Measurement| measured.tcp.distance(measured.object + PUSH);
+        let approach = long_tail(way(now), NEAR, way(&start.measured));
+        let in_place = long_tail(remaining, DONE, TRAVEL);
+        let success = remaining <= SUCCESS;
+        StepReward {
+            approach,
+            in_place,
+            remaining,
+            reward: if success {
+                10.0
+            } else {
+                10.0 * hamacher(approach, in_place)
+            },
+            success,
+        }
+    }
+
+    /// Over the near side of the block, down, then push.
+    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+        let behind = now.object + PUSH + DVec3::new(0.0, -0.05, 0.0);
+        let aside = (now.tcp.x - behind.x).abs() > 0.02;
+        let beyond = now.tcp.y > now.object.y + PUSH.y;
+        let aim = if aside || beyond {
+            behind + DVec3::new(0.0, 0.0, 0.12)
+        } else if now.tcp.z > behind.z + 0.03 {
+            behind
+        } else {
+            now.object + DVec3::new(0.0, 0.1, 0.0)
+        };
+        ExpertCommand {
+            hand: aim + (now.hand - now.tcp),
+            finger: 0.0,
+        }
+    }
+}
+
+/// Learns block-push in a stream beside the paper's four groups.
+#[derive(Debug, Parser)]
+struct Options {
+    /// `smoke`: seconds, nothing is learnt; `short`: minutes, block-push is learnt.
+    #[arg(long, value_enum, default_value = "short")]
+    budget: Length,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Length {
+    Smoke,
+    Short,
+}
+
+fn main() -> ExitCode {
+    match learn(&Options::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
+    let group = TaskGroup::of(&BlockPush);
+    conformance::check(group)?;
+    println!("{group} conforms: its expert solves it, and its variants are mirror images");
+    let mut tasks = TaskRegistry::standard();
+    tasks.register(group)?;
+    let experiment = experiment(options.budget, group).with_seed(options.seed);
+    let name = format!("own-task-seed{}", options.seed);
+    let folder = RunFolder::create("runs".as_ref(), &name)?;
+    let mut run = Run::start_with(experiment, tasks, folder)?;
+    finish(&mut run)?;
+    Ok(())
+}
+
+/// The five groups twice; the fifth stays longer than the others.
+fn experiment(length: Length, group: TaskGroup) -> Experiment {
+    let (budget, cycles, others, own) = match length {
+        Length::Smoke => (Budget::Smoke, 1, 1, 1),
+        Length::Short => (Budget::Short, 2, 3, 12),
+    };
+    let others = TaskGroup::STANDARD.map(|group| (group, others));
+    let visits = [others.as_slice(), &[(group, own)]].concat();
+    Experiment {
+        schedule: Schedule::shuffled(cycles, &visits),
+        ..budget.experiment(Method::Covers)
+    }
+}
+
+fn finish(run: &mut Run) -> Result<(), CoversError> {
+    while let Some(progress) = run.advance()? {
+        println!("{}", rollout_line(&progress));
+    }
+    println!("\n{}", summary_table(&run.summary()?));
+    println!("files: {}", run.folder().path().display());
+    Ok(())
+}
