@@ -120,21 +120,14 @@ impl Algorithm for Ppo {
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         state.check_like(&self.save())?;
         check_second_moment(state)?;
-        let Adam {
-            first_moment,
-            second_moment,
-            steps,
-            ..
-        } = &mut self.optimiser;
-        for (own, (_, saved)) in [first_moment, second_moment]
-            .into_iter()
-            .zip(&state.tensors)
-        {
-            own.copy_from_slice(saved);
-        }
-        for (own, (_, saved)) in [steps].into_iter().zip(&state.counters) {
-            *own = *saved;
-        }
+        // the layout is that of `save`
+        self.optimiser
+            .first_moment
+            .copy_from_slice(state.tensors[0].1);
+        self.optimiser
+            .second_moment
+            .copy_from_slice(state.tensors[1].1);
+        self.optimiser.steps = state.counters[0].1;
         Ok(())
     }
 }

@@ -136,6 +136,31 @@ fn returns_that_overflow_leave_the_parameters_alone() {
     );
 }
 
+/// Weights so large that the value is finite and its gradient is not.
+#[test]
+fn a_gradient_that_overflows_leaves_the_parameters_alone() {
+    let mut policy = policy();
+    let settings = PpoSettings {
+        max_kl: 1e9,
+        ..PpoSettings::default()
+    };
+    let mut ppo = Ppo::new(settings, &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    push(&mut buffer, &parts()).unwrap();
+    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+    // before the two log_std and the value's bias: the last layer of the critic
+    let bias = policy.params().len() - 3;
+    policy.params_mut()[bias - 2..bias].fill(1e30);
+    let before = policy.params().to_vec();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
+    assert_eq!(not_finite(result), "the norm of the gradient");
+    assert_eq!(
+        (policy.params(), ppo.save().counters[0].1),
+        (&before[..], 0)
+    );
+}
+
 fn saved<'a>(first: &'a [f32], second: &'a [f32], counter: (&'a str, u64)) -> AlgorithmState<'a> {
     AlgorithmState {
         tensors: vec![("adam.first", first), ("adam.second", second)],
