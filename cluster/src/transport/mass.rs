@@ -1,4 +1,4 @@
-//! Weights as exact integers, nudged so that no basis of the transport problem is degenerate.
+//! Weights as exact integers, perturbed so that no basis of the transport problem is degenerate.
 
 use std::ops::{AddAssign, Sub, SubAssign};
 
@@ -7,24 +7,27 @@ use super::problem::Weights;
 /// Units of a whole where weights are given as numbers: finer than the rounding of an `f64` near 1.
 const FINE: i64 = 1 << 60;
 
-/// An amount of mass: whole units and, below all of them, a nudge.
+/// An amount of mass: whole units, and a number of infinitesimals.
 ///
-/// Orden's perturbation: supplies are moved by multiples of an infinitesimal so that no proper
-/// subset of sources supplies exactly what a subset of sinks demands. Every basic flow is then
-/// positive, each pivot lowers the cost and the simplex method cannot cycle. Kept as a second
-/// integer that is compared after the first, the infinitesimal costs no precision: the units alone
-/// are the flow of the problem as given.
+/// The infinitesimals are Orden's perturbation. They change the supplies so that no proper subset
+/// of sources supplies exactly what a subset of sinks demands. Every basic flow is then positive,
+/// each pivot lowers the cost and the simplex method cannot cycle. Two amounts are compared by
+/// their units first. The perturbation costs no precision, because the units alone are the flow of
+/// the problem as given.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Mass {
     pub(crate) units: i64,
-    nudge: i64,
+    infinitesimals: i64,
 }
 
 impl Mass {
-    pub(crate) const ZERO: Self = Self { units: 0, nudge: 0 };
+    pub(crate) const ZERO: Self = Self {
+        units: 0,
+        infinitesimals: 0,
+    };
     pub(crate) const MAX: Self = Self {
         units: i64::MAX,
-        nudge: 0,
+        infinitesimals: 0,
     };
 }
 
@@ -34,7 +37,7 @@ impl Sub for Mass {
     fn sub(self, other: Self) -> Self {
         Self {
             units: self.units - other.units,
-            nudge: self.nudge - other.nudge,
+            infinitesimals: self.infinitesimals - other.infinitesimals,
         }
     }
 }
@@ -42,7 +45,7 @@ impl Sub for Mass {
 impl AddAssign for Mass {
     fn add_assign(&mut self, other: Self) {
         self.units += other.units;
-        self.nudge += other.nudge;
+        self.infinitesimals += other.infinitesimals;
     }
 }
 
@@ -81,26 +84,26 @@ impl Balance {
                 FINE
             }
         };
-        nudge(supplies, demands);
+        perturb(supplies, demands);
     }
 }
 
 fn whole(units: usize) -> Mass {
     Mass {
         units: units as i64,
-        nudge: 0,
+        infinitesimals: 0,
     }
 }
 
-/// Gives each source `m` nudges and each sink one; the last sink balances. A subset of sinks
-/// without the last one holds fewer than `m` nudges, so it never equals a subset of sources, and
-/// neither does its complement.
-fn nudge(supplies: &mut [Mass], demands: &mut [Mass]) {
+/// Gives each source `m` infinitesimals and each sink one; the last sink balances. A subset of
+/// sinks without the last one holds fewer than `m` of them, so it never equals a subset of sources,
+/// and neither does its complement.
+fn perturb(supplies: &mut [Mass], demands: &mut [Mass]) {
     let (n, m) = (supplies.len() as i64, demands.len() as i64);
-    supplies.iter_mut().for_each(|s| s.nudge = m);
-    demands.iter_mut().for_each(|d| d.nudge = 1);
+    supplies.iter_mut().for_each(|s| s.infinitesimals = m);
+    demands.iter_mut().for_each(|d| d.infinitesimals = 1);
     if let Some(last) = demands.last_mut() {
-        last.nudge = n * m - (m - 1);
+        last.infinitesimals = n * m - (m - 1);
     }
 }
 

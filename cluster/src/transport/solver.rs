@@ -185,8 +185,8 @@ mod tests {
 
     #[test]
     fn each_basic_flow_is_positive_and_all_are_balanced() {
-        // equal and zero weights on tied costs, where nothing but the nudge keeps the basis from
-        // degeneracy
+        // equal and zero weights on tied costs, where nothing but the perturbation keeps the basis
+        // from degeneracy
         let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
         let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
         let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));

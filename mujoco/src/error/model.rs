@@ -1,4 +1,4 @@
-//! Loading a model, and finding names in it.
+//! Errors of loading a model and of finding names in it.
 
 /// Why a model could not be loaded, or a name not be found in it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

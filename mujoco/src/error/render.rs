@@ -1,4 +1,4 @@
-//! Drawing, and getting at OpenGL.
+//! Errors of drawing and of getting at OpenGL.
 
 use crate::backend::Backend;
 use crate::renderer_id::RendererId;

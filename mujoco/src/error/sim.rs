@@ -1,4 +1,4 @@
-//! Simulating.
+//! Errors of simulating.
 
 use std::fmt;
 
@@ -6,7 +6,11 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
-    /// The physics blew up. MuJoCo would have reset the state silently.
+    /// The physics diverged, and this crate has reset the state.
+    ///
+    /// MuJoCo only counts a warning and goes on: from the initial state after a bad position,
+    /// velocity or acceleration, with zeros in place of all controls after a bad control, and with
+    /// a changed matrix after a nearly singular inertia matrix.
     #[error(
         "the simulation diverged at time {time} s: bad {what} (element {index}); \
          the state was reset. Use a smaller time step, or less force"
