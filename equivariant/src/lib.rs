@@ -9,8 +9,11 @@
 //!   layers; gradients have the same layout.
 //! - Feature maps are `[N, H, W, C]`, channels last, channels irrep-major ([`FieldType::range`]);
 //!   vectors are maps of height and width 1.
-//! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw, and all
-//!   buffers belong to the caller, so a training step allocates nothing after the first.
+//! - There is no tape: [`Layer::backward`] is called with what [`Layer::forward`] saw and with the
+//!   [`Scratch`] that it left. All buffers belong to the caller, so a training step allocates
+//!   nothing after the first.
+//! - Slices of wrong lengths are a panic that names the layer, the slice, its length and the
+//!   expected one; what cannot be built is a [`LayerError`].
 //! - [`Chunks`] runs a minibatch in fixed chunks of samples on all threads of the current rayon
 //!   pool, with the same bits for any number of threads. Large convolutions of a single image use
 //!   two threads of the pool that they run in.
@@ -61,7 +64,7 @@ pub use layers::concat::Concat;
 pub use layers::field_norm::{FieldNorm, Statistics};
 pub use layers::group_max_pool::GroupMaxPool;
 pub use layers::group_mean_pool::GroupMeanPool;
-pub use layers::layer::{BackwardPass, Layer, Signature};
+pub use layers::layer::{Layer, Signature};
 pub use layers::linear::Linear;
 pub use layers::max_pool::MaxPool;
 pub use layers::r2_conv::R2Conv;

@@ -1,5 +1,7 @@
 //! Forward and backward passes of the actor-critic for a chunk of samples.
 
+use std::ops::Range;
+
 use equivariant::{Layer, Scalar, Scratch, Signature};
 
 use crate::network::ActorCritic;
@@ -56,19 +58,15 @@ impl<T: Scalar> Stage<T> {
     }
 
     fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) {
-        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
-        layer.forward(
-            params,
-            &self.x[..input],
-            &mut self.y[..output],
-            &mut self.scratch,
-        );
+        let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
     }
 
+    /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.
     fn backward(
         &mut self,
         layer: &impl Layer<T>,
-        params: &[T],
+        (params, range): (&[T], Range<usize>),
         n: usize,
         dparams: &mut [T],
         input_too: bool,
@@ -76,6 +74,7 @@ impl<T: Scalar> Stage<T> {
         let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
         let dx = input_too.then_some(&mut self.dx[..input]);
         let (x, y, dy) = (&self.x[..input], &self.y[..output], &self.dy[..output]);
+        let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
         layer.backward(params, x, y, dy, dx, dparams, &mut self.scratch);
     }
 }
@@ -185,24 +184,26 @@ impl<T: Scalar> ActorCritic<T> {
     ) {
         let (parts, w) = (self.parts(), workspace);
         self.load_output_gradients(n, w);
-        w.actor.backward(
-            &self.actor,
-            &params[parts.actor.clone()],
-            n,
-            &mut dparams[parts.actor],
-            true,
-        );
-        w.critic.backward(
-            &self.critic,
-            &params[parts.critic.clone()],
-            n,
-            &mut dparams[parts.critic],
-            true,
-        );
+        w.actor
+            .backward(&self.actor, (params, parts.actor), n, dparams, true);
+        w.critic
+            .backward(&self.critic, (params, parts.critic), n, dparams, true);
+        self.add_head_gradients(n, w);
+        w.image
+            .backward(&self.image, (params, parts.image), n, dparams, false);
+        w.vector
+            .backward(&self.vector, (params, parts.vector), n, dparams, false);
+        for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
+            *sum += T::from_f64(*d);
+        }
+    }
+
+    /// Brings the gradients in the inputs of both heads to the outputs of the image and of the vector.
+    fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
         match self.settings().critic {
             Critic::Pooled { .. } => {
                 w.pool.dy.copy_from_slice(&w.critic.dx);
-                w.pool.backward(&self.pool, &[], n, &mut [], true);
+                w.pool.backward(&self.pool, (&[], 0..0), n, &mut [], true);
             }
             Critic::Joint { .. } => w.pool.dx.copy_from_slice(&w.critic.dx),
         }
@@ -210,29 +211,9 @@ impl<T: Scalar> ActorCritic<T> {
             *sum += *d;
         }
         let [image, vector] = self.concat.in_shapes().map(|shape| n * shape.len());
-        let (image, vector, sum) = (
-            &mut w.image.dy[..image],
-            &mut w.vector.dy[..vector],
-            &w.pool.dx[..image + vector],
-        );
+        let sum = &w.pool.dx[..image + vector];
+        let (image, vector) = (&mut w.image.dy[..image], &mut w.vector.dy[..vector]);
         self.concat.backward(sum, image, vector);
-        w.image.backward(
-            &self.image,
-            &params[parts.image.clone()],
-            n,
-            &mut dparams[parts.image],
-            false,
-        );
-        w.vector.backward(
-            &self.vector,
-            &params[parts.vector.clone()],
-            n,
-            &mut dparams[parts.vector],
-            false,
-        );
-        for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
-            *sum += T::from_f64(*d);
-        }
     }
 
     fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::error::LayerError;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::window::Kernel;
@@ -58,7 +58,16 @@ impl<T: Scalar> Layer<T> for AveragePool {
         }
     }
 
-    fn run_backward(&self, BackwardPass { dy, dx, .. }: BackwardPass<T>) {
+    fn run_backward(
+        &self,
+        _params: &[T],
+        _x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
         let Some(dx) = dx else { return };
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         dx.fill(T::ZERO);

@@ -9,7 +9,7 @@ use rand::Rng;
 use symmetry::Irrep;
 
 use crate::error::LayerError;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 
@@ -331,15 +331,23 @@ impl<T: Scalar> Layer<T> for FieldNorm {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let mut dx = pass.dx;
-        let group = self.group(pass.x.len());
-        let values = pass.x.chunks(group).zip(pass.dy.chunks(group));
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        mut dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
+        let group = self.group(x.len());
+        let values = x.chunks(group).zip(dy.chunks(group));
         for (i, values) in values.enumerate() {
             for first in (0..self.fields).step_by(BLOCK) {
                 let dx = dx.as_deref_mut();
                 let dx = dx.map(|dx| &mut dx[i * group..][..values.0.len()]);
-                self.differentiate(pass.params, first, values, dx, pass.dparams);
+                self.differentiate(params, first, values, dx, dparams);
             }
         }
     }

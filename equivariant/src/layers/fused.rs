@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::conv::chain::{Chain, ChainGradient};
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 
@@ -34,18 +34,25 @@ impl<T: Scalar> Layer<T> for Chain {
         Chain::forward(self, params, x, y, scratch);
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        Chain::backward(
-            self,
-            ChainGradient {
-                params: pass.params,
-                x: pass.x,
-                dy: pass.dy,
-                dx: pass.dx,
-                dparams: pass.dparams,
-                scratch: pass.scratch,
-            },
-        );
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
+        let pass = ChainGradient {
+            params,
+            x,
+            dy,
+            dx,
+            dparams,
+            scratch,
+        };
+        Chain::backward(self, pass);
     }
 }
 

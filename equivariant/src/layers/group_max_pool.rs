@@ -5,7 +5,7 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::real::exceeds;
 use crate::scalar::Scalar;
 use crate::shape::Shape;
@@ -54,7 +54,16 @@ impl<T: Scalar> Layer<T> for GroupMaxPool {
         }
     }
 
-    fn run_backward(&self, BackwardPass { x, dy, dx, .. }: BackwardPass<T>) {
+    fn run_backward(
+        &self,
+        _params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
         let Some(dx) = dx else { return };
         match self.shape.fields.group().order() {
             1 => backward::<T, 1>(self.fields, x, dy, dx),

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 
@@ -60,7 +60,16 @@ impl<T: Scalar> Layer<T> for GroupMeanPool {
         }
     }
 
-    fn run_backward(&self, BackwardPass { dy, dx, .. }: BackwardPass<T>) {
+    fn run_backward(
+        &self,
+        _params: &[T],
+        _x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
         let Some(dx) = dx else { return };
         let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
         let dys = dy.chunks_exact(self.fields);

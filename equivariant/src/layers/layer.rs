@@ -121,15 +121,8 @@ pub trait Layer<T: Scalar>: Signature {
             "{self}: got a scratch that forward left for {} samples, expected one for the {samples} of x",
             scratch.samples()
         );
-        self.run_backward(BackwardPass {
-            params,
-            x,
-            y,
-            dy,
-            dx,
-            dparams,
-            scratch: front(self, samples, scratch),
-        });
+        let scratch = front(self, samples, scratch);
+        self.run_backward(params, x, y, dy, dx, dparams, scratch);
     }
 
     /// Draws the weights for a layer followed by a ReLU, which halves the second moment: gain
@@ -192,26 +185,20 @@ pub trait Layer<T: Scalar>: Signature {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
 
     /// What [`backward`](Layer::backward) does, with slices of the right lengths.
-    fn run_backward(&self, pass: BackwardPass<T>);
-}
-
-/// What a backward pass reads and writes; see [`Layer::backward`].
-#[derive(Debug)]
-pub struct BackwardPass<'a, T> {
-    /// The parameters.
-    pub params: &'a [T],
-    /// What the forward pass read.
-    pub x: &'a [T],
-    /// What it wrote.
-    pub y: &'a [T],
-    /// The gradient in `y`.
-    pub dy: &'a [T],
-    /// Where to write the gradient in `x`, if it is wanted.
-    pub dx: Option<&'a mut [T]>,
-    /// Where to add the gradient in the parameters.
-    pub dparams: &'a mut [T],
-    /// Memory, as the forward pass left it where the layer keeps its scratch.
-    pub scratch: &'a mut [T],
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "as backward; slices in a struct would lose that they do not overlap, and speed"
+    )]
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    );
 }
 
 /// The number of samples in `x` of this length.

@@ -6,7 +6,7 @@ use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::{Shape, product};
 use crate::steerable::blocks::{Blocks, Columns, ColumnsMut};
@@ -103,20 +103,22 @@ impl<T: Scalar> Layer<T> for Linear {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let BackwardPass {
-            params,
-            x,
-            dy,
-            dparams,
-            ..
-        } = pass;
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
         self.blocks.add_bias_gradient(dy, dparams);
         for b in Irrep::ALL {
             let x = self.channels(b, x);
             self.blocks.add_weight_gradient(b, x, dy, dparams);
         }
-        let Some(dx) = pass.dx else { return };
+        let Some(dx) = dx else { return };
         for b in Irrep::ALL {
             let start = self.in_type.range(b).start;
             let channels = ColumnsMut {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::real::exceeds;
 use crate::scalar::Scalar;
 use crate::shape::Shape;
@@ -106,12 +106,21 @@ impl<T: Scalar> Layer<T> for MaxPool {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let Some(dx) = pass.dx else { return };
+    fn run_backward(
+        &self,
+        _params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
+        let Some(dx) = dx else { return };
         let dim = self.shape.fields.dim();
-        let (regular, pixel) = pass.scratch.split_at_mut(self.shape.len());
-        let (y, gradient) = pixel.split_at_mut(dim);
-        let inputs = self.shape.each(pass.x).zip(self.out_shape().each(pass.dy));
+        let (regular, pixel) = scratch.split_at_mut(self.shape.len());
+        let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);
+        let inputs = self.shape.each(x).zip(self.out_shape().each(dy));
         for ((x, dy), dx) in inputs.zip(self.shape.each_mut(dx)) {
             regular.copy_from_slice(x);
             self.transform(regular);

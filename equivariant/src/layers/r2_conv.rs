@@ -11,7 +11,7 @@ use crate::conv::maps::{Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::dense::Dense;
@@ -137,17 +137,26 @@ impl<T: Scalar> Layer<T> for R2Conv {
         pass.run_on_threads();
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
         T::backward(Backward {
             conv: &self.conv,
-            samples: pass.x.len() / self.in_shape().len(),
-            params: pass.params,
-            x: Maps::Channels(pass.x),
-            dy: Maps::Channels(pass.dy),
+            samples: x.len() / self.in_shape().len(),
+            params,
+            x: Maps::Channels(x),
+            dy: Maps::Channels(dy),
             masks: None,
-            dx: pass.dx.map(MapsMut::Channels),
-            dparams: pass.dparams,
-            scratch: pass.scratch,
+            dx: dx.map(MapsMut::Channels),
+            dparams,
+            scratch,
         });
     }
 }

@@ -6,7 +6,7 @@ use std::fmt;
 use crate::conv::chain::Fusible;
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
@@ -60,7 +60,16 @@ impl<T: Scalar> Layer<T> for Relu {
         }
     }
 
-    fn run_backward(&self, BackwardPass { x, dy, dx, .. }: BackwardPass<T>) {
+    fn run_backward(
+        &self,
+        _params: &[T],
+        x: &[T],
+        _y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        _scratch: &mut [T],
+    ) {
         let Some(dx) = dx else { return };
         match self.order {
             1 => backward_fields::<T, 1>(self.fields, x, dy, dx),
@@ -97,7 +106,7 @@ fn backward_fields<T: Scalar, const G: usize>(fields: usize, x: &[T], dy: &[T], 
 
 #[inline(always)]
 fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
-    let width = G * n;
+    let width = (G * n).max(1);
     for (x, y) in x.chunks_exact(width).zip(y.chunks_exact_mut(width)) {
         let x = parts::<T, G>(x, n);
         let y = parts_mut::<T, G>(y, n);
@@ -113,7 +122,7 @@ fn forward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
 
 #[inline(always)]
 fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
-    let width = G * n;
+    let width = (G * n).max(1);
     let inputs = x.chunks_exact(width).zip(dy.chunks_exact(width));
     for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(width)) {
         let (x, dy) = (parts::<T, G>(x, n), parts::<T, G>(dy, n));

@@ -7,7 +7,7 @@ use rand::Rng;
 
 use crate::conv::chain::Chain;
 use crate::error::LayerError;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
@@ -206,39 +206,42 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / self.in_shape().len();
-        let mut parts = self.parts(samples, pass.scratch);
+    fn run_backward(
+        &self,
+        params: &[T],
+        x: &[T],
+        y: &[T],
+        dy: &[T],
+        mut dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
+        let samples = x.len() / self.in_shape().len();
+        let mut parts = self.parts(samples, scratch);
         let [mut output_gradient, mut input_gradient] = parts.gradients;
         let mut activations = &*parts.activations;
-        let (mut dx, mut y) = (pass.dx, pass.y);
+        let mut output = y;
         for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
-            let (in_len, out_len) = (samples * layer.in_shape().len(), y.len());
-            let (x, dx) = match i {
-                0 => (pass.x, dx.take()),
+            let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
+            let (input, dx) = match i {
+                0 => (x, dx.take()),
                 _ => {
-                    let x = take_back(&mut activations, in_len);
-                    (x, Some(&mut input_gradient[..in_len]))
+                    let input = take_back(&mut activations, in_len);
+                    (input, Some(&mut input_gradient[..in_len]))
                 }
+            };
+            let dy = match i + 1 == self.stages.len() {
+                true => dy,
+                false => &output_gradient[..out_len],
             };
             let scratch = match layer.keeps_scratch() {
                 true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
                 false => &mut parts.shared[..layer.scratch_len(samples)],
             };
-            layer.run_backward(BackwardPass {
-                params: &pass.params[range.clone()],
-                x,
-                y,
-                dy: match i + 1 == self.stages.len() {
-                    true => pass.dy,
-                    false => &output_gradient[..out_len],
-                },
-                dx,
-                dparams: &mut pass.dparams[range],
-                scratch,
-            });
+            let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
+            layer.run_backward(params, input, output, dy, dx, dparams, scratch);
             std::mem::swap(&mut output_gradient, &mut input_gradient);
-            y = x;
+            output = input;
         }
     }
 }

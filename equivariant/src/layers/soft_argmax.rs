@@ -6,7 +6,7 @@ use symmetry::Irrep;
 
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{BackwardPass, Layer, Signature};
+use crate::layers::layer::{Layer, Signature};
 use crate::real::exceeds;
 use crate::scalar::Scalar;
 use crate::shape::Shape;
@@ -223,14 +223,23 @@ impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let Some(dx) = pass.dx else { return };
+    fn run_backward(
+        &self,
+        _params: &[T],
+        _x: &[T],
+        y: &[T],
+        dy: &[T],
+        dx: Option<&mut [T]>,
+        _dparams: &mut [T],
+        scratch: &mut [T],
+    ) {
+        let Some(dx) = dx else { return };
         let dim = self.shape.fields.dim();
-        let (distributions, rows) = pass.scratch.split_at_mut(dx.len());
+        let (distributions, rows) = scratch.split_at_mut(dx.len());
         let (spare, rows) = rows.split_at_mut(2 * dim);
         let (means, gradients) = rows.split_at_mut(2 * dim);
         let maps = self.shape.each(distributions);
-        let (ys, dys) = (pass.y.chunks_exact(2 * dim), pass.dy.chunks_exact(2 * dim));
+        let (ys, dys) = (y.chunks_exact(2 * dim), dy.chunks_exact(2 * dim));
         for ((map, (y, dy)), dx) in maps.zip(ys.zip(dys)).zip(self.shape.each_mut(dx)) {
             self.keypoints(y, spare, means);
             self.keypoints(dy, spare, gradients);

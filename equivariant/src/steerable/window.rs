@@ -4,10 +4,10 @@ use std::fmt;
 
 /// A square window that slides over an image, padded on all sides; all lengths in pixels.
 ///
-/// Windows sit symmetrically on an axis, hence a layer commutes with its flip, if and only if (size
-/// + 2 padding - kernel) mod stride = 0. Layers hold every axis to it that some element of their
-/// group flips; D1x asks it of the width only and C1 of neither, where windows start at the left
-/// and at the top and a remainder of pixels is not seen.
+/// Windows sit symmetrically on an axis, hence a layer commutes with its flip, if and only if
+/// (size + 2 padding - kernel) mod stride = 0. Layers hold every axis to it that some element of
+/// their group flips. D1x asks it of the width only and C1 of neither: there windows start at the
+/// left and at the top, and a remainder of pixels is not seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
     /// Side of the window.
