@@ -24,7 +24,7 @@ pub enum EnvError {
         name: String,
     },
     /// A second group of one name.
-    #[error("a task group `{name}` is registered already: choose another name")]
+    #[error("another task group is called `{name}` already: choose another name")]
     DuplicateTask {
         /// The name given.
         name: String,

@@ -170,7 +170,7 @@ mod tests {
         let mut registry = TaskRegistry::standard();
         let taken = registry.register(TaskGroup::of(&Named("goal-reach")));
         let message = taken.unwrap_err().to_string();
-        assert!(message.contains("`goal-reach` is registered"), "{message}");
+        assert!(message.contains("called `goal-reach` already"), "{message}");
         const BAD: [Named; 7] = [
             Named(""),
             Named("Peg"),

@@ -76,7 +76,8 @@ impl VecEnv {
     /// [`VecEnv::set_tasks`] is cheap from then on.
     ///
     /// # Errors
-    /// What MuJoCo or OpenGL says.
+    /// [`EnvError::DuplicateTask`] for a group of the name of another one with other parts, or what
+    /// MuJoCo or OpenGL says.
     pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
         for &group in groups {
             let scene = self.scene(group)?;
@@ -91,6 +92,7 @@ impl VecEnv {
     /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
     ///
     /// # Errors
+    /// [`EnvError::DuplicateTask`] for a group of the name of another one with other parts,
     /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
     pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         if elements.is_empty() {
@@ -118,7 +120,11 @@ impl VecEnv {
     /// workers.
     fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
         if let Some(scene) = self.scenes.get(&group) {
-            return Ok(Arc::clone(scene));
+            if scene.group.task().parts() == group.task().parts() {
+                return Ok(Arc::clone(scene));
+            }
+            let name = group.name().to_owned();
+            return Err(EnvError::DuplicateTask { name });
         }
         let VecEnvSettings {
             layout,

@@ -93,3 +93,22 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
     let pixels = batch.images.chunks_exact(6).filter(|pixel| green(pixel));
     assert!(pixels.count() > 4 * 10, "the block shows");
 }
+
+/// Groups are told apart by their names; the second would silently get the scene of the first.
+#[test]
+fn two_tasks_of_one_name_are_refused() {
+    let settings = VecEnvSettings {
+        num_envs: 1,
+        ..VecEnvSettings::default()
+    };
+    let wide = PushBlock {
+        scene: common::SCENE.replace("0.04 0.04 0.04", "0.06 0.04 0.04"),
+        ..PushBlock::default()
+    };
+    let group = |task: PushBlock| TaskGroup::of(Box::leak(Box::new(task)));
+    let (first, second) = (group(PushBlock::default()), group(wide));
+    let mut env = VecEnv::new(settings, first, &D2::ALL).unwrap();
+    env.set_tasks(first, &D2::ALL).unwrap();
+    let message = env.set_tasks(second, &D2::ALL).unwrap_err().to_string();
+    assert!(message.contains("called `push-block` already"), "{message}");
+}

@@ -39,26 +39,28 @@ impl ColorCorrection {
         if self == Self::None {
             return;
         }
-        let pixels = || rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
-        let shown = || {
-            pixels()
-                .filter(|(_, hidden)| !**hidden)
-                .map(|(pair, _)| pair)
-        };
-        let Some(mut map) = Map::fit(self, shown()) else {
+        let Some(map) = self.fit(reference, mask, rgb) else {
             return;
         };
+        for pixel in rgb.chunks_exact_mut(3) {
+            let corrected = map.apply(color(pixel)).to_array();
+            pixel.copy_from_slice(&corrected.map(|value| value.round() as u8));
+        }
+    }
+
+    /// The map of the pixels that are not hidden and did not move; none where all are hidden.
+    fn fit(self, reference: &[u8], mask: &[bool], rgb: &[u8]) -> Option<Map> {
+        let pixels = rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
+        let shown = pixels.filter(|(_, hidden)| !**hidden).map(|(pair, _)| pair);
+        let mut map = Map::fit(self, shown.clone())?;
         for tolerance in MOVED {
-            let still = shown().filter(|(now, before)| {
+            let still = shown.clone().filter(|(now, before)| {
                 let difference = map.apply(color(now)) - color(before);
                 difference.abs().max_element() <= tolerance
             });
             map = Map::fit(self, still).unwrap_or(map);
         }
-        for pixel in rgb.chunks_exact_mut(3) {
-            let corrected = map.apply(color(pixel)).to_array();
-            pixel.copy_from_slice(&corrected.map(|value| value.round() as u8));
-        }
+        Some(map)
     }
 
     fn space(self, rgb: DVec3) -> DVec3 {
@@ -87,20 +89,21 @@ impl Map {
             now.add(correction.space(color(a)));
             reference.add(correction.space(color(b)));
         }
-        if now.count == 0.0 {
-            return None;
-        }
+        (now.count > 0.0).then(|| Self::between(correction, &now, &reference))
+    }
+
+    fn between(correction: ColorCorrection, now: &Moments, reference: &Moments) -> Self {
         let (from, to) = (now.mean(), reference.mean());
         let (from, gain, to) = match correction {
             ColorCorrection::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
             _ => (from, ratio(reference.deviation(), now.deviation()), to),
         };
-        Some(Self {
+        Self {
             correction,
             from,
             gain,
             to,
-        })
+        }
     }
 
     fn apply(&self, rgb: DVec3) -> DVec3 {

@@ -69,15 +69,7 @@ impl Inpainter {
         check_picture("out", out, self.mask.len())?;
         self.check_positions(joints, gripper)?;
         self.mask_arm(joints);
-        self.corrected.copy_from_slice(image);
-        let correction = self.settings.correction;
-        correction.apply(&self.reference, &self.mask, &mut self.corrected);
-        let pixels = self.background.chunks_exact_mut(3);
-        for ((old, new), &hidden) in pixels.zip(self.corrected.chunks_exact(3)).zip(&self.mask) {
-            if !hidden {
-                old.copy_from_slice(new);
-            }
-        }
+        self.refresh(image);
         out.copy_from_slice(&self.background);
         self.settings.mark.draw(&self.settings.camera, gripper, out);
         Ok(())
@@ -109,6 +101,19 @@ impl Inpainter {
                 radius: link.radius,
             };
             capsule.mark(camera, &mut self.mask);
+        }
+    }
+
+    /// Takes into the background what of `image` is not hidden, in corrected colours.
+    fn refresh(&mut self, image: &[u8]) {
+        self.corrected.copy_from_slice(image);
+        let correction = self.settings.correction;
+        correction.apply(&self.reference, &self.mask, &mut self.corrected);
+        let pixels = self.background.chunks_exact_mut(3);
+        for ((old, new), &hidden) in pixels.zip(self.corrected.chunks_exact(3)).zip(&self.mask) {
+            if !hidden {
+                old.copy_from_slice(new);
+            }
         }
     }
 }

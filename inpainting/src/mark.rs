@@ -1,8 +1,11 @@
 //! The disc or ring that is drawn where the gripper is.
 
-use crate::camera::{Intrinsics, PinholeCamera};
-use crate::error::{InpaintingError, require};
+use std::ops::Range;
+
 use glam::DVec3;
+
+use crate::camera::PinholeCamera;
+use crate::error::{InpaintingError, require};
 
 /// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies at
 /// `depth`, however high the gripper is.
@@ -34,47 +37,53 @@ impl Mark {
     /// Draws the mark over `rgb` `[H, W, 3]` where `camera` sees `point` (metres, world frame);
     /// nothing where the point is behind the camera.
     pub(crate) fn draw(&self, camera: &PinholeCamera, point: DVec3, rgb: &mut [u8]) {
-        let Intrinsics { focal, .. } = camera.intrinsics;
-        if let Some(offset) = camera.project(point) {
-            let radii = [self.radius, self.hole].map(|radius| radius * focal[0] / self.depth);
-            draw_ring(&camera.intrinsics, offset, radii, self.color, rgb);
+        let Some(offset) = camera.project(point) else {
+            return;
+        };
+        let inside = &camera.intrinsics;
+        let ring = Ring {
+            centre: inside.centre,
+            offset,
+            radii: [self.radius, self.hole].map(|radius| radius * inside.focal[0] / self.depth),
+        };
+        for row in ring.reach(1, inside.height) {
+            for column in ring.reach(0, inside.width) {
+                if ring.covers(column, row) {
+                    rgb[(row * inside.width + column) * 3..][..3].copy_from_slice(&self.color);
+                }
+            }
         }
     }
 }
 
-/// Colours the pixels of `rgb` `[H, W, 3]` whose middles are nearer than `radii[0]` and not nearer
-/// than `radii[1]` to the point `offset` (right, down) from the optical axis; all in pixels.
-/// Mirroring the offset mirrors the ring exactly where the axis goes through the picture's middle.
-fn draw_ring(
-    intrinsics: &Intrinsics,
+/// A ring in the picture; all in pixels, columns to the right and rows down.
+struct Ring {
+    /// The optical axis.
+    centre: [f64; 2],
+    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis goes
+    /// through the picture's middle.
     offset: [f64; 2],
+    /// Outer and inner radius.
     radii: [f64; 2],
-    color: [u8; 3],
-    rgb: &mut [u8],
-) {
-    let Intrinsics {
-        width,
-        height,
-        centre,
-        ..
-    } = *intrinsics;
-    // pixels outside of these ranges cannot be reached
-    let reach = |axis: usize, count: usize| {
-        let middle = centre[axis] + offset[axis];
-        let [low, high] = [-1.0, 1.0].map(|side| middle + side * (radii[0] + 1.0));
+}
+
+impl Ring {
+    /// Columns (axis 0) or rows (axis 1), of `count`, outside of which the ring covers nothing.
+    fn reach(&self, axis: usize, count: usize) -> Range<usize> {
+        let middle = self.centre[axis] + self.offset[axis];
+        let reach = self.radii[0] + 1.0;
         let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
-        pixel(low)..pixel(high)
-    };
-    let squares = radii.map(|radius| radius * radius);
-    let columns = reach(0, width);
-    for row in reach(1, height) {
-        let dy = ((row as f64 + 0.5) - centre[1]) - offset[1];
-        for column in columns.clone() {
-            let dx = ((column as f64 + 0.5) - centre[0]) - offset[0];
-            let distance = dx * dx + dy * dy;
-            if distance < squares[0] && distance >= squares[1] {
-                rgb[(row * width + column) * 3..][..3].copy_from_slice(&color);
-            }
-        }
+        pixel(middle - reach)..pixel(middle + reach)
+    }
+
+    /// Whether the pixel's middle is within the outer radius and not within the inner one.
+    fn covers(&self, column: usize, row: usize) -> bool {
+        let from_middle = |axis: usize, pixel: usize| {
+            ((pixel as f64 + 0.5) - self.centre[axis]) - self.offset[axis]
+        };
+        let (dx, dy) = (from_middle(0, column), from_middle(1, row));
+        let distance = dx * dx + dy * dy;
+        let [outer, inner] = self.radii.map(|radius| radius * radius);
+        distance < outer && distance >= inner
     }
 }

@@ -244,11 +244,16 @@ mod tests {
         assert!(row.free_deviation > 1e-2, "{row:?}");
         assert!(row.reward_deviation > 1e-2, "{row:?}");
         assert!(row.frames_differing * 2 > row.frames, "{row:?}");
+        assert!(!row.passes());
     }
 
     #[test]
     fn the_arm_is_not_symmetric_open_loop() {
         let row = row(Embodiment::Sawyer, D2::FlipY, D2::FlipY);
         assert!(row.free_deviation > 1e-3, "{row:?}");
+        assert!(
+            row.passes(),
+            "the arm is held to its returns alone: {row:?}"
+        );
     }
 }
