@@ -1,5 +1,6 @@
-//! Environments of one thread: a decision of 10 control steps, a 64 x 64 picture, a reset, and a vector environment's step of one control
-//! step and one picture. `EMBODIMENT=hand` measures another embodiment than `sawyer`.
+//! Environments of one thread: a decision of 10 control steps, a 64 x 64 picture, a reset, and a
+//! vector environment's step of one control step and one picture. `EMBODIMENT=hand` measures
+//! another embodiment than `sawyer`.
 
 use std::sync::Arc;
 

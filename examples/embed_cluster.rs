@@ -1,4 +1,5 @@
-//! Finds the places where a stream of points changes its distribution, with the `cluster` crate alone.
+//! Finds the places where a stream of points changes its distribution, with the `cluster` crate
+//! alone.
 //!
 //! `cargo run --release --example embed_cluster`
 
@@ -16,8 +17,8 @@ const REFERENCE: usize = 120;
 /// Latest points, compared with the reference every few points.
 const WINDOW: usize = 40;
 const STRIDE: usize = 5;
-/// Random splits of a reference. Points of one regime may be as far apart as the farthest of them, with a margin for
-/// a stream that is compared more often than that.
+/// Random splits of a reference. Points of one regime may be as far apart as the farthest of them,
+/// with a margin for a stream that is compared more often than that.
 const SPLITS: usize = 200;
 const MARGIN: f64 = 1.15;
 

@@ -1,6 +1,8 @@
-//! Drives an environment without any learner: a scripted expert solves the four variants of a task side by side, and a GIF shows them.
+//! Drives an environment without any learner: a scripted expert solves the four variants of a task
+//! side by side, and a GIF shows them.
 //!
-//! `cargo run --release --example embed_env [TASK] [FILE.gif]`; tasks are goal-reach, button-press, drawer-close, plate-slide.
+//! `cargo run --release --example embed_env [TASK] [FILE.gif]`; tasks are goal-reach, button-press,
+//! drawer-close, plate-slide.
 
 use std::error::Error;
 use std::fs::{File, create_dir_all};

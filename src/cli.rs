@@ -38,8 +38,8 @@ pub struct Changes {
     /// What carries the gripper: `sawyer` (the presets') or `hand`.
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
-    /// The group that networks are equivariant under: `D2`, `D1x`, `D1y`, `C2`, or `C1` for ordinary
-    /// networks of equal width (default: the preset's).
+    /// The group that networks are equivariant under: `D2`, `D1x`, `D1y`, `C2`, or `C1` for
+    /// ordinary networks of equal width (default: the preset's).
     #[arg(long)]
     pub group: Option<Group>,
 }

@@ -23,9 +23,11 @@ pub enum Command {
     Train(TrainOptions),
     /// Goes on from the last checkpoint of an interrupted run.
     Resume(ResumeOptions),
-    /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own choice.
+    /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own
+    /// choice.
     Eval(EvalOptions),
-    /// Copies what acting takes into a small folder: settings, policies, and some first frames of each group.
+    /// Copies what acting takes into a small folder: settings, policies, and some first frames of
+    /// each group.
     Pack(PackOptions),
 }
 

@@ -68,8 +68,8 @@ pub enum CoversError {
         /// The reason.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what learning
-    /// on takes.
+    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what
+    /// learning on takes.
     #[error(
         "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
          resume the run's own folder; `covers eval` takes either", path.display()

@@ -1,4 +1,5 @@
-//! Evaluation: every variant of every group, with the policy that the learner itself recognises, acting by its mean.
+//! Evaluation: every variant of every group, with the policy that the learner itself recognises,
+//! acting by its mean.
 
 use envs::{TaskGroup, TaskRegistry, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
@@ -42,7 +43,8 @@ pub struct Score {
 pub struct GroupScore {
     /// The group.
     pub group: TaskGroup,
-    /// The policy that the learner chose, one entry for each policy chosen in any variant, in order.
+    /// The policy that the learner chose, one entry for each policy chosen in any variant, in
+    /// order.
     pub policies: Vec<usize>,
     /// Episodes evaluated.
     pub episodes: usize,
@@ -105,11 +107,12 @@ impl Evaluator {
             .collect()
     }
 
-    /// Scores one variant. The learner chooses a policy from the first frames of the very episodes that are then
-    /// played; nobody tells it the group.
+    /// Scores one variant. The learner chooses a policy from the first frames of the very episodes
+    /// that are then played; nobody tells it the group.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner say.
+    /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner
+    /// say.
     pub fn variant(
         &mut self,
         learner: &mut dyn Learner,

@@ -12,7 +12,8 @@ use crate::error::CoversError;
 use crate::learners::LearnerSettings;
 use crate::schedule::{Schedule, Visit};
 
-/// Random streams of the experiment, counted from the top: the learner's are counted from 0 under the same seed.
+/// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
+/// the same seed.
 const SCHEDULE: u64 = u64::MAX;
 const ENVIRONMENTS: u64 = u64::MAX - 1;
 const EVALUATION: u64 = u64::MAX - 2;
@@ -44,8 +45,8 @@ pub struct EvaluationPlan {
     /// The same after each visit; none where it is 0.
     pub visit_rounds: usize,
     /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
-    /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a number
-    /// there are none within visits.
+    /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a
+    /// number there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
 }
@@ -154,7 +155,8 @@ impl Experiment {
         self.schedule.visits(&mut self.stream_rng(SCHEDULE))
     }
 
-    /// The seed of the environments in one rollout: an interrupted run needs to know nothing but the number of the next.
+    /// The seed of the environments in one rollout: an interrupted run needs to know nothing but
+    /// the number of the next.
     pub(crate) fn environment_seed(&self, rollout: usize) -> u64 {
         let mut rng = self.stream_rng(ENVIRONMENTS);
         rng.set_word_pos(BLOCK * rollout as u128);

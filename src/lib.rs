@@ -1,12 +1,13 @@
 //! Continual vision-based reinforcement learning with group symmetries: COVERS (Liu et al., CoRL
 //! 2023) in Rust.
 //!
-//! A learner watches a table through a top-down camera while tasks arrive in a stream that nobody labels. It grows one
-//! D2-equivariant policy per group of symmetric tasks, notices a change of group by the 1-Wasserstein distance of
-//! invariant features, recalls old policies, and solves symmetric variants that it never trained on.
+//! A learner watches a table through a top-down camera while tasks arrive in a stream that nobody
+//! labels. It grows one D2-equivariant policy per group of symmetric tasks, notices a change of
+//! group by the 1-Wasserstein distance of invariant features, recalls old policies, and solves
+//! symmetric variants that it never trained on.
 //!
-//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper; it learns from anything
-//!   that implements [`rl::VectorEnv`].
+//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper; it learns from
+//!   anything that implements [`rl::VectorEnv`].
 //! - [`Grouping`]: the decision which policy a rollout belongs to.
 //! - [`Stream`]: task groups on MuJoCo as such an environment.
 //! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop

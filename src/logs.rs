@@ -1,4 +1,5 @@
-//! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal bytes.
+//! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
+//! bytes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Seek, SeekFrom};
@@ -17,7 +18,8 @@ pub(crate) struct Logs {
     timings: Log,
 }
 
-/// Lengths of the files in bytes: rows behind them are forgotten when a run goes on from a checkpoint.
+/// Lengths of the files in bytes: rows behind them are forgotten when a run goes on from a
+/// checkpoint.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Marks {

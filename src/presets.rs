@@ -88,8 +88,8 @@ pub enum Budget {
     /// About half an hour on two busy cores; every group three times, and more of the two that take
     /// longer.
     Full,
-    /// As `full`, but every group twice, and only one variant of each is learnt; the others appear in
-    /// evaluations.
+    /// As `full`, but every group twice, and only one variant of each is learnt; the others appear
+    /// in evaluations.
     ZeroShot,
 }
 

@@ -5,7 +5,8 @@ use envs::TaskGroup;
 use crate::evaluation::Score;
 use crate::learners::Turn;
 
-/// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees it.
+/// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
+/// it.
 #[derive(Clone, Debug)]
 pub struct Progress {
     /// Index of the rollout, from 0.

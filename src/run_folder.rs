@@ -1,4 +1,5 @@
-//! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as safetensors.
+//! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as
+//! safetensors.
 
 use std::fs::{File, create_dir, create_dir_all};
 use std::io::{BufWriter, ErrorKind, Write};
@@ -19,7 +20,8 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... where that exists: no run overwrites another.
+    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... where that exists: no run overwrites
+    /// another.
     ///
     /// # Errors
     /// [`CoversError::Write`].

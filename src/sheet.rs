@@ -25,11 +25,12 @@ const ENLARGE: usize = 4;
 /// White pixels around each variant.
 const GAP: usize = 6;
 
-/// A goal that the learner is told as a vector is marked in this colour; its picture does not show it.
+/// A goal that the learner is told as a vector is marked in this colour; its picture does not show
+/// it.
 const TOLD_GOAL: [u8; 3] = [0, 200, 0];
 
-/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four variants
-/// of a group share one placement.
+/// The first picture of every variant, `[group][element]`, each `[size, size, 3]`; the four
+/// variants of a group share one placement.
 ///
 /// A goal that is told and not seen is marked by a green disc.
 ///

@@ -60,7 +60,8 @@ impl Stream {
         }
     }
 
-    /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next reset.
+    /// Lets another group in, with variants drawn from `elements`; its episodes begin with the next
+    /// reset.
     ///
     /// # Errors
     /// What the environments say.
@@ -81,7 +82,8 @@ impl Stream {
         self.seconds
     }
 
-    /// Failures of single environments so far. Each cut an episode short, which the learner takes for a time-out.
+    /// Failures of single environments so far. Each cut an episode short, which the learner takes
+    /// for a time-out.
     pub fn failures(&self) -> usize {
         self.failures
     }
@@ -153,7 +155,8 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
         .for_each(|(row, _)| scale_row(row));
 }
 
-/// Centres and scales hand x, y, z, aperture and goal x, y, z; a hidden goal stays zero, and flips stay flips.
+/// Centres and scales hand x, y, z, aperture and goal x, y, z; a hidden goal stays zero, and flips
+/// stay flips.
 fn scale_row(row: &mut [f32]) {
     row[2] -= MIDDLE_HEIGHT;
     row[3] -= MIDDLE_APERTURE;

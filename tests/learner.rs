@@ -18,8 +18,8 @@ use symmetry::{D2, Irrep};
 const SIZE: usize = 8;
 const HORIZON: usize = 5;
 
-/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the
-/// reward is the first action.
+/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place;
+/// the reward is the first action.
 #[derive(Clone)]
 struct Bars {
     spec: EnvSpec,

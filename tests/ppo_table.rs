@@ -1,4 +1,5 @@
-//! The tables of docs/ppo.md against the code: every value is the preset's, every name is in the file it is said to be in.
+//! The tables of docs/ppo.md against the code: every value is the preset's, every name is in the
+//! file it is said to be in.
 
 #![allow(clippy::unwrap_used)]
 

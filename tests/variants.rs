@@ -24,7 +24,8 @@ fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
     }
 }
 
-/// Groups down and elements across, each pixel a square of 4, with 6 white pixels around each picture.
+/// Groups down and elements across, each pixel a square of 4, with 6 white pixels around each
+/// picture.
 #[test]
 fn the_contact_sheet_shows_every_picture_in_its_place() {
     let settings = VecEnvSettings::default();
@@ -76,7 +77,8 @@ impl Worst {
     }
 }
 
-/// Largest relative deviation from `action(g s) = g action(s)` over all pictures, for observations made by `map`.
+/// Largest relative deviation from `action(g s) = g action(s)` over all pictures, for observations
+/// made by `map`.
 fn deviation(map: impl Fn(D2) -> D2) -> f32 {
     let settings = VecEnvSettings::default();
     let size = settings.camera.size;

@@ -11,8 +11,8 @@ use crate::error::CoversError;
 
 use super::grouping::{Candidates, Grouping};
 
-/// The name of the group that runs, shared by a run, which writes it, and an [`Oracle`], which reads
-/// it.
+/// The name of the group that runs, shared by a run, which writes it, and an [`Oracle`], which
+/// reads it.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<String>>);
 

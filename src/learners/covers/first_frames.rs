@@ -44,7 +44,8 @@ impl FirstFrames {
     }
 }
 
-/// Takes the first `k` observations of every episode that begins in `rollout`, which must begin with a reset.
+/// Takes the first `k` observations of every episode that begins in `rollout`, which must begin
+/// with a reset.
 pub(super) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
     let (envs, steps) = (rollout.spec().num_envs, rollout.steps());
     let mut episodes = Vec::new();
@@ -86,7 +87,8 @@ fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> F
     FirstFrames::new(count, frames)
 }
 
-/// The invariant features of episodes, as `policy` sees them now: features drift while a policy learns, so frames are embedded afresh.
+/// The invariant features of episodes, as `policy` sees them now: features drift while a policy
+/// learns, so frames are embedded afresh.
 pub(super) fn embed<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
@@ -119,7 +121,8 @@ pub(super) fn keep_features<P: Features>(
     Ok(())
 }
 
-/// The features of a buffer's episodes: those of their arrival if every episode kept them, else those of now.
+/// The features of a buffer's episodes: those of their arrival if every episode kept them, else
+/// those of now.
 pub(super) fn recall<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
@@ -141,7 +144,8 @@ mod tests {
     use rl::{Decisions, EnvSpec, Outcome, Transition};
     use symmetry::Irrep;
 
-    /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env, step) after which an episode ends.
+    /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env,
+    /// step) after which an episode ends.
     fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
         let spec = EnvSpec {
             num_envs: 2,

@@ -19,13 +19,14 @@ pub struct CoversSettings {
     pub ppo: PpoSettings,
     /// Which policy a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4 there; here a decision holds ten
-    /// control steps, and only the very first frame does not depend on the policy that acts.
+    /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4
+    /// there; here a decision holds ten control steps, and only the very first frame does not
+    /// depend on the policy that acts.
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as the paper's `B`, at the price of
-    /// memory and of transport problems that grow with the stream.
+    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
+    /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
     pub buffer_episodes: Option<usize>,
     /// What becomes of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
@@ -37,12 +38,13 @@ pub struct CoversSettings {
     pub seed: u64,
 }
 
-/// What becomes of a rollout that another policy is assigned to than the one that collected it. The paper's Algorithm 1 updates the
-/// assigned policy with it and does not say how.
+/// What becomes of a rollout that another policy is assigned to than the one that collected it. The
+/// paper's Algorithm 1 updates the assigned policy with it and does not say how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
-    /// Its first frames feed the buffer; the assigned policy collects a rollout of its own to learn from. Both count as decisions.
+    /// Its first frames feed the buffer; the assigned policy collects a rollout of its own to learn
+    /// from. Both count as decisions.
     #[default]
     CollectAgain,
     /// The assigned policy learns from it, with its own log-probabilities and values
@@ -90,8 +92,9 @@ impl Default for CoversSettings {
 }
 
 impl CoversSettings {
-    /// The paper's method and hyper-parameters, read literally (section 4, Algorithm 1 and appendix). Its network takes pictures of
-    /// 128 x 128 pixels: set the camera's size, too, or put another network.
+    /// The paper's method and hyper-parameters, read literally (section 4, Algorithm 1 and
+    /// appendix). Its network takes pictures of 128 x 128 pixels: set the camera's size, too, or
+    /// put another network.
     pub fn paper() -> Self {
         Self {
             network: NetworkSettings::so2_128(),
