@@ -250,7 +250,11 @@ impl Run {
         Ok(progress)
     }
 
-    fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
+    /// Scores all variants of all groups now, with `rounds` episodes in each environment.
+    ///
+    /// # Errors
+    /// What the evaluation says.
+    pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
         self.pool.install(|| evaluator.all(learner, rounds))
     }

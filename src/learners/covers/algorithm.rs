@@ -300,7 +300,8 @@ fn metrics(evidence: &[Evidence], second_look: bool, update: &UpdateStats) -> Me
     let mut metrics = Metrics::default();
     metrics.number("looks", 1.0 + f64::from(u8::from(second_look)));
     metrics.per_policy("distances", evidence.iter().map(|e| Some(e.distance)));
-    let figures: [(&str, fn(&PermutationTest) -> f64); 5] = [
+    type Figure = fn(&PermutationTest) -> f64;
+    let figures: [(&str, Figure); 5] = [
         ("null_means", |test| test.null.mean),
         ("null_maxima", |test| test.null.max),
         ("scores", |test| test.score),
