@@ -71,7 +71,8 @@ struct Worst(f32);
 
 impl Worst {
     fn see(&mut self, value: f32) {
-        if !(value <= self.0) && !self.0.is_nan() {
+        let larger = value.is_nan() || value > self.0;
+        if larger && !self.0.is_nan() {
             self.0 = value;
         }
     }

@@ -1,7 +1,7 @@
 //! What every task must do, as functions for the tests of whoever writes one.
 //!
-//! [`check`] holds a group to all rules: one line in a test. [`experts`] and [`symmetry`] return
-//! figures of one variant on as many placements as wanted.
+//! [`check`] holds a group to all rules: one line in a test. [`experts()`] and [`symmetry()`]
+//! return figures of one variant on as many placements as wanted.
 //!
 //! ```no_run
 //! #[test]
