@@ -10,6 +10,7 @@ use covers::cli::{StreamOptions, run_name};
 use covers::presets::Method;
 use covers::tables::{rollout_line, summary_table};
 use covers::{CoversError, Run, RunFolder};
+use envs::TaskRegistry;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 fn main() -> ExitCode {
@@ -27,7 +28,7 @@ fn learn(options: &StreamOptions) -> Result<(), CoversError> {
     let experiment = options
         .changes
         .apply(options.budget.experiment(Method::Covers));
-    experiment.check()?;
+    experiment.check(&TaskRegistry::standard())?;
     let name = run_name(options.budget.name(), &experiment);
     let folder = RunFolder::create(&options.output.runs, &name)?;
     let bar = progress_bar(experiment.schedule.total_rollouts());

@@ -99,7 +99,7 @@ impl Command {
 
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let experiment = options.experiment()?;
-    experiment.check()?;
+    experiment.check(&TaskRegistry::standard())?;
     let name = options.run_name(&experiment);
     let folder = RunFolder::create(&options.output.runs, &name)?;
     let mut run = Run::start(experiment, folder)?;

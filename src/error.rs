@@ -29,20 +29,6 @@ pub enum CoversError {
         /// Frames looked at in each.
         first_frames: usize,
     },
-    /// A rollout that ends before an episode does.
-    #[error(
-        "`rollout_steps` is {rollout_steps}, less than one episode in each of {num_envs} environments \
-         ({episode} decisions): late states would never be learnt from; use longer rollouts, fewer \
-         environments, or a shorter horizon"
-    )]
-    ShortRollout {
-        /// Decisions of a rollout, all environments together.
-        rollout_steps: usize,
-        /// Decisions of one episode in every environment.
-        episode: usize,
-        /// The number of environments.
-        num_envs: usize,
-    },
     /// The environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
@@ -100,6 +86,19 @@ impl CoversError {
         }
     }
 
+    /// The error of a file that could be read and does not make sense.
+    pub(crate) fn damaged(path: &std::path::Path, problem: String) -> Self {
+        Self::read(path, Damaged(problem))
+    }
+
+    /// This error of a file's contents; those of files and environments stay as they are.
+    pub(crate) fn in_file(self, path: &std::path::Path) -> Self {
+        match self {
+            Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::read(path, self),
+            other => other,
+        }
+    }
+
     /// Wraps what went wrong with writing `path`.
     pub(crate) fn write(
         path: &std::path::Path,
@@ -111,3 +110,8 @@ impl CoversError {
         }
     }
 }
+
+/// What is wrong with a file that could be read.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Damaged(String);

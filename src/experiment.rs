@@ -2,15 +2,18 @@
 
 use std::path::Path;
 
-use envs::{Embodiment, VecEnvSettings};
+use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rl::RlError;
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::CoversError;
+use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
 use crate::schedule::{Schedule, Visit};
+use crate::stream::Stream;
 
 /// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
 /// the same seed.
@@ -105,11 +108,11 @@ impl Experiment {
         self
     }
 
-    /// Refuses a run that could not be finished.
+    /// Refuses a run over groups of `tasks` that could not be finished.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] or [`CoversError::Env`] for the first setting that is out of range.
-    pub fn check(&self) -> Result<(), CoversError> {
+    /// The first setting that is out of range, or that does not fit the others.
+    pub fn check(&self, tasks: &TaskRegistry) -> Result<(), CoversError> {
         for (name, value) in [
             ("evaluation.rounds", self.evaluation.rounds),
             ("evaluation.every", self.evaluation.every.unwrap_or(1)),
@@ -131,23 +134,21 @@ impl Experiment {
             });
         }
         self.schedule.check()?;
+        self.schedule.resolve(tasks)?;
         self.envs.check()?;
-        self.check_rollouts()
+        self.check_rollouts()?;
+        let spec = Stream::spec_of(&self.envs);
+        self.learner.start(&spec, &Labels::default()).map(|_| ())
     }
 
-    /// Refuses rollouts that end before an episode does. Every rollout begins with a reset, so late
-    /// states would never be learnt from, and no episode would end.
+    /// Refuses rollouts that end before an episode does: every rollout begins with a reset.
     fn check_rollouts(&self) -> Result<(), CoversError> {
-        let episode = self.envs.control.decisions() * self.envs.num_envs;
-        let rollout_steps = self.learner.rollout_steps();
-        if rollout_steps >= episode {
+        let horizon = self.envs.control.decisions();
+        let steps = self.learner.rollout_steps() / self.envs.num_envs;
+        if steps >= horizon {
             return Ok(());
         }
-        Err(CoversError::ShortRollout {
-            rollout_steps,
-            episode,
-            num_envs: self.envs.num_envs,
-        })
+        Err(RlError::ShortRollout { steps, horizon }.into())
     }
 
     /// The visits of the stream, drawn from the run's seed.
@@ -189,6 +190,7 @@ mod tests {
         let experiment = smoke().with_seed(7);
         let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
         let seeds = (0..20).map(|rollout| experiment.environment_seed(rollout));
+        let seeds = seeds.chain([experiment.evaluation_seed()]);
         let slots = seeds.flat_map(|seed| (0..20).map(move |stream| (seed, stream)));
         let slots = slots.map(|(seed, stream)| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -205,7 +207,7 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 8] = [
+        let cases: [Spoil; 11] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
             |e| e.evaluation.every = Some(0),
@@ -213,13 +215,22 @@ mod tests {
             |e| e.checkpoint_every = 0,
             |e| e.envs.threads = 0,
             |e| e.envs.num_envs *= 2,
+            |e| e.envs.camera.size = 44,
+            |e| e.schedule.groups[0].group = "peg-insert".to_owned(),
+            |e| {
+                let LearnerSettings::Covers(covers) = &mut e.learner;
+                covers.rollout_steps += 1;
+            },
             |e| e.envs.control.horizon *= 2,
         ];
         for spoil in cases {
             let mut experiment = smoke();
-            assert!(experiment.check().is_ok());
+            assert!(experiment.check(&TaskRegistry::standard()).is_ok());
             spoil(&mut experiment);
-            assert!(experiment.check().is_err(), "{experiment:?}");
+            assert!(
+                experiment.check(&TaskRegistry::standard()).is_err(),
+                "{experiment:?}"
+            );
         }
     }
 

@@ -38,7 +38,7 @@ pub mod tables;
 
 pub use error::CoversError;
 pub use experiment::{EvaluationPlan, Experiment};
-pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Oracle, Single};
+pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Single};
 pub use learners::{
     Covers, CoversSettings, Embedding, Extent, Handover, Learner, LearnerSettings, Metric, Metrics,
     NewPolicy, Seconds, Turn,

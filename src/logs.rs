@@ -2,7 +2,7 @@
 //! bytes.
 
 use std::fs::{File, OpenOptions};
-use std::io::{Error, ErrorKind, Seek, SeekFrom};
+use std::io::{Error, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -95,6 +95,10 @@ impl Log {
         let (names, cells): (Vec<String>, Vec<String>) = row.into_iter().unzip();
         let (path, writer) = (&self.path, &mut self.writer);
         let write = |error: csv::Error| CoversError::write(path, error);
+        if let Some(twice) = (1..names.len()).find(|&i| names[..i].contains(&names[i])) {
+            let problem = format!("two columns are called `{}`", names[twice]);
+            return Err(CoversError::write(path, Error::other(problem)));
+        }
         if self.names.is_empty() {
             writer.write_record(&names).map_err(write)?;
             self.names = names;
@@ -139,6 +143,15 @@ fn header(path: &Path) -> Result<Vec<String>, CoversError> {
     Ok(names.iter().map(str::to_owned).collect())
 }
 
+/// Whether the first `mark` bytes of a file end with a row.
+fn ends_line(path: &Path, mark: u64) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    file.seek(SeekFrom::Start(mark - 1))?;
+    let mut last = [0];
+    file.read_exact(&mut last)?;
+    Ok(last == *b"\n")
+}
+
 /// Opens a file of at least `mark` bytes and forgets those behind.
 fn cut(path: &Path, mark: u64) -> Result<File, CoversError> {
     let read = |error| CoversError::read(path, error);
@@ -150,6 +163,10 @@ fn cut(path: &Path, mark: u64) -> Result<File, CoversError> {
             "it holds {length} bytes, the checkpoint expects at least {mark}: put the whole file back"
         );
         return Err(read(Error::new(ErrorKind::UnexpectedEof, problem)));
+    }
+    if mark > 0 && !ends_line(path, mark).map_err(read)? {
+        let problem = format!("byte {mark}, where the checkpoint ends, is no end of a row");
+        return Err(read(Error::new(ErrorKind::InvalidData, problem)));
     }
     file.set_len(mark)
         .and_then(|()| file.seek(SeekFrom::End(0)))
@@ -261,6 +278,14 @@ mod tests {
         }
         let same = cells(&[("rollout", "1"), ("loss", "2")]);
         resumed.write_named(same).unwrap();
+        let twice = cells(&[("rollout", "1"), ("rollout", "2")]);
+        let message = log.write_named(twice).unwrap_err().to_string();
+        assert!(
+            message.contains("two columns are called `rollout`"),
+            "{message}"
+        );
+        let inside = Log::open(path.clone(), Some(length - 1)).err().unwrap();
+        assert!(inside.to_string().contains("no end of a row"), "{inside}");
         let text = std::fs::read_to_string(&path).unwrap();
         assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n");
         std::fs::remove_file(path).unwrap();

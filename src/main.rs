@@ -12,11 +12,11 @@ use covers::commands::Command;
 #[command(version)]
 struct Options {
     #[command(subcommand)]
-    task: Task,
+    command: Subcommands,
 }
 
 #[derive(Debug, Subcommand)]
-enum Task {
+enum Subcommands {
     #[command(flatten)]
     Learner(Command),
     /// Checks the environments; fails where a figure misses its bound.
@@ -25,9 +25,9 @@ enum Task {
 }
 
 fn main() -> ExitCode {
-    let result = match Options::parse().task {
-        Task::Learner(command) => command.run(&mut stdout()).map(|()| true),
-        Task::Check(check) => check.run(&mut stdout()),
+    let result = match Options::parse().command {
+        Subcommands::Learner(command) => command.run(&mut stdout()).map(|()| true),
+        Subcommands::Check(check) => check.run(&mut stdout()),
     };
     match result {
         Ok(true) => ExitCode::SUCCESS,

@@ -154,13 +154,16 @@ impl Budget {
 
 #[cfg(test)]
 mod tests {
+    use envs::TaskRegistry;
+
     use super::*;
 
     #[test]
     fn every_preset_is_a_run_that_can_be_finished() {
         for method in Method::ALL {
             for budget in Budget::value_variants() {
-                budget.experiment(method).check().unwrap();
+                let experiment = budget.experiment(method);
+                experiment.check(&TaskRegistry::standard()).unwrap();
             }
             let option = method.to_possible_value().unwrap();
             assert_eq!(option.get_name(), method.name());

@@ -87,7 +87,7 @@ impl Run {
         tasks: TaskRegistry,
         folder: RunFolder,
     ) -> Result<Self, CoversError> {
-        experiment.check()?;
+        experiment.check(&tasks)?;
         let groups = experiment.schedule.resolve(&tasks)?;
         folder.write_experiment(&experiment)?;
         // First of all, while the process has one thread: loading a model tunes software rendering
@@ -121,7 +121,7 @@ impl Run {
         let folder = RunFolder::open(folder);
         let mut experiment = folder.experiment()?;
         experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
-        experiment.check()?;
+        experiment.check(&tasks)?;
         let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
         let checkpoint = folder.checkpoint();
         let (learner, note) = experiment.learner.resume(&checkpoint, &spec, &labels)?;
@@ -169,11 +169,6 @@ impl Run {
     /// Where the files are.
     pub fn folder(&self) -> &RunFolder {
         &self.folder
-    }
-
-    /// The learner.
-    pub fn learner(&mut self) -> &mut dyn Learner {
-        &mut *self.learner
     }
 
     /// The books so far.

@@ -8,6 +8,9 @@ use symmetry::D2;
 
 use crate::error::CoversError;
 
+/// Rollouts of the longest stream, a thousand times the full one's.
+pub const MAX_ROLLOUTS: usize = 288_000;
+
 /// The stream's plan: nothing of it is told to the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -87,6 +90,13 @@ impl Schedule {
         for (index, plan) in self.groups.iter().enumerate() {
             plan.check(&self.groups[..index])?;
         }
+        if self.checked_rollouts().is_none() {
+            return refuse(
+                "schedule.cycles",
+                &self.cycles.to_string(),
+                "fewer: no run is so long",
+            );
+        }
         if self.order == Order::Switching && self.groups.len() == 1 {
             let expected = "at least two groups to switch between";
             return refuse("schedule.order", "switching", expected);
@@ -94,9 +104,17 @@ impl Schedule {
         Ok(())
     }
 
-    /// Rollouts of the whole stream.
+    /// Rollouts of the whole stream, at most [`MAX_ROLLOUTS`].
     pub fn total_rollouts(&self) -> usize {
-        self.cycles * self.groups.iter().map(|plan| plan.rollouts).sum::<usize>()
+        self.checked_rollouts().unwrap_or(MAX_ROLLOUTS)
+    }
+
+    /// The same, where it is not too many.
+    fn checked_rollouts(&self) -> Option<usize> {
+        let mut cycle = self.groups.iter().map(|plan| plan.rollouts);
+        let cycle = cycle.try_fold(0, usize::checked_add)?;
+        let total = cycle.checked_mul(self.cycles)?;
+        (total <= MAX_ROLLOUTS).then_some(total)
     }
 
     /// The groups by their names.
@@ -285,9 +303,10 @@ mod tests {
     #[test]
     fn plans_that_make_no_stream_are_refused_by_name() {
         type Spoil = fn(&mut Schedule);
-        let cases: [(Spoil, &str); 7] = [
+        let cases: [(Spoil, &str); 8] = [
             (|s| s.groups.clear(), "at least one group"),
             (|s| s.cycles = 0, "`schedule.cycles` is 0"),
+            (|s| s.cycles = usize::MAX, "no run is so long"),
             (|s| s.groups[1].rollouts = 0, "0 of button-press"),
             (|s| s.groups[2].variants.clear(), "none of drawer-close"),
             (

@@ -50,7 +50,9 @@ fn group_pictures(
     group: TaskGroup,
     settings: &VecEnvSettings,
 ) -> Result<Vec<Vec<u8>>, CoversError> {
-    let scene = Arc::new(Scene::new(group, settings.embodiment, settings.camera)?);
+    let (embodiment, camera) = (settings.embodiment, settings.camera);
+    let scene = Scene::in_layout(settings.layout, group, embodiment, camera)?;
+    let scene = Arc::new(scene);
     let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
     let mut renderer = SceneRenderer::new(scene)?;
     let placement = group

@@ -100,6 +100,10 @@ impl VectorEnv for Stream {
         &self.spec
     }
 
+    fn horizon(&self) -> Option<usize> {
+        Some(self.env.settings().control.decisions())
+    }
+
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         let clock = Instant::now();
         self.failures += self.env.reset(borrow(out))?.len();

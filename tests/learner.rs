@@ -26,6 +26,8 @@ struct Bars {
     group: usize,
     time: usize,
     rng: ChaCha8Rng,
+    /// Whether the time limit is told.
+    limited: bool,
 }
 
 impl Bars {
@@ -40,6 +42,7 @@ impl Bars {
             group: 0,
             time: 0,
             rng: ChaCha8Rng::seed_from_u64(1),
+            limited: false,
         }
     }
 
@@ -66,6 +69,10 @@ impl Bars {
 impl VectorEnv for Bars {
     fn spec(&self) -> &EnvSpec {
         &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        self.limited.then_some(HORIZON)
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), rl::BoxError> {
@@ -356,7 +363,7 @@ fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
         ..settings()
     };
     let message = Covers::new(oracle, &Bars::new().spec).err().unwrap();
-    assert!(message.to_string().contains("only a run knows labels"));
+    assert!(message.to_string().contains("a grouping without labels"));
 }
 
 /// A grouping of somebody else's: rollouts take turns.
@@ -373,7 +380,7 @@ impl Grouping for TakingTurns {
         _: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
         let opens = self.0 == 1;
-        assert_eq!(candidates.policies(), self.0.min(2));
+        assert_eq!(candidates.clouds().unwrap().len(), self.0.min(2));
         let decision = if opens {
             Decision::New
         } else {
@@ -393,8 +400,10 @@ impl Grouping for TakingTurns {
         self.0.into()
     }
 
-    fn restore(&mut self, _: &serde_json::Value) -> Result<(), String> {
-        Err("not needed here".to_owned())
+    fn restore(&mut self, state: &serde_json::Value, _: usize) -> Result<(), String> {
+        let turns = state.as_u64().ok_or("expected a number of turns")?;
+        self.0 = usize::try_from(turns).map_err(|error| error.to_string())?;
+        Ok(())
     }
 }
 
@@ -406,6 +415,67 @@ fn a_grouping_of_somebody_elses_decides() {
     let turns = (0..4).map(|_| covers.learn(&mut env).unwrap());
     let turns: Vec<_> = turns.map(|turn| (turn.policy, turn.created)).collect();
     assert_eq!(turns, [(0, false), (1, true), (0, false), (1, false)]);
+    let path = std::env::temp_dir().join(format!("covers-turns-{}", std::process::id()));
+    covers.save(&path, Extent::Everything, "").unwrap();
+    // the settings name another grouping than the one that decided
+    let message = Covers::load(&path, env.spec()).err().unwrap().to_string();
+    assert!(message.contains("grouping"), "{message}");
+    let grouping = Box::new(TakingTurns(0));
+    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), grouping).unwrap();
+    std::fs::remove_file(path).unwrap();
+    assert_eq!(twin.learn(&mut env).unwrap().policy, 0);
+}
+
+/// A grouping that points nowhere.
+struct Nowhere;
+
+impl Grouping for Nowhere {
+    fn min_episodes(&self) -> usize {
+        1
+    }
+
+    fn assign(
+        &self,
+        _: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        Ok(Assignment {
+            decision: Decision::Existing(7),
+            evidence: Vec::new(),
+        })
+    }
+
+    fn adopt(&mut self, _: usize) {}
+
+    fn state(&self) -> serde_json::Value {
+        serde_json::Value::Null
+    }
+
+    fn restore(&mut self, _: &serde_json::Value, _: usize) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_policy_that_a_grouping_made_up_is_refused() {
+    let mut env = Bars::new();
+    let mut covers = Covers::with_grouping(settings(), env.spec(), Box::new(Nowhere)).unwrap();
+    covers.learn(&mut env).unwrap();
+    let message = covers.learn(&mut env).unwrap_err().to_string();
+    assert!(message.contains("`policy` is 7"), "{message}");
+}
+
+#[test]
+fn rollouts_that_end_before_an_episode_does_are_refused() {
+    let mut env = Bars::new();
+    env.spec.num_envs = 50;
+    env.limited = true;
+    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    let message = covers.learn(&mut env).unwrap_err().to_string();
+    assert!(
+        message.contains('2') && message.contains("horizon"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -437,7 +507,7 @@ fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
     let first = 8 + usize::try_from(header).unwrap();
     bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     std::fs::write(&path, bytes).unwrap();
-    let message = Covers::load(&path, covers.spec())
+    let message = Covers::load(&path, &Bars::new().spec)
         .err()
         .unwrap()
         .to_string();

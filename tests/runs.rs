@@ -13,7 +13,12 @@ use covers::{
     Covers, CoversError, CoversSettings, Experiment, LearnerSettings, Run, RunFolder, Stream,
     Summary,
 };
-use envs::{Camera, Embodiment, Layout, VecEnvSettings};
+use envs::tasks::DrawerClose;
+use envs::{
+    Camera, Embodiment, EpisodeStart, ExpertCommand, Layout, Measurement, Parts, Placement,
+    StepReward, Task, TaskGroup, TaskRegistry, VecEnvSettings,
+};
+use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use symmetry::Group;
 
@@ -178,6 +183,76 @@ fn every_method_runs_its_smoke_budget_and_resumes() {
     }
 }
 
+/// Drawer Close under a name of somebody else's.
+struct Alias;
+
+impl Task for Alias {
+    fn name(&self) -> &str {
+        "alias"
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        DrawerClose.parts()
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        DrawerClose.place(rng)
+    }
+
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+        DrawerClose.reward(start, now, finger)
+    }
+
+    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        DrawerClose.expert(placement, now)
+    }
+}
+
+#[test]
+fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
+    let scratch = Scratch::new("alias");
+    let mut tasks = TaskRegistry::standard();
+    tasks.register(TaskGroup::of(&Alias)).unwrap();
+    let mut experiment = smoke();
+    experiment.schedule.groups.truncate(2);
+    experiment.schedule.groups[1].group = "alias".to_owned();
+    experiment.checkpoint_every = 1;
+    let folder = || RunFolder::create(&scratch.0, "run").unwrap();
+    let start = |folder| Run::start_with(experiment.clone(), tasks.clone(), folder);
+    let message = Run::start(experiment.clone(), folder()).err().unwrap();
+    assert!(message.to_string().contains("alias"), "{message}");
+    let (_, reference) = finish(start(folder()).unwrap());
+    let mut run = start(folder()).unwrap();
+    run.advance().unwrap();
+    let path = run.folder().path().to_owned();
+    drop(run);
+    assert!(Run::resume(&path, None).is_err());
+    let run = Run::resume_with(&path, Some(1), tasks.clone()).unwrap();
+    let (summary, bytes) = finish(run);
+    assert!(bytes == reference);
+    assert!(
+        summary
+            .groups
+            .iter()
+            .any(|group| group.group.name() == "alias")
+    );
+}
+
+#[test]
+fn a_run_whose_settings_were_edited_is_refused() {
+    let scratch = Scratch::new("edited");
+    let mut run = start(&scratch.0, experiment(0, 2));
+    for _ in 0..3 {
+        run.advance().unwrap();
+    }
+    let folder = run.folder().clone();
+    let edited = run.experiment().clone().with_seed(9);
+    drop(run);
+    folder.write_experiment(&edited).unwrap();
+    let message = Run::resume(folder.path(), None).err().unwrap().to_string();
+    assert!(message.contains("experiment.json"), "{message}");
+}
+
 #[test]
 fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let scratch = Scratch::new("pack");
@@ -200,7 +275,15 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
         command(&["eval", packed, "--episodes", "32", "--json"]),
         scores
     );
-    assert_ne!(command(&["eval", packed, "--seed", "9", "--json"]), scores);
+    let other = command(&["eval", packed, "--seed", "9", "--episodes", "32", "--json"]);
+    assert_ne!(other, scores);
+    let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
+    command(&["pack", folder, few.to_str().unwrap(), "--episodes", "8"]);
+    let table = command(&["eval", few.to_str().unwrap(), "--episodes", "32"]);
+    assert_eq!(table.lines().count(), 2 + 4, "{table}");
+    let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
+    let message = self::command(&too_few).unwrap_err().to_string();
+    assert!(message.contains("`episodes` is 7"), "{message}");
     let table = command(&["eval", packed, "--embodiment", "hand", "--episodes", "32"]);
     assert_eq!(table.lines().count(), 2 + 4, "{table}");
 }

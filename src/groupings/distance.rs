@@ -1,6 +1,6 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{Assigner, AssignerSettings, Assignment, Decision, Rule};
+use cluster::{Assigner, AssignerSettings, Assignment, Rule};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
@@ -10,8 +10,6 @@ use super::grouping::{Candidates, Grouping};
 
 /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
 /// by a calibrated test, or by the paper's threshold.
-///
-/// The paper starts with an empty `B`, for which no distance exists: the first `O` seeds policy 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Distance(Assigner);
 
@@ -38,12 +36,6 @@ impl Grouping for Distance {
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        if candidates.policies() == 0 {
-            return Ok(Assignment {
-                decision: Decision::Existing(0),
-                evidence: Vec::new(),
-            });
-        }
         Ok(self.0.assign(&candidates.clouds()?, rng)?)
     }
 
@@ -61,7 +53,7 @@ impl Grouping for Distance {
         Value::Null
     }
 
-    fn restore(&mut self, state: &Value) -> Result<(), String> {
+    fn restore(&mut self, state: &Value, _: usize) -> Result<(), String> {
         match state {
             Value::Null => Ok(()),
             other => Err(format!("distances have no state, got {other}")),

@@ -8,10 +8,7 @@ use crate::error::CoversError;
 
 /// What a grouping may look at: the first frames of a rollout beside those of every policy.
 pub trait Candidates {
-    /// The number of policies that have taken a rollout; 0 before the first one.
-    fn policies(&self) -> usize;
-
-    /// For each of them the frames that it keeps and those of the rollout, in its own features.
+    /// For each policy the frames that it keeps and those of the rollout, in its own features.
     /// Costly: networks embed every frame.
     ///
     /// # Errors
@@ -21,7 +18,8 @@ pub trait Candidates {
 
 /// Decides which policy a rollout belongs to (lines 8 to 15 of the paper's Algorithm 1).
 ///
-/// The first rollout of all goes to policy 0, which exists from the start.
+/// Policy 0 exists from the start and takes the first rollout of all; a grouping is asked from the
+/// second one on.
 pub trait Grouping: Send {
     /// Episodes that a rollout must show, and a policy keep, at least 1.
     fn min_episodes(&self) -> usize;
@@ -48,15 +46,15 @@ pub trait Grouping: Send {
         self.assign(candidates, rng)
     }
 
-    /// Learns that policy `index` took the rollout that was decided on last.
+    /// Learns that policy `index` took the last rollout.
     fn adopt(&mut self, index: usize);
 
     /// What must be remembered in a checkpoint.
     fn state(&self) -> Value;
 
-    /// Takes back what [`Grouping::state`] returned.
+    /// Takes back what [`Grouping::state`] returned when there were `policies` policies.
     ///
     /// # Errors
     /// What is wrong with it, in words.
-    fn restore(&mut self, state: &Value) -> Result<(), String>;
+    fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String>;
 }

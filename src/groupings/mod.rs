@@ -10,6 +10,6 @@ mod single;
 
 pub use distance::Distance;
 pub use grouping::{Candidates, Grouping};
-pub use oracle::{Labels, Oracle};
+pub use oracle::Labels;
 pub use settings::GroupingSettings;
 pub use single::Single;

@@ -11,18 +11,17 @@ use crate::error::CoversError;
 
 use super::grouping::{Candidates, Grouping};
 
-/// The name of the group that runs, shared by a run, which writes it, and an [`Oracle`], which
-/// reads it.
+/// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads it.
 #[derive(Clone, Debug, Default)]
-pub struct Labels(Arc<Mutex<String>>);
+pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
     /// Says which group runs from here on.
     pub(crate) fn set(&self, group: &str) {
-        group.clone_into(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
 
-    fn get(&self) -> String {
+    fn get(&self) -> Option<String> {
         let label = self.0.lock();
         label.unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -60,11 +59,9 @@ impl Grouping for Oracle {
         _: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        let decision = match self.policy(&self.labels.get()) {
-            Some(policy) => Decision::Existing(policy),
-            None if self.known.is_empty() => Decision::Existing(0),
-            None => Decision::New,
-        };
+        let label = self.labels.get().ok_or_else(unlabelled)?;
+        let policy = self.policy(&label);
+        let decision = policy.map_or(Decision::New, Decision::Existing);
         Ok(Assignment {
             decision,
             evidence: Vec::new(),
@@ -73,7 +70,7 @@ impl Grouping for Oracle {
 
     fn adopt(&mut self, index: usize) {
         if index == self.known.len() {
-            self.known.push(self.labels.get());
+            self.known.push(self.labels.get().unwrap_or_default());
         }
     }
 
@@ -81,9 +78,24 @@ impl Grouping for Oracle {
         self.known.clone().into()
     }
 
-    fn restore(&mut self, state: &Value) -> Result<(), String> {
-        self.known = Vec::deserialize(state).map_err(|error| error.to_string())?;
+    fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
+        let known: Vec<String> = Vec::deserialize(state).map_err(|error| error.to_string())?;
+        // before the first rollout there is a policy, and no label
+        if known.len() != policies && !(known.is_empty() && policies == 1) {
+            return Err(format!("{} labels of {policies} policies", known.len()));
+        }
+        self.known = known;
         Ok(())
+    }
+}
+
+/// The error of an oracle that nobody told a label.
+pub(super) fn unlabelled() -> CoversError {
+    CoversError::Setting {
+        name: "grouping",
+        value: "oracle".to_owned(),
+        expected: "a grouping without labels, or a learner that a run trains: only runs and their \
+                   evaluations know labels",
     }
 }
 
@@ -98,10 +110,6 @@ mod tests {
     struct Blind;
 
     impl Candidates for Blind {
-        fn policies(&self) -> usize {
-            0
-        }
-
         fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
             panic!("an oracle does not compare")
         }
@@ -116,9 +124,12 @@ mod tests {
     fn every_label_has_a_policy_and_looking_opens_none() {
         let labels = Labels::default();
         let mut oracle = Oracle::new(labels.clone());
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let message = oracle.assign(&mut Blind, &mut rng).unwrap_err().to_string();
+        assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        assert_eq!(ask(&oracle), Decision::Existing(0));
         oracle.adopt(0);
+        assert_eq!(ask(&oracle), Decision::Existing(0));
         labels.set("b");
         assert_eq!(ask(&oracle), Decision::New);
         labels.set("a");
@@ -127,8 +138,9 @@ mod tests {
         oracle.adopt(1);
         let state = oracle.state();
         let mut restored = Oracle::new(labels.clone());
-        restored.restore(&state).unwrap();
+        restored.restore(&state, 2).unwrap();
         assert_eq!(ask(&restored), Decision::Existing(1));
-        assert!(restored.restore(&Value::from(3)).is_err());
+        assert!(restored.restore(&state, 3).is_err());
+        assert!(restored.restore(&Value::from(3), 2).is_err());
     }
 }

@@ -7,7 +7,7 @@ use crate::error::CoversError;
 
 use super::distance::Distance;
 use super::grouping::Grouping;
-use super::oracle::{Labels, Oracle};
+use super::oracle::{Labels, Oracle, unlabelled};
 use super::single::Single;
 
 /// Which policy a rollout belongs to.
@@ -20,7 +20,7 @@ pub enum GroupingSettings {
     /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
     Threshold {
         /// Largest distance within a group (`d_epsilon`), in the features' unit.
-        limit: f64,
+        threshold: f64,
     },
     /// One policy for everything.
     Single,
@@ -36,7 +36,7 @@ impl Default for GroupingSettings {
 
 impl GroupingSettings {
     /// The paper's rule with its threshold, `d_epsilon = 1.0`.
-    pub const PAPER: Self = Self::Threshold { limit: 1.0 };
+    pub const PAPER: Self = Self::Threshold { threshold: 1.0 };
 
     /// The grouping, for a learner that no run trains.
     ///
@@ -44,12 +44,7 @@ impl GroupingSettings {
     /// A setting out of range, and [`GroupingSettings::Oracle`], which has nobody to ask.
     pub fn build(&self) -> Result<Box<dyn Grouping>, CoversError> {
         match self {
-            Self::Oracle => Err(CoversError::Setting {
-                name: "grouping",
-                value: "oracle".to_owned(),
-                expected: "a grouping without labels, or a learner that a run trains: only a run \
-                           knows labels",
-            }),
+            Self::Oracle => Err(unlabelled()),
             _ => self.build_with(&Labels::default()),
         }
     }
@@ -58,7 +53,7 @@ impl GroupingSettings {
     pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, CoversError> {
         Ok(match *self {
             Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
-            Self::Threshold { limit } => Box::new(Distance::new(Rule::Fixed { threshold: limit })?),
+            Self::Threshold { threshold } => Box::new(Distance::new(Rule::Fixed { threshold })?),
             Self::Single => Box::new(Single),
             Self::Oracle => Box::new(Oracle::new(labels.clone())),
         })
@@ -84,7 +79,7 @@ mod tests {
         }
         for wrong in [
             r#""orakel""#,
-            r#"{"threshold": {"limit": 1.0, "slack": 2.0}}"#,
+            r#"{"threshold": {"threshold": 1.0, "slack": 2.0}}"#,
         ] {
             assert!(read(wrong).unwrap_err().to_string().contains("unknown"));
         }
@@ -93,8 +88,10 @@ mod tests {
     #[test]
     fn labels_and_ranges_are_asked_for() {
         let refuse = |settings: GroupingSettings| settings.build().err().unwrap().to_string();
-        assert!(refuse(GroupingSettings::Oracle).contains("only a run knows labels"));
-        let message = refuse(GroupingSettings::Threshold { limit: f64::NAN });
+        assert!(refuse(GroupingSettings::Oracle).contains("a grouping without labels"));
+        let message = refuse(GroupingSettings::Threshold {
+            threshold: f64::NAN,
+        });
         assert!(message.contains("NaN"), "{message}");
         assert!(GroupingSettings::Single.build().is_ok());
     }

@@ -34,7 +34,7 @@ impl Grouping for Single {
         Value::Null
     }
 
-    fn restore(&mut self, state: &Value) -> Result<(), String> {
+    fn restore(&mut self, state: &Value, _: usize) -> Result<(), String> {
         match state {
             Value::Null => Ok(()),
             other => Err(format!("a single policy has no state, got {other}")),

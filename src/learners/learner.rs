@@ -4,7 +4,7 @@ use std::path::Path;
 
 use cluster::Evidence;
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, RolloutStats, VectorEnv};
+use rl::{RolloutStats, VectorEnv};
 
 use crate::error::CoversError;
 
@@ -12,9 +12,6 @@ use super::metrics::Metrics;
 
 /// Learns from a stream of tasks. No method has a place for a task's label.
 pub trait Learner: Send {
-    /// Sizes and types of the environments that it learns in.
-    fn spec(&self) -> &EnvSpec;
-
     /// One turn: collects experience in `env` and learns from it. Episodes begin anew.
     ///
     /// # Errors

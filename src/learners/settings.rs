@@ -44,8 +44,8 @@ impl LearnerSettings {
     /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, of another learner, or of other
-    /// environments.
+    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
+    /// of other environments.
     pub fn load(
         &self,
         path: &Path,
@@ -53,8 +53,8 @@ impl LearnerSettings {
         labels: &Labels,
     ) -> Result<(Box<dyn Learner>, String), CoversError> {
         match self {
-            Self::Covers(_) => {
-                let (covers, note) = Covers::read(path, spec, labels)?;
+            Self::Covers(settings) => {
+                let (covers, note) = Covers::read(path, spec, settings, labels)?;
                 Ok((Box::new(covers), note))
             }
         }
@@ -72,8 +72,8 @@ impl LearnerSettings {
         labels: &Labels,
     ) -> Result<(Box<dyn Learner>, String), CoversError> {
         match self {
-            Self::Covers(_) => {
-                let (covers, note) = Covers::read_everything(path, spec, labels)?;
+            Self::Covers(settings) => {
+                let (covers, note) = Covers::read_everything(path, spec, settings, labels)?;
                 Ok((Box::new(covers), note))
             }
         }

@@ -86,10 +86,8 @@ impl<'a> TensorFile<'a> {
         let read = |error: SafeTensorError| CoversError::read(path, error);
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(read)?;
         let header = metadata.metadata().as_ref().and_then(|m| m.get(key));
-        let header = header.ok_or_else(|| {
-            let problem = format!("there is no metadata `{key}`");
-            CoversError::read(path, Damaged(problem))
-        })?;
+        let header = header
+            .ok_or_else(|| CoversError::damaged(path, format!("there is no metadata `{key}`")))?;
         let header = serde_json::from_str(header).map_err(|e| CoversError::read(path, e))?;
         let file = SafeTensors::deserialize(bytes).map_err(read)?;
         Ok((header, Self { path, file }))
@@ -97,7 +95,7 @@ impl<'a> TensorFile<'a> {
 
     /// The error of a file whose contents do not fit together.
     pub fn damaged(&self, problem: String) -> CoversError {
-        CoversError::read(self.path, Damaged(problem))
+        CoversError::damaged(self.path, problem)
     }
 
     /// Shape and values of an array of numbers, all of them finite.
@@ -128,8 +126,3 @@ impl<'a> TensorFile<'a> {
         Err(self.damaged(problem))
     }
 }
-
-/// What is wrong with a file that could be read.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Damaged(String);

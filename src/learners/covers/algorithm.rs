@@ -6,12 +6,11 @@
 use std::path::Path;
 use std::time::Instant;
 
-use cluster::{Assignment, Decision, Evidence, PermutationTest, Reservoir};
-use rand::RngExt;
+use cluster::{Assignment, Decision, Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, EnvSpec, Metrics as _, Ppo, RolloutBuffer, RolloutState,
-    RolloutStats, UpdateStats, VectorEnv, collect,
+    Algorithm, Metrics as _, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv,
+    collect,
 };
 
 use crate::error::CoversError;
@@ -19,29 +18,14 @@ use crate::groupings::Grouping;
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
+use super::collection::Covers;
 use super::first_frames::{FirstFrames, first_frames, keep_features};
-use super::member::{Clouds, Generators, Member};
-use super::settings::{CoversSettings, Embedding, Handover, NewPolicy};
+use super::member::{Clouds, Member};
+use super::settings::{Embedding, Handover, NewPolicy};
 
 type Answer = Result<Assignment, CoversError>;
 
-/// The learner: a growing collection of policies. It has no place for a task label.
-pub struct Covers {
-    pub(super) settings: CoversSettings,
-    pub(super) spec: EnvSpec,
-    pub(super) grouping: Box<dyn Grouping>,
-    pub(super) members: Vec<Member>,
-    pub(super) current: usize,
-    pub(super) rollout: RolloutBuffer,
-    pub(super) generators: Generators,
-    pub(super) seconds: Seconds,
-}
-
 impl Learner for Covers {
-    fn spec(&self) -> &EnvSpec {
-        &self.spec
-    }
-
     /// One turn of Algorithm 1: roll out, assign, update.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
         self.seconds = Seconds::default();
@@ -87,7 +71,8 @@ impl Learner for Covers {
     }
 
     /// Looks at the first frames of as many episodes as the grouping needs, at least one in each
-    /// environment. Where the grouping accepts no policy, the nearest one answers.
+    /// environment. Where the grouping accepts no policy, the nearest one answers, or policy 0
+    /// where the grouping measures no distances.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -106,15 +91,18 @@ impl Learner for Covers {
             }
             frames.extend(seen);
         }
+        if !self.has_learnt() {
+            return Ok(0);
+        }
         let mut clouds = Clouds {
             members: &mut self.members,
             rollout: &frames,
         };
         let assignment = self.grouping.assign(&mut clouds, rng)?;
-        Ok(match assignment.decision {
-            Decision::Existing(index) => index,
-            Decision::New | Decision::Undecided => assignment.nearest().unwrap_or(0),
-        })
+        match assignment.decision {
+            Decision::Existing(index) => self.check_policy(index),
+            Decision::New | Decision::Undecided => Ok(assignment.nearest().unwrap_or(0)),
+        }
     }
 
     fn perform(
@@ -123,15 +111,8 @@ impl Learner for Covers {
         env: &mut dyn VectorEnv,
         rounds: usize,
     ) -> Result<RolloutStats, CoversError> {
-        let member = self
-            .members
-            .get_mut(index)
-            .ok_or_else(|| CoversError::Setting {
-                name: "policy",
-                value: index.to_string(),
-                expected: "the index of a policy that was created",
-            })?;
-        Ok(rl::evaluate(env, &mut member.policy, rounds)?)
+        let index = self.check_policy(index)?;
+        Ok(rl::evaluate(env, &mut self.members[index].policy, rounds)?)
     }
 
     fn policies(&self) -> usize {
@@ -144,43 +125,12 @@ impl Learner for Covers {
 }
 
 impl Covers {
-    /// A learner with one random policy and no frames, and the grouping that the settings name.
-    ///
-    /// # Errors
-    /// A setting out of range, a grouping that needs labels, or an image size that the network
-    /// cannot keep exactly symmetric.
-    pub fn new(settings: CoversSettings, spec: &EnvSpec) -> Result<Self, CoversError> {
-        let grouping = settings.grouping.build()?;
-        Self::with_grouping(settings, spec, grouping)
-    }
-
-    /// The same with a grouping of the caller's.
-    ///
-    /// # Errors
-    /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
-    pub fn with_grouping(
-        settings: CoversSettings,
-        spec: &EnvSpec,
-        grouping: Box<dyn Grouping>,
-    ) -> Result<Self, CoversError> {
-        let steps = settings.steps_per_env(spec, grouping.min_episodes())?;
-        let mut covers = Self {
-            spec: spec.clone(),
-            grouping,
-            members: Vec::new(),
-            current: 0,
-            rollout: RolloutBuffer::new(spec, steps)?,
-            generators: Generators::new(settings.seed),
-            seconds: Seconds::default(),
-            settings,
-        };
-        covers.open_policy(None)?;
-        Ok(covers)
-    }
-
     /// Collects `N_s` decisions with the current policy.
     fn roll_out(&mut self, env: &mut dyn VectorEnv) -> Result<RolloutStats, CoversError> {
         let clock = Instant::now();
+        if let Some(horizon) = env.horizon() {
+            self.rollout.check_horizon(horizon)?;
+        }
         let policy = &mut self.members[self.current].policy;
         let mut state = RolloutState::reset(env, policy)?;
         let (buffer, rng) = (&mut self.rollout, &mut self.generators.actions);
@@ -224,6 +174,13 @@ impl Covers {
         rollout: &[FirstFrames],
         question: impl Fn(&dyn Grouping, &mut Clouds, &mut ChaCha8Rng) -> Answer,
     ) -> Answer {
+        // the paper starts with an empty `B`, for which no distance exists
+        if !self.has_learnt() {
+            return Ok(Assignment {
+                decision: Decision::Existing(0),
+                evidence: Vec::new(),
+            });
+        }
         let clock = Instant::now();
         let members = &mut self.members;
         let mut clouds = Clouds { members, rollout };
@@ -240,10 +197,12 @@ impl Covers {
         mut frames: Vec<FirstFrames>,
     ) -> Result<bool, CoversError> {
         let policies = self.members.len();
-        self.current = match (assignment.decision, self.settings.new_policy) {
-            (Decision::Existing(index), _) => index,
-            (_, NewPolicy::Random) => self.open_policy(None)?,
-            (_, NewPolicy::Copy) => self.open_policy(assignment.nearest())?,
+        self.current = match assignment.decision {
+            Decision::Existing(index) => self.check_policy(index)?,
+            Decision::New | Decision::Undecided => {
+                let parent = self.parent(assignment)?;
+                self.open_policy(parent)?
+            }
         };
         self.grouping.adopt(self.current);
         let member = &mut self.members[self.current];
@@ -258,6 +217,36 @@ impl Covers {
         Ok(self.current == policies)
     }
 
+    /// The policy that a new one is copied from, if it is.
+    fn parent(&self, assignment: &Assignment) -> Result<Option<usize>, CoversError> {
+        match (self.settings.new_policy, assignment.nearest()) {
+            (NewPolicy::Random, _) => Ok(None),
+            (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
+            (NewPolicy::Copy, None) => Err(CoversError::Setting {
+                name: "new_policy",
+                value: "copy".to_owned(),
+                expected: "random with a grouping that measures no distances: none is nearest",
+            }),
+        }
+    }
+
+    /// Whether policy 0 has taken the first rollout of all.
+    fn has_learnt(&self) -> bool {
+        self.members[0].buffer.seen() > 0
+    }
+
+    /// Refuses a policy that a grouping made up.
+    fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
+        if index < self.members.len() {
+            return Ok(index);
+        }
+        Err(CoversError::Setting {
+            name: "policy",
+            value: index.to_string(),
+            expected: "the index of a policy that was created",
+        })
+    }
+
     /// Improves the current policy by the rollout.
     fn update(&mut self) -> Result<UpdateStats, CoversError> {
         let clock = Instant::now();
@@ -265,33 +254,6 @@ impl Covers {
         let stats = ppo.update(policy, &self.rollout, &mut self.generators.updates)?;
         self.seconds.update += clock.elapsed().as_secs_f64();
         Ok(stats)
-    }
-
-    /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
-    /// index.
-    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, CoversError> {
-        let policy = match parent {
-            Some(parent) => self.members[parent].policy.clone(),
-            None => {
-                let seed = self.generators.initialisation.random();
-                ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?
-            }
-        };
-        let ppo = Ppo::new(self.settings.ppo.clone(), &policy)?;
-        let buffer = Reservoir::new(self.settings.buffer_capacity())?;
-        self.members.push(Member {
-            policy,
-            ppo,
-            buffer,
-        });
-        Ok(self.members.len() - 1)
-    }
-
-    /// Episodes whose first frames policy `index` keeps, the size of its `B`; `None` for a policy
-    /// that does not exist.
-    pub fn buffered_episodes(&self, index: usize) -> Option<usize> {
-        let member = self.members.get(index)?;
-        Some(member.buffer.episodes().len())
     }
 }
 

@@ -5,19 +5,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cluster::Reservoir;
-use rl::{
-    ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Features, Observations, Ppo,
-    RolloutBuffer,
-};
+use rl::{ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Features, Observations, Ppo};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::error::CoversError;
 use crate::groupings::{Grouping, Labels};
-use crate::learners::learner::{Extent, Seconds};
+use crate::learners::learner::Extent;
 use crate::learners::tensor_file::{Tensor, TensorFile, write};
 
-use super::algorithm::Covers;
+use super::collection::Covers;
 use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
 use super::settings::{CoversSettings, Embedding};
@@ -57,6 +54,7 @@ impl Covers {
             members: self.members.iter().map(|m| m.header(extent)).collect(),
             note: Cow::Borrowed(note),
         };
+        self.check_extent(extent)?;
         let members = self.members.iter().enumerate();
         let tensors: Vec<Tensor> = members
             .flat_map(|(index, member)| member.tensors(index, &self.spec, extent))
@@ -64,23 +62,52 @@ impl Covers {
         write(path, KEY, &header, &tensors)
     }
 
-    /// Reads what [`Learner::save`](crate::Learner::save) wrote, for environments like those it
-    /// learnt in; returns the note, too.
-    ///
-    /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments.
-    pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
-        Self::read_if(path, spec, CoversSettings::grouping, |_| Ok(()))
+    /// Refuses to keep so few frames that a copy could not recognise anything.
+    fn check_extent(&self, extent: Extent) -> Result<(), CoversError> {
+        match extent {
+            Extent::Policies { episodes } if episodes < self.grouping.min_episodes() => {
+                Err(CoversError::Setting {
+                    name: "episodes",
+                    value: episodes.to_string(),
+                    expected: "at least the min_episodes of the grouping (8 by default)",
+                })
+            }
+            Extent::Policies { .. } | Extent::Everything => Ok(()),
+        }
     }
 
-    /// As [`Covers::load`], in a run that writes `labels`.
+    /// Reads what [`Learner::save`](crate::Learner::save) wrote, for environments like those it
+    /// learnt in, with the grouping that the settings name; returns the note, too.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments
+    /// or to another grouping; a grouping that needs labels.
+    pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
+        Checkpoint::read(path)?.open(spec, |settings| settings.grouping.build())
+    }
+
+    /// As [`Covers::load`], with a grouping of the caller's.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn load_with_grouping(
+        path: &Path,
+        spec: &EnvSpec,
+        grouping: Box<dyn Grouping>,
+    ) -> Result<(Self, String), CoversError> {
+        Checkpoint::read(path)?.open(spec, |_| Ok(grouping))
+    }
+
+    /// As [`Covers::load`], in a run of these settings that writes `labels`.
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
+        settings: &CoversSettings,
         labels: &Labels,
     ) -> Result<(Self, String), CoversError> {
-        let grouping = |settings: &CoversSettings| settings.grouping.build_with(labels);
-        Self::read_if(path, spec, grouping, |_| Ok(()))
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_settings(settings)?;
+        checkpoint.open(spec, |settings| settings.grouping.build_with(labels))
     }
 
     /// As [`Covers::read`], for a copy that learns on to the same bits: a file of
@@ -88,63 +115,71 @@ impl Covers {
     pub(in crate::learners) fn read_everything(
         path: &Path,
         spec: &EnvSpec,
+        settings: &CoversSettings,
         labels: &Labels,
     ) -> Result<(Self, String), CoversError> {
-        let grouping = |settings: &CoversSettings| settings.grouping.build_with(labels);
-        Self::read_if(path, spec, grouping, |header| {
-            if header.members.iter().all(|m| m.counters.is_some()) {
-                return Ok(());
-            }
-            Err(CoversError::PoliciesOnly {
+        let checkpoint = Checkpoint::read(path)?;
+        checkpoint.check_settings(settings)?;
+        let members = &checkpoint.header()?.members;
+        if members.iter().any(|member| member.counters.is_none()) {
+            return Err(CoversError::PoliciesOnly {
                 path: path.to_owned(),
-            })
-        })
-    }
-
-    fn read_if(
-        path: &Path,
-        spec: &EnvSpec,
-        grouping: impl Fn(&CoversSettings) -> Result<Box<dyn Grouping>, CoversError>,
-        check: impl Fn(&Header<'_>) -> Result<(), CoversError>,
-    ) -> Result<(Self, String), CoversError> {
-        let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
-        let (header, file): (Header<'static>, _) = TensorFile::open(path, &bytes, KEY)?;
-        check(&header)?;
-        let settings = header.settings.into_owned();
-        let mut grouping = grouping(&settings)?;
-        let state = grouping.restore(&header.grouping);
-        state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
-        let steps = settings.steps_per_env(spec, grouping.min_episodes())?;
-        let arrays = Arrays {
-            file,
-            spec,
-            settings: &settings,
-        };
-        let members = header.members.iter().enumerate();
-        let members: Vec<Member> = members
-            .map(|(index, member)| arrays.member(index, member))
-            .collect::<Result<_, _>>()?;
-        if header.current >= members.len() {
-            let problem = format!("policy {} of {}", header.current, members.len());
-            return Err(arrays.file.damaged(problem));
+            });
         }
-        let covers = Self {
-            spec: spec.clone(),
-            grouping,
-            members,
-            current: header.current,
-            rollout: RolloutBuffer::new(spec, steps)?,
-            generators: header.generators.into_owned(),
-            seconds: Seconds::default(),
-            settings,
-        };
-        Ok((covers, header.note.into_owned()))
+        checkpoint.open(spec, |settings| settings.grouping.build_with(labels))
     }
 }
 
-impl CoversSettings {
-    fn grouping(&self) -> Result<Box<dyn Grouping>, CoversError> {
-        self.grouping.build()
+/// The bytes of a file.
+struct Checkpoint<'a> {
+    path: &'a Path,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Checkpoint<'a> {
+    fn read(path: &'a Path) -> Result<Self, CoversError> {
+        let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+        Ok(Self { path, bytes })
+    }
+
+    fn header(&self) -> Result<Header<'static>, CoversError> {
+        Ok(TensorFile::open(self.path, &self.bytes, KEY)?.0)
+    }
+
+    /// Refuses a learner of other settings than its run's.
+    fn check_settings(&self, expected: &CoversSettings) -> Result<(), CoversError> {
+        if *self.header()?.settings == *expected {
+            return Ok(());
+        }
+        let problem = "its learner has other settings than the run's experiment.json; \
+                       start a new run with the settings that you want"
+            .to_owned();
+        Err(CoversError::damaged(self.path, problem))
+    }
+
+    /// The learner and the note. What does not fit is an error that names the file.
+    fn open(
+        self,
+        spec: &EnvSpec,
+        grouping: impl FnOnce(&CoversSettings) -> Result<Box<dyn Grouping>, CoversError>,
+    ) -> Result<(Covers, String), CoversError> {
+        let (header, file): (Header<'static>, _) = TensorFile::open(self.path, &self.bytes, KEY)?;
+        let mut grouping = grouping(&header.settings)?;
+        let state = grouping.restore(&header.grouping, header.members.len());
+        state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
+        let arrays = Arrays {
+            file,
+            spec,
+            settings: &header.settings,
+        };
+        let members = arrays.members(&header);
+        let members = members.map_err(|error| error.in_file(self.path))?;
+        let mut covers = Covers::with_grouping(header.settings.into_owned(), spec, grouping)
+            .map_err(|error| error.in_file(self.path))?;
+        covers.members = members;
+        covers.current = header.current;
+        covers.generators = header.generators.into_owned();
+        Ok((covers, header.note.into_owned()))
     }
 }
 
@@ -215,6 +250,17 @@ struct Arrays<'a> {
 }
 
 impl Arrays<'_> {
+    fn members(&self, header: &Header<'_>) -> Result<Vec<Member>, CoversError> {
+        let members = header.members.iter().enumerate();
+        let members = members.map(|(index, member)| self.member(index, member));
+        let members: Vec<Member> = members.collect::<Result<_, _>>()?;
+        if header.current < members.len() {
+            return Ok(members);
+        }
+        let problem = format!("policy {} of {}", header.current, members.len());
+        Err(self.file.damaged(problem))
+    }
+
     fn member(&self, index: usize, header: &MemberHeader) -> Result<Member, CoversError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;

@@ -25,13 +25,6 @@ pub(super) struct Clouds<'a> {
 }
 
 impl Candidates for Clouds<'_> {
-    fn policies(&self) -> usize {
-        match &*self.members {
-            [only] if only.buffer.episodes().is_empty() => 0,
-            members => members.len(),
-        }
-    }
-
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
         let clouds = self.members.iter_mut().map(|member| {
             Ok(Candidate {

@@ -4,9 +4,10 @@
 
 mod algorithm;
 mod checkpoint;
+mod collection;
 mod first_frames;
 mod member;
 mod settings;
 
-pub use algorithm::Covers;
+pub use collection::Covers;
 pub use settings::{CoversSettings, Embedding, Handover, NewPolicy};
