@@ -21,8 +21,10 @@ pub struct Backdrop {
     depth: Vec<f32>,
     /// The last picture over it, `[H, W, 3]`.
     last: Vec<u8>,
-    /// Where the moving geoms of the last picture were; none where that picture is not whole.
-    last_poses: Option<Vec<Pose>>,
+    /// Where the moving geoms of the last picture were.
+    last_poses: Vec<Pose>,
+    /// Whether the last picture is whole and shows those poses.
+    whole: bool,
 }
 
 /// Position, direction and upward direction of the two eyes and the lights; lights have no upward
@@ -47,7 +49,7 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         let view = view.into();
         backdrop.drawn = None;
-        backdrop.last_poses = None;
+        backdrop.whole = false;
         backdrop.rgb.resize(self.image_len(), 0);
         backdrop.depth.resize(self.image_len() / 3, 0.0);
         self.check_arguments(data, view.camera, &backdrop.rgb)?;
@@ -109,8 +111,7 @@ impl Renderer {
         if !self.has_moved(backdrop) {
             return check_opengl("drawing over a backdrop");
         }
-        // until the picture is known to be whole, no poses go with it
-        let mut poses = backdrop.last_poses.take().unwrap_or_default();
+        backdrop.whole = false;
         let mut depth = std::mem::take(&mut self.depth);
         depth.resize(backdrop.depth.len(), 0.0);
         backdrop.last.resize(backdrop.rgb.len(), 0);
@@ -119,16 +120,15 @@ impl Renderer {
         view.mirror.turn_back(&mut backdrop.last, self.width);
         self.depth = depth;
         check_opengl("drawing over a backdrop")?;
-        poses.clear();
-        poses.extend(self.poses());
-        backdrop.last_poses = Some(poses);
+        backdrop.last_poses.clear();
+        backdrop.last_poses.extend(self.poses());
+        backdrop.whole = true;
         Ok(())
     }
 
     /// Whether the scene differs from that of the last picture over `backdrop`.
     fn has_moved(&self, backdrop: &Backdrop) -> bool {
-        let last = backdrop.last_poses.as_ref();
-        !last.is_some_and(|last| last.iter().copied().eq(self.poses()))
+        !(backdrop.whole && backdrop.last_poses.iter().copied().eq(self.poses()))
     }
 
     fn poses(&self) -> impl Iterator<Item = Pose> {
