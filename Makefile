@@ -1,10 +1,13 @@
-# The two commands of the README; everything they need is installed by `deps`.
+# The two commands of the README. `deps` installs what they need, but for the Rust toolchain.
 
-# Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen (Mesa's EGL, OSMesa).
-DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 libgl1-mesa-dri libosmesa6
+# Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen
+# (Mesa's EGL, OSMesa).
+DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 \
+  libgl1-mesa-dri libosmesa6
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
-# `cargo test` builds the examples. `cargo run` would compile the dependencies again, with other features.
+# `cargo test` builds the examples. `cargo run` would compile the dependencies again, with other
+# features.
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
@@ -22,7 +25,9 @@ test: deps
 	$(EXAMPLES)/embed_env
 	$(EXAMPLES)/embed_equivariant
 	$(EXAMPLES)/continual_stream --budget smoke --json
-	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty --target-dir $(TARGET)
+	$(EXAMPLES)/own_task --budget smoke
+	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
+	  --target-dir $(TARGET)
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \

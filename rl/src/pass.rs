@@ -198,7 +198,8 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Brings the gradients in the inputs of both heads to the outputs of the image and of the vector.
+    /// Brings the gradients in the inputs of both heads to the outputs of the image and of the
+    /// vector.
     fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
         match self.settings().critic {
             Critic::Pooled { .. } => {
