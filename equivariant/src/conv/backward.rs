@@ -1,5 +1,7 @@
 //! The backward pass of a convolution over panels of folded patches.
 
+use std::ops::Range;
+
 use crate::conv::geometry::Conv;
 use crate::conv::load::{Buffers, Loader, ROWS};
 use crate::conv::maps::{Cursor, Maps, MapsMut};
@@ -28,12 +30,8 @@ impl<T: Real> Backward<'_, T> {
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut pieces = Pieces::new(std::mem::take(&mut self.scratch));
-        let mut panels = Panels::<T, L, G> {
-            lanes,
-            conv,
-            buffers: Buffers::new::<G>(&mut self, &mut pieces, ROWS),
-            loader: Loader::new(lanes, conv, self.dy, self.masks),
-        };
+        let mut buffers = Buffers::new::<G>(&mut self, &mut pieces, ROWS);
+        let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let (together, own, own_gradient) = match self.x {
             Maps::Channels(_) => {
                 let together = conv.group(self.samples);
@@ -50,7 +48,13 @@ impl<T: Real> Backward<'_, T> {
                 Some(MapsMut::Channels(_)) => Some(&mut *own_gradient),
                 Some(MapsMut::Staged(_, dx)) => Some(&mut **dx),
             };
-            panels.run(staged, first, images, gradient);
+            let panels = Panels {
+                lanes,
+                conv,
+                staged,
+                images: first..first + images,
+            };
+            panels.run::<G>(&loader, &mut buffers, gradient);
             if let Some(MapsMut::Channels(dx)) = &mut self.dx {
                 unstage(
                     patches,
@@ -60,11 +64,12 @@ impl<T: Real> Backward<'_, T> {
                 );
             }
         }
-        panels.buffers.finish::<G>(conv);
+        buffers.finish::<G>(conv);
     }
 }
 
 /// Brings staged images to channels.
+#[inline(always)]
 fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize) {
     let staged = staged.chunks_exact(patches.staged());
     let dx = dx.chunks_exact_mut(patches.image().len());
@@ -73,40 +78,50 @@ fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize
     }
 }
 
-/// The gradients from panels of folded patches.
-struct Panels<'a, T, L, const G: usize> {
+/// Staged images of which panels of folded patches are made.
+struct Panels<'a, T, L> {
     lanes: L,
     conv: &'a Conv,
-    buffers: Buffers<'a, T>,
-    loader: Loader<'a, T, L, G>,
+    staged: &'a [T],
+    /// Which images of the pass they are.
+    images: Range<usize>,
 }
 
-impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
-    /// Runs over staged images, of which `first` is that of the pass; overwrites their gradient.
+impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
+    /// Adds what the images contribute; overwrites their gradient.
     #[inline(always)]
-    fn run(&mut self, staged: &[T], first: usize, images: usize, mut gradient: Option<&mut [T]>) {
-        let (patches, pixels) = (&self.conv.patches, self.loader.pixels);
-        let rows = images * pixels;
+    fn run<const G: usize>(
+        &self,
+        loader: &Loader<T, L, G>,
+        buffers: &mut Buffers<T>,
+        mut gradient: Option<&mut [T]>,
+    ) {
+        let (patches, pixels) = (&self.conv.patches, loader.pixels);
         if let Some(gradient) = gradient.as_deref_mut() {
             gradient.fill(T::ZERO);
         }
         let mut cursor = Cursor::new(pixels);
-        for row in (0..rows).step_by(ROWS) {
-            let count = ROWS.min(rows - row);
+        let end = self.images.end * pixels;
+        for row in (self.images.start * pixels..end).step_by(ROWS) {
+            let count = ROWS.min(end - row);
             let mut windows = [0; ROWS];
             for window in &mut windows[..count] {
                 *window = cursor.at(patches.windows(), patches.staged());
                 cursor.advance();
             }
-            self.loader
-                .run(first * pixels + row, count, &mut self.buffers);
-            self.gather(staged, &windows[..count], gradient.as_deref_mut());
+            loader.run(row, count, buffers);
+            self.gather::<G>(&windows[..count], buffers, gradient.as_deref_mut());
         }
     }
 
     /// Adds what some windows contribute.
     #[inline(always)]
-    fn gather(&mut self, staged: &[T], windows: &[usize], mut gradient: Option<&mut [T]>) {
+    fn gather<const G: usize>(
+        &self,
+        windows: &[usize],
+        buffers: &mut Buffers<T>,
+        mut gradient: Option<&mut [T]>,
+    ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         for c in 0..patches.blocks() {
             // what one orbit reads of a block of channels the next reads from the first-level cache
@@ -118,7 +133,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
                     windows,
                 };
                 let gradient = gradient.as_deref_mut();
-                rows.run::<T, L, G>(self.lanes, staged, &mut self.buffers, gradient);
+                rows.run::<T, L, G>(self.lanes, self.staged, buffers, gradient);
             }
         }
     }

@@ -249,8 +249,8 @@ pub(crate) fn input<T: Real, L: Lanes<T>, const G: usize, const R: usize, const 
     for dy in dy.chunks_exact(rows) {
         let Some(w) = ws.next() else { break };
         let dy: &[Block<T>; R] = head(&dy[row..]);
-        for g in 0..groups {
-            let w: &[Block<T>; N] = head(&w[g * N..]);
+        // an iterator, since with an index the loop takes instructions that it has no room for
+        for (g, w) in w.as_chunks::<N>().0.iter().enumerate() {
             let w = load_all(lanes, w);
             for r in 0..R {
                 let d = lanes.group::<G>(&dy[r], g);
