@@ -63,11 +63,10 @@ impl Stranger {
         fs::create_dir_all(folder.join("src")).unwrap();
         fs::write(folder.join("Cargo.toml"), format!("{head}{lines}")).unwrap();
         fs::write(folder.join("src/main.rs"), PROGRAM).unwrap();
-        fs::copy(
-            Path::new(ROOT).join("Cargo.lock"),
-            folder.join("Cargo.lock"),
-        )
-        .unwrap();
+        // the toolchain, too: another one would compile everything again
+        for file in ["Cargo.lock", "rust-toolchain.toml"] {
+            fs::copy(Path::new(ROOT).join(file), folder.join(file)).unwrap();
+        }
         Self(folder)
     }
 
