@@ -20,6 +20,10 @@
     reason = "generated from C"
 )]
 
+/// Folder of the headers that these declarations were generated from, for what bindgen does not
+/// read: the tables of `mjxmacro.h`.
+pub const HEADER_FOLDER: &str = env!("MUJOCO_HEADER_FOLDER");
+
 include!(concat!(env!("OUT_DIR"), "/bindings.rs"));
 
 #[cfg(doctest)]
