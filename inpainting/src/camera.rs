@@ -86,7 +86,8 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
-    /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that is none.
+    /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that
+    /// is none.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].

@@ -57,7 +57,8 @@ impl Inpainter {
     ///
     /// # Errors
     /// [`InpaintingError::Length`]; [`InpaintingError::Value`] for a link without its joints, or a
-    /// position that is not finite or farther than 1e9 m from the origin. After an error nothing has changed.
+    /// position that is not finite or farther than 1e9 m from the origin. After an error nothing
+    /// has changed.
     pub fn inpaint(
         &mut self,
         image: &[u8],

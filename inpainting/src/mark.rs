@@ -61,8 +61,8 @@ impl Mark {
 struct Ring {
     /// The optical axis.
     centre: [f64; 2],
-    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis goes
-    /// through the picture's middle.
+    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis
+    /// goes through the picture's middle.
     offset: [f64; 2],
     /// Outer and inner radius across.
     radii: [f64; 2],

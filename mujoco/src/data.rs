@@ -83,9 +83,10 @@ impl Data {
     /// an extra `forward` in it may differ in the last bits from a run without.
     ///
     /// # Errors
-    /// As [`Data::step`], and [`SimError::NotFinite`] where the state, the control or an acceleration
-    /// that follows from them is not finite. A step also refuses positions and velocities beyond
-    /// 1e10; `forward` takes them, and other derived quantities need not be finite then.
+    /// As [`Data::step`], and [`SimError::NotFinite`] where the state, the control or an
+    /// acceleration that follows from them is not finite. A step also refuses positions and
+    /// velocities beyond 1e10; `forward` takes them, and other derived quantities need not be
+    /// finite then.
     pub fn forward(&mut self) -> Result<(), SimError> {
         check_finite(Quantity::Qpos, self.qpos())?;
         check_finite(Quantity::Qvel, self.qvel())?;
@@ -271,8 +272,8 @@ impl Data {
     /// nothing, and to change no pointer and no count but as MuJoCo does.
     ///
     /// A warning that MuJoCo raises meanwhile becomes an error of the next [`Data::step`] or
-    /// [`Data::forward`], if it tells of a divergence or of an overflow. Warnings of other kinds are
-    /// dropped there, and [`Data::reset`] and [`Data::restore`] drop all.
+    /// [`Data::forward`], if it tells of a divergence or of an overflow. Warnings of other kinds
+    /// are dropped there, and [`Data::reset`] and [`Data::restore`] drop all.
     pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
         self.raw.as_ptr()
     }

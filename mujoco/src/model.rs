@@ -53,8 +53,8 @@ impl Model {
     /// # Errors
     /// As [`Model::from_xml`]. [`ModelError::NoMainFile`] where `main` is not among `files`;
     /// [`ModelError::FileSize`] for an empty file or an immense one; [`ModelError::FileName`] for a
-    /// name with a folder, and for a path inside the XML that would lead out of `files`: an absolute
-    /// one, or one in an absolute folder, of a file that is not given.
+    /// name with a folder, and for a path inside the XML that would lead out of `files`: an
+    /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })

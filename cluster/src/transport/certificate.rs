@@ -30,9 +30,9 @@ pub(crate) struct Scratch {
 /// - `u_i + v_j <= c_ij`;
 /// - the equality of the two values.
 ///
-/// The last two hold up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest `|u_i|`
-/// or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's own
-/// `cost` field is held to the same value.
+/// The last two hold up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest
+/// `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's
+/// own `cost` field is held to the same value.
 ///
 /// # Errors
 /// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
