@@ -2,8 +2,9 @@
 
 use std::env;
 use std::panic;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The MuJoCo release that this workspace is written for, as `mj_version()` reports it.
 const SUPPORTED_VERSION: u32 = 222;
@@ -28,8 +29,14 @@ fn main() -> ExitCode {
 
 fn generate() -> Result<(), String> {
     require_libclang()?;
-    let bindings = declarations()?;
+    let headers = Headers::default();
+    let bindings = declarations(&headers)?;
     require_version(&bindings.to_string())?;
+    // what bindgen cannot read, the macro tables of mjxmacro.h, is found in the same folder
+    println!(
+        "cargo::rustc-env=MUJOCO_HEADER_FOLDER={}",
+        headers.folder()?
+    );
     let folder = env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?;
     let file = PathBuf::from(folder).join("bindings.rs");
     bindings
@@ -50,7 +57,30 @@ fn require_libclang() -> Result<(), String> {
     })
 }
 
-fn declarations() -> Result<bindgen::Bindings, String> {
+/// Notes which headers clang reads, wherever it finds them.
+#[derive(Clone, Debug, Default)]
+struct Headers(Arc<Mutex<Vec<PathBuf>>>);
+
+impl Headers {
+    /// The folder of the `mujoco.h` that was read.
+    fn folder(&self) -> Result<String, String> {
+        let headers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut headers = headers.iter();
+        let header = headers.find(|path| path.ends_with("mujoco/mujoco.h"));
+        let folder =
+            header.and_then(|path| path.canonicalize().ok()?.parent()?.to_str().map(Into::into));
+        folder.ok_or_else(|| "clang did not say where it found mujoco/mujoco.h".into())
+    }
+}
+
+impl bindgen::callbacks::ParseCallbacks for Headers {
+    fn include_file(&self, path: &str) {
+        let mut headers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        headers.push(Path::new(path).into());
+    }
+}
+
+fn declarations(headers: &Headers) -> Result<bindgen::Bindings, String> {
     bindgen::Builder::default()
         .header_contents("wrapper.h", "#include <mujoco/mujoco.h>\n")
         .allowlist_item("_?mj.*")
@@ -58,6 +88,7 @@ fn declarations() -> Result<bindgen::Bindings, String> {
         .prepend_enum_name(false)
         .layout_tests(true)
         .parse_callbacks(Box::new(bindgen::CargoCallbacks::new()))
+        .parse_callbacks(Box::new(headers.clone()))
         .generate()
         .map_err(|error| {
             format!("the header mujoco/mujoco.h (package libmujoco-dev) cannot be read:\n{error}")

@@ -2,6 +2,7 @@
 //!
 //! Each check makes rows of figures, prints them, and holds them to bounds.
 
+mod deviation;
 mod npz;
 mod parity;
 mod recording;
@@ -21,14 +22,6 @@ use symmetry::D2;
 use crate::error::CoversError;
 
 pub use parity::{ParityRow, parity};
-
-/// Rewards and their terms may differ from Meta-World's by this much.
-const REWARD_DEVIATION: f64 = 1e-9;
-/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians):
-/// what the solver's tolerance leaves of a jammed button.
-const STEP_DEVIATION: f64 = 5e-12;
-/// Of a replayed episode the hand may end this far from Meta-World's (metres).
-const REPLAY_DEVIATION: f64 = 1e-4;
 
 /// What to check, and how much of it.
 #[derive(Clone, Debug, Subcommand)]
@@ -169,12 +162,7 @@ fn symmetry_line(row: &SymmetryRow) -> String {
 fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, CoversError> {
     let rows = parity(folder)?;
     print(&rows, json, out, parity_line)?;
-    Ok(rows.iter().all(|row| {
-        row.success_mismatches == 0
-            && row.reward_deviation <= REWARD_DEVIATION
-            && row.physics_p99 <= STEP_DEVIATION
-            && row.replay_deviation <= REPLAY_DEVIATION
-    }))
+    Ok(rows.iter().all(ParityRow::passes))
 }
 
 fn parity_line(row: &ParityRow) -> String {

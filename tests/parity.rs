@@ -20,6 +20,7 @@ fn rewards_steps_and_replays_are_meta_worlds() {
     let rows = parity(Path::new(RECORDINGS)).unwrap();
     assert_eq!(rows.len(), 8);
     for row in rows {
+        assert!(row.passes(), "{row:?}");
         assert_eq!(row.reward_steps, 200);
         assert_eq!(row.success_mismatches, 0, "{row:?}");
         assert!(row.reward_deviation <= 1e-9, "{row:?}");

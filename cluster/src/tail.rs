@@ -12,8 +12,8 @@ const TERMS: usize = 200;
 /// exceeds `score`, in `[0, 1]`.
 ///
 /// With `a = 4 / skewness^2` this is `Q(a, a + score sqrt(a))`, where `Q` is the regularised
-/// incomplete gamma function. Permutation distributions of distances are close to this family: P.
-/// W. Mielke, K. J. Berry, "Permutation Methods: A Distance Function Approach" (2001), chapter 2.
+/// incomplete gamma function. Permutation distributions of distances are close to this family:
+/// Mielke and Berry, "Permutation Methods: A Distance Function Approach" (2001), chapter 2.
 pub(crate) fn pearson3_tail(score: f64, skewness: f64) -> f64 {
     let shape = 4.0 / skewness.max(LEAST_SKEWNESS).powi(2);
     gamma_tail(shape, (shape + score * shape.sqrt()).min(f64::MAX))

@@ -4,8 +4,13 @@ use glam::{DMat3, DVec3};
 
 use crate::error::{InpaintingError, require};
 
-/// The inside of a pinhole camera. Pixel (column, row) covers `[column, column + 1) x [row, row +
-/// 1)`; row 0 is the top.
+/// Largest distance from an origin that is taken for one (metres). Squares of what is far beyond
+/// it are no numbers.
+const FARTHEST: f64 = 1e9;
+
+/// The inside of a pinhole camera.
+///
+/// Pixel (column, row) covers `[column, column + 1) x [row, row + 1)`; row 0 is the top.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
     /// Pixels across.
@@ -21,8 +26,11 @@ pub struct Intrinsics {
 impl Intrinsics {
     fn check(&self) -> Result<(), InpaintingError> {
         let size = format!("{} x {}", self.width, self.height);
-        let holds = self.width > 0 && self.height > 0;
-        require(holds, "picture size", &size, "at least 1 x 1")?;
+        let bytes = self.width.checked_mul(self.height);
+        let bytes = bytes.and_then(|pixels| pixels.checked_mul(3));
+        let holds = bytes.is_some_and(|bytes| bytes > 0 && bytes <= isize::MAX as usize);
+        let expected = "at least 1 x 1, and a picture that fits into memory";
+        require(holds, "picture size", &size, expected)?;
         let positive = self.focal.iter().all(|f| *f > 0.0 && f.is_finite());
         let (value, expected) = (
             format!("{:?}", self.focal),
@@ -55,9 +63,17 @@ impl Extrinsics {
         let holds = orthonormal && rotation.determinant() > 0.0;
         let expected = "an orthonormal matrix of determinant 1";
         require(holds, "rotation", rotation, expected)?;
-        let finite = translation.is_finite();
-        require(finite, "translation", translation, "three finite numbers")
+        let near = is_near(*translation);
+        require(near, "translation", translation, NEAR)
     }
+}
+
+/// What [`is_near`] asks for.
+pub(crate) const NEAR: &str = "three numbers of metres, each at most 1e9";
+
+/// Whether a point is finite and no farther from the origin, along each axis, than [`FARTHEST`].
+pub(crate) fn is_near(point: DVec3) -> bool {
+    point.abs().cmple(DVec3::splat(FARTHEST)).all()
 }
 
 /// A calibrated camera: what its projection matrix `K [R | t]` is made of.
@@ -70,7 +86,8 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
-    /// Refuses empty pictures, focal lengths that are not positive, and a rotation that is none.
+    /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that
+    /// is none.
     ///
     /// # Errors
     /// [`InpaintingError::Value`].

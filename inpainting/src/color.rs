@@ -52,7 +52,7 @@ impl ColorCorrection {
     fn fit(self, reference: &[u8], mask: &[bool], rgb: &[u8]) -> Option<Map> {
         let pixels = rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
         let shown = pixels.filter(|(_, hidden)| !**hidden).map(|(pair, _)| pair);
-        let mut map = Map::fit(self, shown.clone())?;
+        let mut map = Map::fit(self, shown.clone())?.of_means();
         for tolerance in MOVED {
             let still = shown.clone().filter(|(now, before)| {
                 let difference = map.apply(color(now)) - color(before);
@@ -96,13 +96,24 @@ impl Map {
         let (from, to) = (now.mean(), reference.mean());
         let (from, gain, to) = match correction {
             ColorCorrection::GreyWorld => (DVec3::ZERO, ratio(to, from), DVec3::ZERO),
-            _ => (from, ratio(reference.deviation(), now.deviation()), to),
+            _ => (from, spread_ratio(reference, now), to),
         };
         Self {
             correction,
             from,
             gain,
             to,
+        }
+    }
+
+    /// The same, less what it takes from the deviations: what moved can have the most part in them.
+    fn of_means(self) -> Self {
+        match self.correction {
+            ColorCorrection::MeanAndDeviation => Self {
+                gain: DVec3::ONE,
+                ..self
+            },
+            ColorCorrection::None | ColorCorrection::GreyWorld => self,
         }
     }
 
@@ -118,14 +129,21 @@ impl Map {
 struct Moments {
     count: f64,
     sum: DVec3,
+    first: DVec3,
+    /// Squared offsets from the first pixel. Squares of the values themselves would cancel where
+    /// the picture hardly varies.
     squares: DVec3,
 }
 
 impl Moments {
     fn add(&mut self, value: DVec3) {
+        if self.count == 0.0 {
+            self.first = value;
+        }
+        let offset = value - self.first;
         self.count += 1.0;
         self.sum += value;
-        self.squares += value * value;
+        self.squares += offset * offset;
     }
 
     fn mean(&self) -> DVec3 {
@@ -133,21 +151,29 @@ impl Moments {
     }
 
     fn deviation(&self) -> DVec3 {
-        let variance = self.squares / self.count - self.mean() * self.mean();
+        let offset = self.mean() - self.first;
+        let variance = self.squares / self.count - offset * offset;
         variance.max(DVec3::ZERO).map(f64::sqrt)
     }
 }
 
-/// Channel by channel; one where a channel does not vary.
+/// Channel by channel; one where the divisor is zero.
 fn ratio(above: DVec3, below: DVec3) -> DVec3 {
-    let one = |axis: usize| {
-        if below[axis] > 1e-9 {
-            above[axis] / below[axis]
-        } else {
-            1.0
-        }
-    };
-    DVec3::new(one(0), one(1), one(2))
+    DVec3::select(below.cmpgt(DVec3::ZERO), above / below, DVec3::ONE)
+}
+
+/// Deviations in l, alpha, beta, divided; one in a channel where either picture varies by no more
+/// than the rounding of its levels.
+fn spread_ratio(above: &Moments, below: &Moments) -> DVec3 {
+    let varies = |moments: &Moments| moments.deviation().cmpgt(rounding(moments.mean()));
+    let ratio = above.deviation() / below.deviation();
+    DVec3::select(varies(above) & varies(below), ratio, DVec3::ONE)
+}
+
+/// How far half a level of each of red, green and blue can move a colour in l, alpha, beta.
+fn rounding(lab: DVec3) -> DVec3 {
+    let cones = (AXES.inverse() * lab).map(f64::exp);
+    AXES.abs() * (0.5 / cones)
 }
 
 fn color(pixel: &[u8]) -> DVec3 {
@@ -230,6 +256,51 @@ mod tests {
         let mut rgb = dim.clone();
         ColorCorrection::None.apply(&reference, &vec![false; 1600], &mut rgb);
         assert!(rgb == dim);
+    }
+
+    /// Tables without colour: one of many greys, and one that is grey all over.
+    fn grey_pictures() -> [Vec<u8>; 2] {
+        let textured = (0..1600_u32).flat_map(|i| [(90 + (i * 7) % 60) as u8; 3]);
+        [textured.collect(), vec![120; 3 * 1600]]
+    }
+
+    /// Where the reference has no colour at all, deviations say nothing of the light.
+    #[test]
+    fn a_coloured_thing_that_moves_over_a_grey_table_does_not_count() {
+        for reference in grey_pictures() {
+            let mut rgb = reference.clone();
+            for i in 400..500 {
+                rgb[3 * i..][..3].copy_from_slice(&[200, 40, 60]);
+            }
+            for correction in BOTH {
+                let mut corrected = rgb.clone();
+                correction.apply(&reference, &[false; 1600], &mut corrected);
+                assert!(corrected == rgb, "{correction:?}: the light is the same");
+            }
+            let dim: Vec<u8> = rgb
+                .iter()
+                .map(|&v| (f64::from(v) * 0.7).round() as u8)
+                .collect();
+            for correction in BOTH {
+                let mut corrected = dim.clone();
+                correction.apply(&reference, &[false; 1600], &mut corrected);
+                let worst = worst(&corrected, &rgb);
+                assert!(worst <= 3, "{correction:?}: {worst}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_deviation_of_what_hardly_varies_is_exact() {
+        let mut moments = Moments::default();
+        for i in 0..1000 {
+            moments.add(DVec3::splat(if i % 2 == 0 { 1e6 } else { 1e6 + 2e-6 }));
+        }
+        let off = (moments.deviation() - 1e-6).abs().max_element();
+        assert!(off < 1e-7, "{off}");
+        let mut uniform = Moments::default();
+        (0..1000).for_each(|_| uniform.add(DVec3::splat(0.1)));
+        assert!(uniform.deviation().max_element() < 1e-15);
     }
 
     /// What is hidden, and what moved, has no say in the light.

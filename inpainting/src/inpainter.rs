@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::camera::PinholeCamera;
+use crate::camera::{NEAR, PinholeCamera, is_near};
 use crate::color::ColorCorrection;
 use crate::error::{InpaintingError, require};
 use crate::links::{Capsule, Link};
@@ -56,8 +56,9 @@ impl Inpainter {
     /// gripper (metres, world frame), into `out` of the same shape.
     ///
     /// # Errors
-    /// [`InpaintingError::Length`]; [`InpaintingError::Value`] for a link without its joints or a
-    /// position that is not finite. After an error nothing has changed.
+    /// [`InpaintingError::Length`]; [`InpaintingError::Value`] for a link without its joints, or a
+    /// position that is not finite or farther than 1e9 m from the origin. After an error nothing
+    /// has changed.
     pub fn inpaint(
         &mut self,
         image: &[u8],
@@ -81,10 +82,10 @@ impl Inpainter {
     }
 
     fn check_positions(&self, joints: &[DVec3], gripper: DVec3) -> Result<(), InpaintingError> {
-        let index = joints.iter().position(|joint| !joint.is_finite());
+        let index = joints.iter().position(|joint| !is_near(*joint));
         let value = index.map_or_else(String::new, |i| format!("{} at {i}", joints[i]));
-        require(index.is_none(), "joint positions", &value, FINITE)?;
-        require(gripper.is_finite(), "gripper position", &gripper, FINITE)?;
+        require(index.is_none(), "joint positions", &value, NEAR)?;
+        require(is_near(gripper), "gripper position", &gripper, NEAR)?;
         let ends = self.settings.links.iter().flat_map(|link| link.joints);
         let last = ends.max().unwrap_or(0);
         let known = last < joints.len() || self.settings.links.is_empty();
@@ -117,8 +118,6 @@ impl Inpainter {
         }
     }
 }
-
-const FINITE: &str = "finite numbers of metres";
 
 impl InpainterSettings {
     fn check(&self) -> Result<(), InpaintingError> {

@@ -45,6 +45,7 @@ impl Mark {
             centre: inside.centre,
             offset,
             radii: [self.radius, self.hole].map(|radius| radius * inside.focal[0] / self.depth),
+            aspect: [1.0, inside.focal[0] / inside.focal[1]],
         };
         for row in ring.reach(1, inside.height) {
             for column in ring.reach(0, inside.width) {
@@ -60,18 +61,21 @@ impl Mark {
 struct Ring {
     /// The optical axis.
     centre: [f64; 2],
-    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis goes
-    /// through the picture's middle.
+    /// From the axis to the ring's middle. Mirroring it mirrors the ring exactly where the axis
+    /// goes through the picture's middle.
     offset: [f64; 2],
-    /// Outer and inner radius.
+    /// Outer and inner radius across.
     radii: [f64; 2],
+    /// Radius across, as a multiple of the radius along each axis: a disc shows as an ellipse where
+    /// the two focal lengths differ.
+    aspect: [f64; 2],
 }
 
 impl Ring {
     /// Columns (axis 0) or rows (axis 1), of `count`, outside of which the ring covers nothing.
     fn reach(&self, axis: usize, count: usize) -> Range<usize> {
         let middle = self.centre[axis] + self.offset[axis];
-        let reach = self.radii[0] + 1.0;
+        let reach = self.radii[0] / self.aspect[axis] + 1.0;
         let pixel = |value: f64| value.clamp(0.0, count as f64) as usize;
         pixel(middle - reach)..pixel(middle + reach)
     }
@@ -79,7 +83,7 @@ impl Ring {
     /// Whether the pixel's middle is within the outer radius and not within the inner one.
     fn covers(&self, column: usize, row: usize) -> bool {
         let from_middle = |axis: usize, pixel: usize| {
-            ((pixel as f64 + 0.5) - self.centre[axis]) - self.offset[axis]
+            (((pixel as f64 + 0.5) - self.centre[axis]) - self.offset[axis]) * self.aspect[axis]
         };
         let (dx, dy) = (from_middle(0, column), from_middle(1, row));
         let distance = dx * dx + dy * dy;

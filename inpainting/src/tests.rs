@@ -94,35 +94,39 @@ proptest! {
 
 /// The definition, pixel by pixel over the whole picture.
 fn slow_mark(mark: &Mark, camera: &PinholeCamera, point: DVec3) -> Vec<u8> {
-    let [cx, cy] = camera.intrinsics.centre;
-    let radii = [mark.radius, mark.hole].map(|r| r * camera.intrinsics.focal[0] / mark.depth);
+    let ([cx, cy], [fx, fy]) = (camera.intrinsics.centre, camera.intrinsics.focal);
+    let slopes = [mark.radius, mark.hole].map(|r| r / mark.depth);
     let projected = camera.project(point);
     let pixel = |index: usize| {
         let inside = projected.is_some_and(|[right, down]| {
             let dx = (index % 40) as f64 + 0.5 - cx - right;
             let dy = (index / 40) as f64 + 0.5 - cy - down;
-            (radii[1]..radii[0]).contains(&dx.hypot(dy))
+            (slopes[1]..slopes[0]).contains(&(dx / fx).hypot(dy / fy))
         });
         if inside { mark.color } else { [0; 3] }
     };
     (0..camera.pixels()).flat_map(pixel).collect()
 }
 
+/// The middle of every pixel, along its ray and back.
 #[test]
 fn projections_are_where_rays_come_from() {
     let camera = camera();
-    let point = DVec3::new(0.12, 0.2, 0.1);
-    let [right, down] = camera.project(point).unwrap();
+    let Extrinsics {
+        rotation,
+        translation,
+    } = camera.extrinsics;
     let [cx, cy] = camera.intrinsics.centre;
-    let (row, column) = ((cy + down) as usize, (cx + right) as usize);
-    let off = camera
-        .ray(row, column)
-        .angle_between(camera.in_camera(point));
-    assert!(off < 0.03, "{off} rad");
-    assert_eq!(
-        camera.project(point + DVec3::Z * 5.0).is_none(),
-        camera.in_camera(point + DVec3::Z * 5.0).z <= 0.0
-    );
+    for (index, depth) in (0..camera.pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
+        let (row, column) = (index / 40, index % 40);
+        let point = rotation.transpose() * (depth * camera.ray(row, column) - translation);
+        let [right, down] = camera.project(point).unwrap();
+        let off =
+            (right + cx - (column as f64 + 0.5)).abs() + (down + cy - (row as f64 + 0.5)).abs();
+        assert!(off < 1e-12 * (1.0 + 1.0 / depth), "{index}: {off} pixels");
+        let behind = rotation.transpose() * (-depth * camera.ray(row, column) - translation);
+        assert_eq!(camera.project(behind), None);
+    }
 }
 
 /// What stands outside the mask is renewed; what is behind the arm stays as it was last seen.
@@ -175,10 +179,10 @@ fn the_mark_stands_at_the_gripper() {
     let [cx, cy] = camera.intrinsics.centre;
     let pixel = ((cy + down) as usize * 40 + (cx + right) as usize) * 3;
     assert_eq!(out[pixel..pixel + 3], MARK.color);
-    // a disc of 0.1 m at 1.2 m, through a focal length of 35 pixels
+    // a disc of 0.1 m at 1.2 m, through focal lengths of 35 and 33 pixels
     let (area, expected) = (
         out.chunks_exact(3).filter(|pixel| pixel[2] == 255).count() as f64,
-        std::f64::consts::PI * (0.1 * 35.0 / 1.2_f64).powi(2),
+        std::f64::consts::PI * (0.1 / 1.2_f64).powi(2) * 35.0 * 33.0,
     );
     assert!(
         (area - expected).abs() < 5.0,
@@ -189,8 +193,16 @@ fn the_mark_stands_at_the_gripper() {
 #[test]
 fn nonsense_is_refused_with_its_value() {
     type Change = fn(&mut InpainterSettings);
-    let broken: [(Change, &str); 8] = [
+    let broken: [(Change, &str); 10] = [
         (|s| s.camera.intrinsics.width = 0, "picture size` is 0 x 30"),
+        (
+            |s| s.camera.intrinsics.width = usize::MAX / 40,
+            "picture size` is 461168601842738790 x 30",
+        ),
+        (
+            |s| s.camera.extrinsics.translation.y = -1e200,
+            "translation",
+        ),
         (
             |s| s.camera.intrinsics.focal[1] = -3.0,
             "focal length` is [35.0, -3.0]",
@@ -221,7 +233,8 @@ fn what_cannot_be_painted_out_is_refused_and_changes_nothing() {
     let (dark, bright) = (vec![0; 3600], vec![200; 3600]);
     let mut inpainter = Inpainter::new(settings(), &dark).unwrap();
     let (zero, nan) = (DVec3::ZERO, DVec3::NAN);
-    let cases: [(&[u8], &[DVec3], DVec3, &str); 4] = [
+    let far = DVec3::new(0.0, 1e200, 0.0);
+    let cases: [(&[u8], &[DVec3], DVec3, &str); 6] = [
         (&[1, 2], &[zero; 2], zero, "`image` has 2"),
         (&bright, &[zero], zero, "joint of a link` is 1"),
         (
@@ -231,6 +244,8 @@ fn what_cannot_be_painted_out_is_refused_and_changes_nothing() {
             "joint positions` is [NaN, NaN, NaN] at 1",
         ),
         (&bright, &[zero; 2], nan, "gripper position"),
+        (&bright, &[far, zero], zero, "joint positions"),
+        (&bright, &[zero; 2], -far, "gripper position"),
     ];
     for (image, joints, gripper, says) in cases {
         let mut out = dark.clone();
@@ -244,4 +259,17 @@ fn what_cannot_be_painted_out_is_refused_and_changes_nothing() {
             "{says}: the refused picture is remembered"
         );
     }
+}
+
+#[test]
+fn a_result_of_another_size_is_refused() {
+    let mut inpainter = Inpainter::new(settings(), &[0; 3600]).unwrap();
+    let before = inpainter.clone();
+    let refused = inpainter.inpaint(&[9; 3600], &[DVec3::ZERO; 2], DVec3::ZERO, &mut [0; 3597]);
+    let message = refused.unwrap_err().to_string();
+    assert!(
+        message.contains("`out` has 3597 elements, expected 3600"),
+        "{message}"
+    );
+    assert!(inpainter == before);
 }

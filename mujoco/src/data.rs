@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::error::{Quantity, SimError};
 use crate::fields::Field;
 use crate::fields::data::{
-    CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QPOS, QVEL, SITE_XPOS, XPOS, XQUAT,
+    CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS, XPOS, XQUAT,
 };
 use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
@@ -18,6 +18,9 @@ use crate::raw;
 /// *Derived* quantities (positions of bodies, geoms and sites; contacts) are those of the last
 /// [`Data::forward`], or of the last physics step but one: call `forward` before reading them,
 /// and before drawing. After [`Data::new`] and [`Data::reset`] they are zero until then.
+///
+/// # Panics
+/// Methods that take an id panic where the id comes from a larger model.
 pub struct Data {
     raw: NonNull<raw::mjData>,
     model: Arc<Model>,
@@ -80,14 +83,18 @@ impl Data {
     /// an extra `forward` in it may differ in the last bits from a run without.
     ///
     /// # Errors
-    /// As [`Data::step`], and [`SimError::NotFinite`] where the state or the control is not finite.
+    /// As [`Data::step`], and [`SimError::NotFinite`] where the state, the control or an
+    /// acceleration that follows from them is not finite. A step also refuses positions and
+    /// velocities beyond 1e10; `forward` takes them, and other derived quantities need not be
+    /// finite then.
     pub fn forward(&mut self) -> Result<(), SimError> {
         check_finite(Quantity::Qpos, self.qpos())?;
         check_finite(Quantity::Qvel, self.qvel())?;
         check_finite(Quantity::Ctrl, self.ctrl())?;
         // SAFETY: live data of this model.
         unsafe { raw::mj_forward(self.model.as_raw(), self.as_mut_ptr()) };
-        self.check_warnings(self.time())
+        self.check_warnings(self.time())?;
+        check_finite(Quantity::Qacc, self.values(&QACC))
     }
 
     /// Computes the positions of bodies, geoms, sites and cameras from the state, and nothing else.
@@ -262,8 +269,11 @@ impl Data {
     ///
     /// The pointer is valid as long as this value lives. Using it is `unsafe`, and whoever does
     /// promises to call MuJoCo with it and [`Model::as_raw`] of the same model only, to free
-    /// nothing, and to change no pointer and no count but as MuJoCo does. Warnings that MuJoCo
-    /// raises meanwhile become errors of the next [`Data::step`] or [`Data::forward`].
+    /// nothing, and to change no pointer and no count but as MuJoCo does.
+    ///
+    /// A warning that MuJoCo raises meanwhile becomes an error of the next [`Data::step`] or
+    /// [`Data::forward`], if it tells of a divergence or of an overflow. Warnings of other kinds
+    /// are dropped there, and [`Data::reset`] and [`Data::restore`] drop all.
     pub fn as_mut_ptr(&mut self) -> *mut raw::mjData {
         self.raw.as_ptr()
     }

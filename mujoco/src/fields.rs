@@ -111,11 +111,14 @@ pub(crate) mod data {
         GEOM_XPOS = geom_xpos: [f64; ngeom, 3],
         MOCAP_POS = mocap_pos: [f64; nmocap, 3],
         MOCAP_QUAT = mocap_quat: [f64; nmocap, 4],
+        QACC = qacc: [f64; nv, 1],
         QACC_WARMSTART = qacc_warmstart: [f64; nv, 1],
+        QFRC_APPLIED = qfrc_applied: [f64; nv, 1],
         QPOS = qpos: [f64; nq, 1],
         QVEL = qvel: [f64; nv, 1],
         SITE_XPOS = site_xpos: [f64; nsite, 3],
         USERDATA = userdata: [f64; nuserdata, 1],
+        XFRC_APPLIED = xfrc_applied: [f64; nbody, 6],
         XPOS = xpos: [f64; nbody, 3],
         XQUAT = xquat: [f64; nbody, 4],
     }
@@ -124,10 +127,9 @@ pub(crate) mod data {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::path::Path;
 
     use super::{data, model};
-
-    const HEADER: &str = "/usr/include/mujoco/mjxmacro.h";
 
     /// Element type, count and width of a field, in the header's words.
     fn declared<'a>(header: &'a str, table: &str, field: &str) -> Option<[&'a str; 3]> {
@@ -154,7 +156,8 @@ mod tests {
 
     #[test]
     fn every_field_has_the_type_and_the_lengths_of_the_header() {
-        let header = fs::read_to_string(HEADER).unwrap();
+        let folder = Path::new(crate::raw::HEADER_FOLDER);
+        let header = fs::read_to_string(folder.join("mjxmacro.h")).unwrap();
         for (table, fields) in [model::TABLE, data::TABLE] {
             for &(kind, field, count, width) in fields {
                 let width = width.to_string();

@@ -50,6 +50,7 @@ pub use mujoco_sys as raw;
 
 mod backend;
 mod data;
+mod elements;
 mod error;
 mod fields;
 mod gl;

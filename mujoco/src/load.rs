@@ -24,7 +24,7 @@ pub(crate) fn load(
             files,
         });
     }
-    check_references(files)?;
+    check_references(main, files)?;
     let mut vfs = Vfs::new();
     for (name, content) in files {
         vfs.add(name, content)?;

@@ -21,7 +21,8 @@ use crate::shape::Shape;
 /// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
 /// [`Renderer`](crate::Renderer) of any number of threads.
 ///
-/// Ids given by a model belong to it; methods that take an id panic where the id comes from a
+/// # Panics
+/// An id belongs to the model that gave it. Methods that take an id panic where it comes from a
 /// larger model.
 pub struct Model {
     raw: NonNull<raw::mjModel>,
@@ -44,12 +45,16 @@ impl Model {
         Self::from_files("model.xml", &[("model.xml", xml.as_bytes())])
     }
 
-    /// Compiles the MJCF (or URDF) file `main`, whose `<include>`s, meshes and textures are
-    /// looked up by plain name among `files`: (name, content) each. The disk is never read.
+    /// Compiles the MJCF (or URDF) file `main`, one of `files`, each a name and a content.
+    ///
+    /// What the file includes, and the meshes and textures that it names, are looked up among
+    /// `files` by their plain names, whatever folder stands before them. The disk is never read.
     ///
     /// # Errors
-    /// As [`Model::from_xml`]; and where a file's name or size cannot be used, where a file that
-    /// another one names is missing, and where an absolute path stands for one.
+    /// As [`Model::from_xml`]. [`ModelError::NoMainFile`] where `main` is not among `files`;
+    /// [`ModelError::FileSize`] for an empty file or an immense one; [`ModelError::FileName`] for a
+    /// name with a folder, and for a path inside the XML that would lead out of `files`: an
+    /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })
@@ -98,7 +103,7 @@ impl Model {
     /// Finds a body by name.
     ///
     /// # Errors
-    /// [`ModelError::UnknownName`] lists the names that exist; so in the five methods that follow.
+    /// [`ModelError::UnknownName`] lists the names that exist.
     pub fn body(&self, name: &str) -> Result<BodyId, ModelError> {
         self.find::<Body>(name)
     }

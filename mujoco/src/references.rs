@@ -1,73 +1,97 @@
 //! Names of files inside XML files.
 //!
 //! MuJoCo reads from the disk what it does not find among the files in memory. Relative names are
-//! sent nowhere (see `vfs`), but a mesh or texture with an absolute path would be read.
+//! sent nowhere (see `vfs`). An absolute path, or a relative one in an absolute folder, would be
+//! read.
 
-use std::borrow::Cow;
-
+use crate::elements::{Element, elements};
 use crate::error::ModelError;
 
-/// Refuses absolute paths of files that are not given, and absolute folders.
-pub(crate) fn check_references(files: &[(&str, &[u8])]) -> Result<(), ModelError> {
-    let given = |name: &str| {
-        files
-            .iter()
-            .any(|(file, _)| file.eq_ignore_ascii_case(name))
-    };
-    for (_, content) in files {
-        let text = String::from_utf8_lossy(content);
-        for (attribute, value) in attributes(&without_comments(&text)) {
-            if is_absolute(value) && escapes(attribute, value, given) {
-                return Err(ModelError::FileName {
-                    name: value.into(),
-                    reason: "it is an absolute path; files are found among those given, by their \
-                             plain name",
-                });
-            }
+/// Refuses what would make MuJoCo look for a file outside of `files`: an absolute path, or an
+/// absolute folder, of a file that is not given.
+///
+/// Only `main` and what it includes is looked at, as MuJoCo does.
+pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
+    let references = References::of(main, files);
+    let is_missing = |file: &&String| !files.iter().any(|(given, _)| is_named(given, file));
+    let missing: Vec<_> = references.files.iter().filter(is_missing).collect();
+    let mut values = references.folders.iter().chain(&references.files);
+    let outside = references.folders.iter().any(|folder| is_absolute(folder));
+    let mut absolute = missing.iter().copied().filter(|file| is_absolute(file));
+    let refused = [
+        (values.find(|value| value.contains('&')), ENTITY),
+        (absolute.next(), ABSOLUTE),
+        (missing.first().copied().filter(|_| outside), OUTSIDE),
+    ];
+    for (name, reason) in refused {
+        if let Some(name) = name.cloned() {
+            return Err(ModelError::FileName { name, reason });
         }
     }
     Ok(())
 }
 
-/// Whether an attribute makes MuJoCo look for a file at the path `value`.
-fn escapes(attribute: &str, value: &str, given: impl Fn(&str) -> bool) -> bool {
-    let plain = value.rsplit(['/', '\\']).next().unwrap_or(value);
-    attribute.ends_with("dir") || (attribute.starts_with("file") && !given(plain))
+const ENTITY: &str = "it holds a character reference; write the character itself";
+const ABSOLUTE: &str =
+    "it is an absolute path; files are found among those given, by their plain name";
+const OUTSIDE: &str =
+    "it is not among the files given, and would be looked up in an absolute path; give the file";
+
+/// What a model names.
+#[derive(Default)]
+struct References {
+    folders: Vec<String>,
+    files: Vec<String>,
 }
 
-/// A path from the root or a drive, or one that is written with character references.
-fn is_absolute(value: &str) -> bool {
-    value.starts_with(['/', '\\', '&']) || value.as_bytes().get(1) == Some(&b':')
-}
-
-fn without_comments(text: &str) -> Cow<'_, str> {
-    if !text.contains("<!--") {
-        return text.into();
-    }
-    let mut parts = text.split("<!--");
-    let first = parts.next().unwrap_or_default();
-    let rest = parts.filter_map(|part| Some(part.split_once("-->")?.1));
-    std::iter::once(first).chain(rest).collect()
-}
-
-/// Names and values of the attributes of an XML text.
-fn attributes(text: &str) -> impl Iterator<Item = (&str, &str)> {
-    let mut rest = text;
-    std::iter::from_fn(move || {
-        loop {
-            let (before, after) = rest.split_once('=')?;
-            rest = after;
-            let after = after.trim_start();
-            let Some(quote) = after.chars().next().filter(|c| matches!(c, '"' | '\'')) else {
-                continue;
-            };
-            let (value, after) = after[1..].split_once(quote)?;
-            rest = after;
-            let words = before.trim_end();
-            let mut names = words.rsplit(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
-            return Some((names.next()?, value.trim()));
+impl References {
+    /// Those of `main` and of every given file that is included, however deep.
+    fn of(main: &str, files: &[(&str, &[u8])]) -> Self {
+        let (mut found, mut texts) = (Self::default(), vec![main.to_owned()]);
+        let mut next = 0;
+        while let Some(text) = texts.get(next).cloned() {
+            next += 1;
+            let named = files.iter().filter(|(given, _)| is_named(given, &text));
+            for (_, content) in named {
+                for element in elements(&String::from_utf8_lossy(content)) {
+                    let included = found.add(&element);
+                    let new = |file: &String| !texts.iter().any(|text| is_named(plain(text), file));
+                    texts.extend(included.filter(new));
+                }
+            }
         }
-    })
+        found
+    }
+
+    /// Takes up what an element names; returns the file that it includes.
+    fn add(&mut self, element: &Element) -> Option<String> {
+        for (attribute, value) in &element.attributes {
+            let value = value.trim().to_owned();
+            match attribute {
+                folder if folder.ends_with("dir") => self.folders.push(value),
+                file if file.starts_with("file") => self.files.push(value),
+                _ => {}
+            }
+        }
+        let includes = element.name.eq_ignore_ascii_case("include");
+        let file = element.attributes.iter().find(|(name, _)| *name == "file");
+        file.filter(|_| includes)
+            .map(|(_, file)| file.trim().to_owned())
+    }
+}
+
+/// Whether MuJoCo finds the file `given` where an attribute's value is `value`.
+fn is_named(given: &str, value: &str) -> bool {
+    given.eq_ignore_ascii_case(plain(value))
+}
+
+fn plain(path: &str) -> &str {
+    path.rsplit(['/', '\\']).next().unwrap_or(path)
+}
+
+/// A path from the root or from a drive.
+fn is_absolute(value: &str) -> bool {
+    value.starts_with(['/', '\\']) || value.as_bytes().get(1) == Some(&b':')
 }
 
 #[cfg(test)]
@@ -75,20 +99,16 @@ mod tests {
     use super::*;
 
     fn check(main: &str) -> Result<(), ModelError> {
-        check_references(&[("main.xml", main.as_bytes()), ("Ball.obj", b"v 0 0 0")])
+        let obj = b"# file='/a' <mesh file='/tmp/cube.obj'/>\nv 0 0 0";
+        check_references(
+            "main.xml",
+            &[("main.xml", main.as_bytes()), ("Ball.obj", obj)],
+        )
     }
 
-    #[test]
-    fn attributes_are_found() {
-        let text = "<a file = \"b.xml\"><c é='1=2' meshdir='/d'/> x=y <f filename=' /g '/>";
-        let found: Vec<_> = attributes(text).collect();
-        let expected = [
-            ("file", "b.xml"),
-            ("", "1=2"),
-            ("meshdir", "/d"),
-            ("filename", "/g"),
-        ];
-        assert_eq!(found, expected);
+    fn assert_refused(result: Result<(), ModelError>, reason: &str) {
+        let error = result.unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}");
     }
 
     #[test]
@@ -96,22 +116,62 @@ mod tests {
         for refused in [
             "<mesh file='/tmp/cube.obj'/>",
             "<texture fileright=\"/tmp/sky.png\"/>",
-            "<mesh file='&#47;tmp/cube.obj'/>",
             "<mesh file='C:\\cube.obj'/>",
-            "<compiler meshdir=\"/tmp\"/>",
+            "<compiler meshdir=\"/tmp\"/><mesh file='cube.obj'/>",
+            "<mesh file='cube.obj'/>< compiler\n meshdir = '/tmp' >",
             "<!-- --> <mesh file='/tmp/cube.obj'/>",
+            "<body name='<!--'/><mesh file='/tmp/cube.obj'/><body name='-->'/>",
+            "<body name='a>b' x=\"<'\"/><mesh file='/tmp/cube.obj'/>",
+            "<![CDATA[<!--]]><mesh file='/tmp/cube.obj'/><!-- -->",
+            "<?xml a='<!--'?><mesh file='/tmp/cube.obj'/><!-- -->",
         ] {
-            let error = check(refused).unwrap_err();
-            assert!(error.to_string().contains("absolute path"), "{error}");
+            assert_refused(check(refused), "absolute path");
         }
         for accepted in [
             "<mesh file='/tmp/ball.obj'/>",
             "<mesh file='cube.obj'/>",
             "<compiler meshdir='meshes'/>",
+            "<compiler meshdir='/tmp'/>",
+            "<compiler meshdir='/tmp'/><mesh file='ball.obj'/>",
             "<!-- <mesh file='/tmp/cube.obj'/> -->",
+            "<![CDATA[ <mesh file='/tmp/cube.obj'/> ]]>",
+            "file='/tmp/cube.obj'",
             "<body name='/tmp'/>",
+            "<body name=\"file='/tmp/cube.obj'\"/>",
         ] {
             assert_eq!(check(accepted), Ok(()), "{accepted}");
         }
+    }
+
+    #[test]
+    fn character_references_in_paths_are_refused() {
+        for refused in [
+            "<mesh file='&#47;tmp/cube.obj'/>",
+            "<include file='a&#46;xml'/>",
+        ] {
+            assert_refused(check(refused), "character reference");
+        }
+        assert_eq!(check("<body name='a&amp;b'/>"), Ok(()));
+    }
+
+    #[test]
+    fn what_is_included_is_looked_at_and_nothing_else() {
+        let main = b"<Include file='sub/Part.xml'/>";
+        let part = b"<include file='main.xml'/><compiler meshdir='/tmp'/>";
+        let [bad, good]: [&[u8]; 2] = [b"<mesh file='cube.obj'/>", b"<include file='deep.xml'/>"];
+        let check = |files: &[(&str, &[u8])]| check_references("main.xml", files);
+        let start: [(&str, &[u8]); 2] = [("main.xml", main), ("part.xml", part)];
+        assert_eq!(check(&start), Ok(()));
+        assert_eq!(check(&[start[0], start[1], ("other.xml", bad)]), Ok(()));
+        let deep = [b"<include file='deep.xml'/>".as_slice(), part].concat();
+        assert_refused(
+            check(&[start[0], ("part.xml", &deep), ("deep.xml", bad)]),
+            "absolute path",
+        );
+        // without the file that it includes
+        assert_refused(
+            check(&[start[0], start[1], ("Part.XML", good)]),
+            "absolute path",
+        );
     }
 }

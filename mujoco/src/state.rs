@@ -2,13 +2,19 @@
 
 use crate::data::{Data, check_finite, check_length};
 use crate::error::{Quantity, SimError};
-use crate::fields::data::{ACT, CTRL, MOCAP_POS, MOCAP_QUAT, QACC_WARMSTART, QPOS, QVEL, USERDATA};
+use crate::fields::data::{
+    ACT, CTRL, MOCAP_POS, MOCAP_QUAT, QACC_WARMSTART, QFRC_APPLIED, QPOS, QVEL, USERDATA,
+    XFRC_APPLIED,
+};
 
 /// Everything that the future of a simulation depends on.
 ///
 /// One flat array: time, qpos `[nq]`, qvel `[nv]`, act `[na]`, mocap_pos `[nmocap, 3]`, mocap_quat
 /// `[nmocap, 4]`, userdata `[nuserdata]`, qacc_warmstart `[nv]`, ctrl `[nu]`. It can be stored
 /// as such: a run restored from it continues to the same bits.
+///
+/// Forces that a program applies through [`Data::as_mut_ptr`] (`qfrc_applied`, `xfrc_applied`) are
+/// no part of it: [`Data::restore`] sets them to zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     values: Vec<f64>,
@@ -47,8 +53,8 @@ impl Data {
         }
     }
 
-    /// Copies a saved state in. Derived quantities are stale until [`Data::forward`] or
-    /// [`Data::step`].
+    /// Copies a saved state in, and sets applied forces to zero. Derived quantities are stale
+    /// until [`Data::forward`] or [`Data::step`].
     ///
     /// # Errors
     /// [`SimError::Length`] where the state is of another model; [`SimError::NotFinite`].
@@ -65,6 +71,8 @@ impl Data {
         fill(self.rows_mut(&USERDATA).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&QACC_WARMSTART).as_flattened_mut(), &mut rest);
         fill(self.rows_mut(&CTRL).as_flattened_mut(), &mut rest);
+        self.rows_mut(&QFRC_APPLIED).as_flattened_mut().fill(0.0);
+        self.rows_mut(&XFRC_APPLIED).as_flattened_mut().fill(0.0);
         self.clear_warnings();
         Ok(())
     }

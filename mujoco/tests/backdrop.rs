@@ -180,6 +180,101 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     assert_eq!(refused, Err(RenderError::NoBackdrop));
 }
 
+/// A picture over a backdrop at several places of what moves, each time beside the whole picture.
+fn check_motion(scene: &str, (width, height): (usize, usize), places: &[f64]) {
+    let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
+    let mut data = Data::new(Arc::new(model));
+    data.forward().unwrap();
+    let (mut renderer, mut backdrop) = drawn(&mut data, width, height);
+    let mut pictures = Vec::new();
+    for &x in places {
+        move_ball(&mut data, x);
+        let mut out = vec![0; renderer.image_len()];
+        renderer
+            .render_over(&mut data, &mut backdrop, &mut out)
+            .unwrap();
+        let expected = whole(&mut renderer, &mut data);
+        assert!(out == expected, "{scene} at {x}");
+        assert!(!pictures.contains(&expected), "the motion must show");
+        pictures.push(expected);
+    }
+}
+
+/// One sees what moves through a bridge that does not.
+#[test]
+fn what_moves_shows_through_glass() {
+    let scene = r#"<worldbody>
+        <camera name="top" pos="0 0 2"/>
+        <geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>
+        <geom type="box" size=".5 .2 .02" pos="0 0 .8" rgba="0 0 1 .5"/>
+        <body pos="0 0 .4"><joint type="slide" axis="1 0 0"/>
+          <geom size=".15" rgba="1 0 0 1"/></body></worldbody>"#;
+    check_motion(scene, (24, 16), &[0.0, 0.2, -0.2]);
+}
+
+/// The tendon's middle and direction stay, and its two ends come closer.
+#[test]
+fn a_tendon_that_shortens_is_drawn_again() {
+    let scene = r#"<worldbody>
+        <camera name="top" pos="0 0 2"/>
+        <geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>
+        <body pos=".5 0 .4"><joint name="right" type="slide" axis="1 0 0"/>
+          <geom size=".05" group="3"/><site name="right"/></body>
+        <body pos="-.5 0 .4"><joint name="left" type="slide" axis="-1 0 0"/>
+          <geom size=".05" group="3"/><site name="left"/></body></worldbody>
+      <tendon><spatial width=".05" rgba="1 0 0 1"><site site="left"/><site site="right"/></spatial>
+      </tendon>"#;
+    let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
+    let mut data = Data::new(Arc::new(model));
+    data.forward().unwrap();
+    let (mut renderer, mut backdrop) = drawn(&mut data, 24, 16);
+    let mut out = vec![0; renderer.image_len()];
+    let mut last = Vec::new();
+    for shorter in [0.0, 0.25] {
+        data.qpos_mut().fill(-shorter);
+        data.forward().unwrap();
+        renderer
+            .render_over(&mut data, &mut backdrop, &mut out)
+            .unwrap();
+        assert!(out == whole(&mut renderer, &mut data), "{shorter} shorter");
+        assert!(out != last, "the motion must show");
+        last.clone_from(&out);
+    }
+}
+
+/// OpenGL may pad rows to a multiple of four bytes.
+#[test]
+fn rows_of_any_width_are_read() {
+    let half = |width: usize| {
+        let scene = r#"<mujoco><visual>
+            <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual><worldbody>
+              <camera name="top" pos="0 0 2"/>
+              <geom type="box" size="5 5 .1" pos="-5 0 0" rgba="1 0 0 1"/>
+              <geom type="box" size="5 5 .1" pos="5 0 0" rgba="0 1 0 1"/>
+              <body pos="0 .5 .4"><joint type="slide" axis="1 0 0"/><geom size=".2" group="3"/></body>
+            </worldbody></mujoco>"#;
+        let mut data = Data::new(Arc::new(Model::from_xml(scene).unwrap()));
+        data.forward().unwrap();
+        let (mut renderer, mut backdrop) = drawn(&mut data, width, 8);
+        let mut out = vec![7; renderer.image_len()];
+        renderer
+            .render_over(&mut data, &mut backdrop, &mut out)
+            .unwrap();
+        assert_eq!(out, whole(&mut renderer, &mut data));
+        out
+    };
+    for width in [13, 14, 15] {
+        let image = half(width);
+        for (index, pixel) in image.chunks_exact(3).enumerate() {
+            match 2 * (index % width) + 1 {
+                column if column < width => assert_eq!(pixel, [255, 0, 0], "{width}: {index}"),
+                column if column > width => assert_eq!(pixel, [0, 255, 0], "{width}: {index}"),
+                _ => {}
+            }
+        }
+    }
+}
+
 /// What moves here alters the picture of what stands still, or is no geom.
 #[test]
 fn moving_cameras_lights_and_skins_are_drawn_as_they_are() {

@@ -74,6 +74,35 @@ fn every_bad_quantity_is_noticed() {
     }
 }
 
+/// Finite positions whose squares are none: MuJoCo computes accelerations that are no numbers.
+#[test]
+fn forward_tells_of_accelerations_that_are_not_finite() {
+    let joints = r#"<joint type="slide"/><joint type="hinge" axis="0 1 0"/>
+        <geom size=".1" pos="1 0 0"/>"#;
+    let mut data = data(&format!(
+        "<mujoco><worldbody><body>{joints}<body>{joints}</body></body></worldbody></mujoco>"
+    ));
+    assert_eq!(data.forward(), Ok(()));
+    data.qpos_mut().fill(1e300);
+    let error = data.forward().unwrap_err();
+    assert!(
+        matches!(error, SimError::NotFinite { what: Quantity::Qacc, index: 0, value } if value.is_nan()),
+        "{error}"
+    );
+    let step = data.step(1).unwrap_err();
+    assert!(
+        matches!(
+            step,
+            SimError::Diverged {
+                what: Quantity::Qpos,
+                ..
+            }
+        ),
+        "{step}"
+    );
+    assert_eq!(data.forward(), Ok(()));
+}
+
 #[test]
 fn huge_controls_and_forces_diverge() {
     let strong = CART.replace("<motor ", r#"<motor gear="1000" "#);

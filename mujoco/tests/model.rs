@@ -105,6 +105,21 @@ fn includes_are_found_among_the_files() {
     assert!(error.to_string().contains("part.xml"), "{error}");
 }
 
+/// A given file is found whatever the folder and the case of the name that asks for it, and no
+/// other is looked for on the disk.
+#[test]
+fn absolute_folders_do_no_harm_where_every_file_is_given() {
+    let main = br#"<mujoco><compiler meshdir="/no/such/folder"/>
+        <asset><mesh name="a" file="ball.obj"/><mesh name="b" file="/nor/this/BALL.obj"/></asset>
+        <worldbody><geom type="mesh" mesh="a"/><geom type="mesh" mesh="b"/></worldbody></mujoco>"#;
+    let obj = b"# made by file='/home/someone/ball.blend'
+v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+    let model = Model::from_files("main.xml", &[("main.xml", main), ("Ball.obj", obj)]);
+    assert_eq!(model.unwrap().as_raw().nmesh, 2);
+    let error = Model::from_files("main.xml", &[("main.xml", main)]).unwrap_err();
+    assert!(error.to_string().contains("BALL.obj"), "{error}");
+}
+
 #[test]
 fn bad_xml_carries_mujocos_message() {
     let error = Model::from_xml("<mujoco><worldbody><bdy/></worldbody></mujoco>").unwrap_err();

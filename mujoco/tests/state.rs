@@ -116,3 +116,23 @@ fn foreign_states_are_refused() {
     ));
     assert_eq!(data.save(), before, "a refused state changes nothing");
 }
+
+/// Forces that only the C struct can be given are no part of a state, and none survives a restore.
+#[test]
+fn restoring_clears_applied_forces() {
+    let model = model();
+    let mut original = tumbling(&model);
+    let saved = original.save();
+    let mut pushed = tumbling(&model);
+    let raw = pushed.as_mut_ptr();
+    // SAFETY: arrays of `nv` and of `nbody * 6` numbers that live as long as `pushed`.
+    unsafe {
+        *(*raw).qfrc_applied.add(2) = 30.0;
+        *(*raw).xfrc_applied.add(6 * 2 + 1) = -40.0;
+    }
+    drive(&mut pushed, 100..200);
+    pushed.restore(&saved).unwrap();
+    drive(&mut original, 100..200);
+    drive(&mut pushed, 100..200);
+    assert_eq!(pushed.save(), original.save());
+}

@@ -8,8 +8,12 @@ use zip::ZipArchive;
 
 use super::recording_error::RecordingError;
 
-/// Largest array that is read (bytes), so that a small hostile archive cannot fill the memory.
-const LARGEST: u64 = 1 << 28;
+/// Most values of an array that is read, so that a small hostile archive cannot fill the memory.
+const MOST_VALUES: usize = 1 << 25;
+/// Most bytes of an array's file: its values, and more than any header has.
+const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + (1 << 16);
+
+const TOO_LARGE: &str = "it has more than 2^25 values";
 
 /// An open archive.
 pub(crate) struct Npz {
@@ -82,8 +86,15 @@ impl Npz {
             }
             Err(source) => return Err(RecordingError::NotAnArchive { source }),
         };
+        if file.size() > MOST_BYTES {
+            return Err(RecordingError::Damaged {
+                name,
+                reason: TOO_LARGE,
+            });
+        }
         let mut bytes = Vec::new();
-        file.take(LARGEST)
+        // the size is only what the archive says
+        file.take(MOST_BYTES)
             .read_to_end(&mut bytes)
             .map_err(|source| RecordingError::Open { source })?;
         Ok(bytes)
@@ -135,15 +146,51 @@ fn shape(header: &str) -> Option<Vec<usize>> {
 }
 
 fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, RecordingError> {
+    let damaged = |reason| Err(RecordingError::Damaged { name, reason });
+    let (numbers, rest) = bytes.as_chunks::<8>();
     match kind {
-        "<f8" => {
-            let (numbers, _) = bytes.as_chunks::<8>();
-            Ok(numbers.iter().map(|&n| f64::from_le_bytes(n)).collect())
-        }
+        "<f8" if numbers.len() > MOST_VALUES => damaged(TOO_LARGE),
+        "|b1" if bytes.len() > MOST_VALUES => damaged(TOO_LARGE),
+        "<f8" if !rest.is_empty() => damaged("its last number is cut"),
+        "<f8" => Ok(numbers.iter().map(|&n| f64::from_le_bytes(n)).collect()),
         "|b1" => Ok(bytes.iter().map(|&byte| f64::from(byte)).collect()),
         _ => Err(RecordingError::Kind {
             name,
             got: kind.to_owned(),
         }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An npy file of version 1.
+    fn npy(kind: &str, count: usize, values: &[u8]) -> Vec<u8> {
+        let header =
+            format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({count},), }}\n");
+        let len = (header.len() as u16).to_le_bytes();
+        [b"\x93NUMPY\x01\x00", &len[..], header.as_bytes(), values].concat()
+    }
+
+    fn reason(file: &[u8]) -> String {
+        parse("it", file).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn values_are_counted_and_not_bytes() {
+        let truths = npy("|b1", MOST_VALUES, &vec![1; MOST_VALUES]);
+        assert_eq!(parse("it", &truths).unwrap().shape(), [MOST_VALUES]);
+        let more = npy("|b1", MOST_VALUES + 1, &vec![1; MOST_VALUES + 1]);
+        assert!(reason(&more).contains("more than 2^25 values"));
+    }
+
+    #[test]
+    fn bytes_after_the_last_number_are_refused() {
+        let number = 1.5_f64.to_le_bytes();
+        let whole = npy("<f8", 1, &number);
+        assert_eq!(parse("it", &whole).unwrap().row(&[0]), [1.5]);
+        let tail = [&whole[..], &[0; 7]].concat();
+        assert!(reason(&tail).contains("its last number is cut"));
     }
 }

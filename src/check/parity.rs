@@ -19,6 +19,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
+use super::deviation::largest;
 use super::recording::{CENTRE, Recording, centred, files};
 use super::recording_error::RecordingError;
 use crate::error::CoversError;
@@ -62,6 +63,27 @@ pub struct ParityRow {
     pub replay_deviation: f64,
 }
 
+/// Rewards and their terms may differ from Meta-World's by this much.
+const REWARD_DEVIATION: f64 = 1e-9;
+/// The best 99 of 100 single control steps may end this far from Meta-World's (metres, radians):
+/// what the solver's tolerance leaves of a jammed button.
+const STEP_DEVIATION: f64 = 5e-12;
+/// Of a replayed episode the hand may end this far from Meta-World's (metres).
+const REPLAY_DEVIATION: f64 = 1e-4;
+
+impl ParityRow {
+    /// Whether every figure is a number and within its bound, and something was compared.
+    pub fn passes(&self) -> bool {
+        let steps = [self.reward_steps, self.physics_steps, self.replay_steps];
+        !steps.contains(&0)
+            && self.success_mismatches == 0
+            && self.reward_deviation <= REWARD_DEVIATION
+            && self.physics_p99 <= STEP_DEVIATION
+            && self.physics_max.is_finite()
+            && self.replay_deviation <= REPLAY_DEVIATION
+    }
+}
+
 /// Compares every recording (`ENGINE_TASK_POLICY.npz`) of `folder`.
 ///
 /// # Errors
@@ -92,6 +114,7 @@ fn compare(path: &Path) -> Result<ParityRow, CoversError> {
         replica.single_steps(&recording, episode, &mut physics)?;
         replica.replay(&recording, episode, &mut row)?;
     }
+    // a NaN comes last
     physics.sort_by(f64::total_cmp);
     row.physics_steps = physics.len();
     [row.physics_median, row.physics_p99, row.physics_max] =
@@ -231,7 +254,7 @@ impl Replica {
             let finger = recording.finger(episode, step);
             let ours = group.task().reward(&self.start, &now, finger);
             let deviation = recording.reward_deviation(group, episode, step, &ours);
-            row.reward_deviation = row.reward_deviation.max(deviation);
+            row.reward_deviation = largest([row.reward_deviation, deviation]);
             row.success_mismatches += usize::from(ours.success != recording.success(episode, step));
             row.reward_steps += 1;
         }
@@ -252,7 +275,7 @@ impl Replica {
             }
             let expected = self.in_our_frame(recording.qpos.row(&[episode, step + 1]));
             let pairs = self.table.simulation().qpos().iter().zip(&expected);
-            differences.push(pairs.fold(0.0, |max, (a, b)| f64::max(max, (a - b).abs())));
+            differences.push(largest(pairs.map(|(a, b)| (a - b).abs())));
         }
         Ok(())
     }
@@ -271,7 +294,7 @@ impl Replica {
             }
             let [recorded, _] = recording.hand_and_object(episode, step + 1);
             let deviation = self.table.hand().distance(recorded);
-            row.replay_deviation = row.replay_deviation.max(deviation);
+            row.replay_deviation = largest([row.replay_deviation, deviation]);
             row.replay_steps += 1;
         }
         Ok(())
@@ -283,4 +306,44 @@ fn touches(data: &Data, geoms: &[GeomId]) -> bool {
     let one_of = |geom| geoms.contains(&geom);
     data.contacts()
         .any(|contact| contact.geoms.into_iter().any(one_of))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> ParityRow {
+        ParityRow {
+            reward_steps: 200,
+            physics_steps: 100,
+            replay_steps: 1,
+            physics_max: 1e-3,
+            ..ParityRow::default()
+        }
+    }
+
+    #[test]
+    fn a_row_passes_where_all_was_compared_and_nothing_differs() {
+        assert!(good().passes());
+        type Change = fn(&mut ParityRow);
+        let changes: [Change; 11] = [
+            |row| row.reward_steps = 0,
+            |row| row.physics_steps = 0,
+            |row| row.replay_steps = 0,
+            |row| row.success_mismatches = 1,
+            |row| row.reward_deviation = 2e-9,
+            |row| row.physics_p99 = 1e-11,
+            |row| row.replay_deviation = 2e-4,
+            |row| row.reward_deviation = f64::NAN,
+            |row| row.physics_p99 = f64::NAN,
+            |row| row.physics_max = f64::NAN,
+            |row| row.replay_deviation = f64::NAN,
+        ];
+        for change in changes {
+            let mut row = good();
+            change(&mut row);
+            assert!(!row.passes(), "{row:?}");
+        }
+        assert!(!ParityRow::default().passes(), "nothing was compared");
+    }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use envs::{Placement, Scene, StepReward, TaskGroup};
 use glam::DVec3;
 
+use super::deviation::largest;
 use super::npz::{Array, Npz};
 use super::recording_error::RecordingError;
 
@@ -132,7 +133,7 @@ impl Recording {
             ours.remaining - info[5],
             approach,
         ];
-        terms.into_iter().map(f64::abs).fold(0.0, f64::max)
+        largest(terms.map(f64::abs))
     }
 
     /// Whether a mesh touched anything during a step.
@@ -170,4 +171,47 @@ pub(crate) fn files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
     }
     files.sort();
     Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use envs::{Camera, Embodiment, Layout};
+
+    use super::*;
+
+    /// What Meta-World's step was, with `change` made to it.
+    fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
+        let group = TaskGroup::PLATE_SLIDE;
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+        let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
+        let path = folder.join("mj222_plate-slide_expert.npz");
+        let recording = Recording::read(&path, &scene).unwrap();
+        let info = recording.info.row(&[1, 7]);
+        let mut ours = StepReward {
+            approach: info[3],
+            in_place: info[4],
+            remaining: info[5],
+            reward: recording.reward.row(&[1, 7])[0],
+            success: false,
+        };
+        change(&mut ours);
+        recording.reward_deviation(group, 1, 7, &ours)
+    }
+
+    #[test]
+    fn a_reward_of_ours_that_is_no_number_is_noticed() {
+        assert_eq!(deviation(|_| ()), 0.0);
+        assert!((deviation(|ours| ours.in_place += 0.5) - 0.5).abs() < 1e-12);
+        type Change = fn(&mut StepReward);
+        let broken: [Change; 4] = [
+            |ours| ours.reward = f64::NAN,
+            |ours| ours.approach = f64::NAN,
+            |ours| ours.in_place = f64::NAN,
+            |ours| ours.remaining = f64::NAN,
+        ];
+        for change in broken {
+            assert!(deviation(change).is_nan());
+        }
+    }
 }

@@ -75,6 +75,9 @@ impl FieldType {
     /// The type of a vector whose entries have these irreps of D2, in any order, under `group`.
     ///
     /// [`irrep_order`] sorts such a vector into the layout of the type.
+    ///
+    /// # Panics
+    /// Where there are more than [`FieldType::MAX_DIM`] entries.
     pub fn from_irreps(group: Group, irreps: &[Irrep]) -> FieldType {
         let mut multiplicities = [0; 4];
         for irrep in irreps {
@@ -133,7 +136,9 @@ impl FieldType {
     /// Every type of C1 does, since its regular representation is the trivial one.
     pub fn regular_fields(&self) -> Option<usize> {
         let n = self.multiplicity(Irrep::Trivial);
-        (*self == self.group.regular(n)).then_some(n)
+        let irreps = self.group.irreps();
+        let even = irreps.iter().all(|&irrep| self.multiplicity(irrep) == n);
+        even.then_some(n)
     }
 
     /// Whether every channel is invariant.
@@ -166,6 +171,9 @@ impl FieldType {
 
 impl Group {
     /// The type of `fields` copies of the regular representation: every irrep `fields` times.
+    ///
+    /// # Panics
+    /// Where that is more than [`FieldType::MAX_DIM`] channels.
     pub const fn regular(self, fields: usize) -> FieldType {
         match self {
             Group::C1 => FieldType::new(self, [fields, 0, 0, 0]),
@@ -176,6 +184,9 @@ impl Group {
     }
 
     /// The type of `channels` invariant channels.
+    ///
+    /// # Panics
+    /// Where `channels` is more than [`FieldType::MAX_DIM`].
     pub const fn trivial(self, channels: usize) -> FieldType {
         FieldType::new(self, [channels, 0, 0, 0])
     }

@@ -12,7 +12,14 @@ fn group() -> impl Strategy<Value = Group> {
 /// Small multiplicities, which make regular fields, and the largest.
 fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
     let largest = FieldType::MAX_DIM / 4;
-    prop::array::uniform4(prop_oneof![0..5_usize, 0..=largest, Just(largest)])
+    let all = prop::array::uniform4(prop_oneof![0..5_usize, 0..=largest, Just(largest)]);
+    // of one irrep there can be more than of four
+    let one = (0..4_usize, 0..=FieldType::MAX_DIM).prop_map(|(irrep, count)| {
+        let mut multiplicities = [0; 4];
+        multiplicities[irrep] = count;
+        multiplicities
+    });
+    prop_oneof![all, one]
 }
 
 /// Texts that are almost notation.
@@ -44,11 +51,27 @@ proptest! {
     }
 
     #[test]
+    fn regular_fields_are_those_of_the_regular_type(
+        group in group(),
+        multiplicities in multiplicities(),
+    ) {
+        let field = FieldType::new(group, multiplicities);
+        let mut irreps = group.irreps().iter().map(|&irrep| field.multiplicity(irrep));
+        let first = irreps.next().unwrap();
+        let expected = irreps.all(|count| count == first).then_some(first);
+        prop_assert_eq!(field.regular_fields(), expected);
+        if let Some(fields) = expected {
+            prop_assert_eq!(group.regular(fields), field);
+        }
+    }
+
+    #[test]
     fn no_text_panics_and_what_is_parsed_is_printed(
         text in prop_oneof![any::<String>(), almost()],
     ) {
         if let Ok(field) = text.parse::<FieldType>() {
             prop_assert!(field.dim() <= FieldType::MAX_DIM);
+            let _ = field.regular_fields();
             prop_assert_eq!(field.to_string().parse::<FieldType>(), Ok(field));
         }
     }

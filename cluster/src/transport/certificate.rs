@@ -17,13 +17,22 @@ pub(crate) struct Scratch {
 
 /// Checks that `plan` is an optimal transport plan for the row-major matrix `cost` `[n, m]`.
 ///
-/// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says `sum_ij
-/// gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j` for each plan `gamma` with these marginals and
-/// each pair of potentials with `u_i + v_j <= c_ij`. Equality therefore proves that both are
-/// optimal. Three facts are checked: the marginals up to [`RELATIVE_TOLERANCE`], `u_i + v_j <=
-/// c_ij` and the equality of the two values up to [`RELATIVE_TOLERANCE`] times the largest
-/// `|c_ij|`, or the largest `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64`
-/// for each point. The plan's own `cost` field is held to the same value.
+/// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
+///
+/// ```text
+/// sum_ij gamma_ij c_ij >= sum_i a_i u_i + sum_j b_j v_j
+/// ```
+///
+/// for each plan `gamma` with these marginals and each pair of potentials with
+/// `u_i + v_j <= c_ij`. Equality therefore proves that both are optimal. Three facts are checked:
+///
+/// - the marginals, up to [`RELATIVE_TOLERANCE`];
+/// - `u_i + v_j <= c_ij`;
+/// - the equality of the two values.
+///
+/// The last two hold up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest
+/// `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's
+/// own `cost` field is held to the same value.
 ///
 /// # Errors
 /// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does

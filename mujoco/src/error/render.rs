@@ -3,7 +3,7 @@
 use crate::backend::Backend;
 use crate::renderer_id::RendererId;
 
-/// Why an image could not be drawn. The output slice is then of no use.
+/// Why an image could not be drawn, or a renderer not be made. Do not use the output slice then.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
@@ -92,9 +92,10 @@ pub enum RenderError {
         /// What was being done.
         during: &'static str,
     },
-    /// The context could not be made current on this thread: it is lost.
+    /// The renderer's context could not be made current on this thread, as one that is lost cannot.
     #[error(
-        "the {backend} context is lost, it cannot be made current: {reason}; make a new renderer"
+        "the {backend} context cannot be made current, it may be lost: {reason}; \
+         make a new renderer"
     )]
     Current {
         /// The renderer's backend.
@@ -102,7 +103,8 @@ pub enum RenderError {
         /// What the backend said.
         reason: ContextError,
     },
-    /// The context of the program around this crate could not be made current again.
+    /// The context of the program around this crate could not be made current again; the picture
+    /// itself may be whole.
     #[error("the {backend} context that was current before cannot be made so again: {reason}")]
     Restore {
         /// The renderer's backend.

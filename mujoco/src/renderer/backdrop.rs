@@ -13,6 +13,9 @@ use crate::renderer_id::RendererId;
 pub struct Backdrop {
     /// Who drew it and how; none before that, and while it is being drawn.
     drawn: Option<(RendererId, CameraView)>,
+    /// Whether one can see through one of its geoms. What moves behind that cannot be drawn over
+    /// it.
+    transparent: bool,
     /// Where camera and lights were.
     viewpoint: Viewpoint,
     /// `[H, W, 3]`, bottom row first, in the view's mirror.
@@ -31,8 +34,9 @@ pub struct Backdrop {
 /// direction.
 type Viewpoint = Vec<[[f32; 3]; 3]>;
 
-/// Position and rotation matrix of a geom, as MuJoCo's scene holds them.
-type Pose = ([f32; 3], [f32; 9]);
+/// Position, rotation matrix and size of a geom, as MuJoCo's scene holds them; a piece of tendon
+/// changes its size.
+type Pose = ([f32; 3], [f32; 9], [f32; 3]);
 
 impl Renderer {
     /// Draws the geoms that no joint moves into `backdrop`, for [`Renderer::render_over`].
@@ -55,6 +59,7 @@ impl Renderer {
         self.check_arguments(data, view.camera, &backdrop.rgb)?;
         self.in_own_context(|renderer| {
             renderer.update_scene(data, view, raw::mjCAT_STATIC)?;
+            backdrop.transparent = renderer.is_transparent();
             backdrop.viewpoint.clear();
             backdrop.viewpoint.extend(renderer.viewpoint());
             renderer.draw(&mut backdrop.rgb, Some(&mut backdrop.depth));
@@ -69,8 +74,8 @@ impl Renderer {
     /// from the last picture over it where no geom has moved since.
     ///
     /// That holds as long as nothing has moved the other geoms since the backdrop was drawn, as
-    /// setting a mocap body does. Everything is drawn where a moving geom is transparent, where
-    /// there are shadows or skins, and where the camera or a light has moved.
+    /// setting a mocap body does. Everything is drawn where a geom is transparent, whether it
+    /// moves or not, where there are shadows or skins, and where the camera or a light has moved.
     ///
     /// # Errors
     /// As [`Renderer::render`]; [`RenderError::NoBackdrop`] for a backdrop that was never drawn,
@@ -132,14 +137,21 @@ impl Renderer {
     }
 
     fn poses(&self) -> impl Iterator<Item = Pose> {
-        self.geoms().iter().map(|geom| (geom.pos, geom.mat))
+        self.geoms()
+            .iter()
+            .map(|geom| (geom.pos, geom.mat, geom.size))
     }
 
-    /// Whether what moves changes the picture of what stands still.
+    /// Whether what moves and what stands still cannot be drawn one after the other.
     fn must_draw_all(&self, backdrop: &Backdrop) -> bool {
-        let transparent = || self.geoms().iter().any(|geom| geom.rgba[3] < 1.0);
+        let transparent = || backdrop.transparent || self.is_transparent();
         let has_moved = || !backdrop.viewpoint.iter().copied().eq(self.viewpoint());
         self.shadows || self.scene.nskin > 0 || transparent() || has_moved()
+    }
+
+    /// Whether one can see through a geom of the scene.
+    fn is_transparent(&self) -> bool {
+        self.geoms().iter().any(|geom| geom.rgba[3] < 1.0)
     }
 
     fn viewpoint(&self) -> impl Iterator<Item = [[f32; 3]; 3]> {
