@@ -135,7 +135,7 @@ fn maps_without_values_are_refused() {
 #[test]
 fn sizes_that_no_memory_holds_are_refused() {
     let large = 1 << 40;
-    let (many, one) = (Group::C1.trivial(large), Group::C1.trivial(1));
+    let (many, one) = (Group::C1.trivial(FieldType::MAX_DIM), Group::C1.trivial(1));
     let window = kernel([3, 1, 1]);
     let padded = kernel([3, 1, usize::MAX / 2 + 1]);
     let wide = Shape::image(2, large, one);
