@@ -366,10 +366,23 @@ fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
     assert!(message.to_string().contains("a grouping without labels"));
 }
 
-/// A grouping of somebody else's: rollouts take turns.
-struct TakingTurns(usize);
+/// A grouping of somebody else's: what it decides is written down, and begins anew at the end.
+struct Scripted {
+    decisions: Vec<Decision>,
+    asked: usize,
+}
 
-impl Grouping for TakingTurns {
+impl Scripted {
+    fn new(decisions: &[Decision]) -> Box<Self> {
+        let decisions = decisions.to_vec();
+        Box::new(Self {
+            decisions,
+            asked: 0,
+        })
+    }
+}
+
+impl Grouping for Scripted {
     fn min_episodes(&self) -> usize {
         1
     }
@@ -379,90 +392,69 @@ impl Grouping for TakingTurns {
         candidates: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        let opens = self.0 == 1;
-        assert_eq!(candidates.clouds().unwrap().len(), self.0.min(2));
-        let decision = if opens {
-            Decision::New
-        } else {
-            Decision::Existing(self.0 % 2)
-        };
+        assert!(!candidates.clouds()?.is_empty());
         Ok(Assignment {
-            decision,
+            decision: self.decisions[(self.asked - 1) % self.decisions.len()],
             evidence: Vec::new(),
         })
     }
 
     fn adopt(&mut self, _: usize) {
-        self.0 += 1;
+        self.asked += 1;
     }
 
     fn state(&self) -> serde_json::Value {
-        self.0.into()
+        self.asked.into()
     }
 
     fn restore(&mut self, state: &serde_json::Value, _: usize) -> Result<(), String> {
-        let turns = state.as_u64().ok_or("expected a number of turns")?;
-        self.0 = usize::try_from(turns).map_err(|error| error.to_string())?;
+        let asked = state.as_u64().ok_or("expected a number of decisions")?;
+        self.asked = usize::try_from(asked).map_err(|error| error.to_string())?;
         Ok(())
     }
 }
 
 #[test]
-fn a_grouping_of_somebody_elses_decides() {
+fn a_grouping_of_somebody_elses_decides_and_is_saved() {
     let mut env = Bars::new();
-    let grouping = Box::new(TakingTurns(0));
-    let mut covers = Covers::with_grouping(settings(), env.spec(), grouping).unwrap();
+    let script = [Decision::New, Decision::Existing(0), Decision::Existing(1)];
+    let mut covers = Covers::with_grouping(settings(), env.spec(), Scripted::new(&script)).unwrap();
     let turns = (0..4).map(|_| covers.learn(&mut env).unwrap());
     let turns: Vec<_> = turns.map(|turn| (turn.policy, turn.created)).collect();
     assert_eq!(turns, [(0, false), (1, true), (0, false), (1, false)]);
-    let path = std::env::temp_dir().join(format!("covers-turns-{}", std::process::id()));
+    let path = std::env::temp_dir().join(format!("covers-script-{}", std::process::id()));
     covers.save(&path, Extent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
     let message = Covers::load(&path, env.spec()).err().unwrap().to_string();
     assert!(message.contains("grouping"), "{message}");
-    let grouping = Box::new(TakingTurns(0));
-    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), grouping).unwrap();
+    let script = Scripted::new(&[Decision::Existing(0)]);
+    let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), script).unwrap();
     std::fs::remove_file(path).unwrap();
     assert_eq!(twin.learn(&mut env).unwrap().policy, 0);
-}
-
-/// A grouping that points nowhere.
-struct Nowhere;
-
-impl Grouping for Nowhere {
-    fn min_episodes(&self) -> usize {
-        1
-    }
-
-    fn assign(
-        &self,
-        _: &mut dyn Candidates,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
-        Ok(Assignment {
-            decision: Decision::Existing(7),
-            evidence: Vec::new(),
-        })
-    }
-
-    fn adopt(&mut self, _: usize) {}
-
-    fn state(&self) -> serde_json::Value {
-        serde_json::Value::Null
-    }
-
-    fn restore(&mut self, _: &serde_json::Value, _: usize) -> Result<(), String> {
-        Ok(())
-    }
 }
 
 #[test]
 fn a_policy_that_a_grouping_made_up_is_refused() {
     let mut env = Bars::new();
-    let mut covers = Covers::with_grouping(settings(), env.spec(), Box::new(Nowhere)).unwrap();
+    let script = Scripted::new(&[Decision::Existing(7)]);
+    let mut covers = Covers::with_grouping(settings(), env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
     let message = covers.learn(&mut env).unwrap_err().to_string();
     assert!(message.contains("`policy` is 7"), "{message}");
+}
+
+#[test]
+fn a_copy_of_the_nearest_needs_distances() {
+    let mut env = Bars::new();
+    let settings = CoversSettings {
+        new_policy: NewPolicy::Copy,
+        ..settings()
+    };
+    let script = Scripted::new(&[Decision::New]);
+    let mut covers = Covers::with_grouping(settings, env.spec(), script).unwrap();
+    covers.learn(&mut env).unwrap();
+    let message = covers.learn(&mut env).unwrap_err().to_string();
+    assert!(message.contains("`new_policy` is copy"), "{message}");
 }
 
 #[test]

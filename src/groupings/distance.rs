@@ -2,7 +2,6 @@
 
 use cluster::{Assigner, AssignerSettings, Assignment, Rule};
 use rand_chacha::ChaCha8Rng;
-use serde_json::Value;
 
 use crate::error::CoversError;
 
@@ -45,18 +44,5 @@ impl Grouping for Distance {
         rng: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
         Ok(self.0.settle(&candidates.clouds()?, rng)?)
-    }
-
-    fn adopt(&mut self, _: usize) {}
-
-    fn state(&self) -> Value {
-        Value::Null
-    }
-
-    fn restore(&mut self, state: &Value, _: usize) -> Result<(), String> {
-        match state {
-            Value::Null => Ok(()),
-            other => Err(format!("distances have no state, got {other}")),
-        }
     }
 }

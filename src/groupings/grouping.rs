@@ -47,14 +47,21 @@ pub trait Grouping: Send {
     }
 
     /// Learns that policy `index` took the last rollout.
-    fn adopt(&mut self, index: usize);
+    fn adopt(&mut self, _: usize) {}
 
-    /// What must be remembered in a checkpoint.
-    fn state(&self) -> Value;
+    /// What must be remembered in a checkpoint: nothing, if it is not said.
+    fn state(&self) -> Value {
+        Value::Null
+    }
 
     /// Takes back what [`Grouping::state`] returned when there were `policies` policies.
     ///
     /// # Errors
     /// What is wrong with it, in words.
-    fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String>;
+    fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
+        match state {
+            Value::Null => Ok(()),
+            other => Err(format!("got {other} of {policies} policies, expected none")),
+        }
+    }
 }

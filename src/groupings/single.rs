@@ -2,7 +2,6 @@
 
 use cluster::{Assignment, Decision};
 use rand_chacha::ChaCha8Rng;
-use serde_json::Value;
 
 use crate::error::CoversError;
 
@@ -26,18 +25,5 @@ impl Grouping for Single {
             decision: Decision::Existing(0),
             evidence: Vec::new(),
         })
-    }
-
-    fn adopt(&mut self, _: usize) {}
-
-    fn state(&self) -> Value {
-        Value::Null
-    }
-
-    fn restore(&mut self, state: &Value, _: usize) -> Result<(), String> {
-        match state {
-            Value::Null => Ok(()),
-            other => Err(format!("a single policy has no state, got {other}")),
-        }
     }
 }

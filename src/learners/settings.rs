@@ -52,12 +52,7 @@ impl LearnerSettings {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<(Box<dyn Learner>, String), CoversError> {
-        match self {
-            Self::Covers(settings) => {
-                let (covers, note) = Covers::read(path, spec, settings, labels)?;
-                Ok((Box::new(covers), note))
-            }
-        }
+        self.read(path, spec, labels, false)
     }
 
     /// As [`LearnerSettings::load`], for a copy that learns on to the same bits.
@@ -71,12 +66,19 @@ impl LearnerSettings {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<(Box<dyn Learner>, String), CoversError> {
-        match self {
-            Self::Covers(settings) => {
-                let (covers, note) = Covers::read_everything(path, spec, settings, labels)?;
-                Ok((Box::new(covers), note))
-            }
-        }
+        self.read(path, spec, labels, true)
+    }
+
+    fn read(
+        &self,
+        path: &Path,
+        spec: &EnvSpec,
+        labels: &Labels,
+        whole: bool,
+    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+        let Self::Covers(settings) = self;
+        let (covers, note) = Covers::read(path, spec, settings, labels, whole)?;
+        Ok((Box::new(covers), note))
     }
 
     /// Seed of everything that the learner draws.

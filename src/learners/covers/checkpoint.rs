@@ -98,33 +98,21 @@ impl Covers {
         Checkpoint::read(path)?.open(spec, |_| Ok(grouping))
     }
 
-    /// As [`Covers::load`], in a run of these settings that writes `labels`.
+    /// As [`Covers::load`], in a run of these settings that writes `labels`. A `whole` learner learns
+    /// on to the same bits: a file of [`Extent::Policies`] is refused.
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
         settings: &CoversSettings,
         labels: &Labels,
+        whole: bool,
     ) -> Result<(Self, String), CoversError> {
         let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_settings(settings)?;
-        checkpoint.open(spec, |settings| settings.grouping.build_with(labels))
-    }
-
-    /// As [`Covers::read`], for a copy that learns on to the same bits: a file of
-    /// [`Extent::Policies`] is refused.
-    pub(in crate::learners) fn read_everything(
-        path: &Path,
-        spec: &EnvSpec,
-        settings: &CoversSettings,
-        labels: &Labels,
-    ) -> Result<(Self, String), CoversError> {
-        let checkpoint = Checkpoint::read(path)?;
-        checkpoint.check_settings(settings)?;
-        let members = &checkpoint.header()?.members;
-        if members.iter().any(|member| member.counters.is_none()) {
-            return Err(CoversError::PoliciesOnly {
-                path: path.to_owned(),
-            });
+        let header = checkpoint.header()?;
+        checkpoint.check_settings(&header, settings)?;
+        if whole && header.members.iter().any(|m| m.counters.is_none()) {
+            let path = path.to_owned();
+            return Err(CoversError::PoliciesOnly { path });
         }
         checkpoint.open(spec, |settings| settings.grouping.build_with(labels))
     }
@@ -147,8 +135,12 @@ impl<'a> Checkpoint<'a> {
     }
 
     /// Refuses a learner of other settings than its run's.
-    fn check_settings(&self, expected: &CoversSettings) -> Result<(), CoversError> {
-        if *self.header()?.settings == *expected {
+    fn check_settings(
+        &self,
+        header: &Header<'_>,
+        expected: &CoversSettings,
+    ) -> Result<(), CoversError> {
+        if *header.settings == *expected {
             return Ok(());
         }
         let problem = "its learner has other settings than the run's experiment.json; \
