@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_all_finite, check_len};
+use crate::error::{RlError, check_all_finite, check_len, check_params};
 use crate::gaussian::{log_prob, standard_normals};
 use crate::network::ActorCritic;
 use crate::network_settings::NetworkSettings;
@@ -55,10 +55,7 @@ impl ActorCriticPolicy {
         params: Vec<f32>,
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
-        let (got, expected) = (params.len(), network.num_params());
-        if got != expected {
-            return Err(RlError::Parameters { got, expected });
-        }
+        check_params(params.len(), network.num_params())?;
         // later it would only show as a loss that is not finite
         check_all_finite("a parameter", &params)?;
         Ok(Self::assemble(Arc::new(network), params))
@@ -285,7 +282,7 @@ impl Features for ActorCriticPolicy {
         self.chunks.map_rows(out, width, |range, workspace, rows| {
             let n = load(network, observations, range, workspace);
             network.forward_features(params, n, workspace);
-            rows.copy_from_slice(&workspace.features()[..n * width]);
+            rows.copy_from_slice(workspace.features());
         });
         Ok(())
     }

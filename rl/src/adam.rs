@@ -13,6 +13,16 @@ pub struct ParamGroup {
     pub learning_rate: f32,
 }
 
+impl ParamGroup {
+    fn assert_within(&self, len: usize) {
+        let range = &self.range;
+        assert!(
+            range.start <= range.end && range.end <= len,
+            "the group {range:?} is no part of the {len} parameters"
+        );
+    }
+}
+
 /// Adam: Kingma and Ba, "Adam: a method for stochastic optimization" (ICLR 2015), algorithm 1. The
 /// fields are the whole state: saving them and building the struct again continues to the same
 /// bits.
@@ -48,12 +58,14 @@ impl Adam {
     /// Takes one descent step. Parameters outside every group stay as they are.
     ///
     /// # Panics
-    /// When `params`, `gradient` and the moments differ in length, or a group reaches beyond them.
+    /// When `params`, `gradient` and the moments differ in length, or a group is no part of them.
+    /// Nothing has changed then.
     pub fn step(&mut self, groups: &[ParamGroup], params: &mut [f32], gradient: &[f32]) {
         let len = params.len();
         assert_len("gradient", gradient.len(), len);
         assert_len("first_moment", self.first_moment.len(), len);
         assert_len("second_moment", self.second_moment.len(), len);
+        groups.iter().for_each(|group| group.assert_within(len));
         self.steps += 1;
         for group in groups {
             self.step_group(group, params, gradient);
@@ -62,11 +74,6 @@ impl Adam {
 
     fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {
         let range = group.range.clone();
-        assert!(
-            range.end <= params.len(),
-            "the group {range:?} reaches beyond the {} parameters",
-            params.len()
-        );
         let (beta1, beta2, epsilon) = (self.beta1, self.beta2, self.epsilon);
         let rate = group.learning_rate / bias_correction(beta1, self.steps);
         let root = bias_correction(beta2, self.steps).sqrt();

@@ -4,6 +4,9 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::error::RlError;
 
+/// Largest counter of a saved state: up to here, f64 holds every whole number.
+const MAX_COUNTER: u64 = 1 << 53;
+
 /// Improves a policy from experience and owns the state of its optimisers.
 ///
 /// What it saves, with the policy's parameters and the generator, is everything that its next
@@ -51,31 +54,46 @@ pub trait Metrics {
 pub struct AlgorithmState<'a> {
     /// Arrays and their names.
     pub tensors: Vec<(&'a str, &'a [f32])>,
-    /// Counters and their names.
+    /// Counters and their names, each at most 2^53.
     pub counters: Vec<(&'a str, u64)>,
 }
 
 impl AlgorithmState<'_> {
     /// Checks a state that was read from a file: it has the names and lengths of `own`, in the same
-    /// order, and every number is finite.
+    /// order, every number is finite, and no counter is above 2^53.
     ///
     /// # Errors
     /// [`RlError::State`] or [`RlError::Damaged`].
     pub fn check_like(&self, own: &AlgorithmState<'_>) -> Result<(), RlError> {
-        let (got, expected) = (self.layout(), own.layout());
-        if got != expected {
+        if self.layout() != own.layout() {
+            let (got, expected) = (self.in_words(), own.in_words());
             return Err(RlError::State { got, expected });
         }
-        self.tensors
-            .iter()
-            .try_for_each(|(name, values)| check_saved(name, values))
+        let mut tensors = self.tensors.iter();
+        tensors.try_for_each(|(name, values)| check_saved(name, values))?;
+        let mut counters = self.counters.iter();
+        counters.try_for_each(|&(name, count)| check_counter(name, count))
     }
 
-    /// Names and lengths in words.
-    fn layout(&self) -> String {
+    /// Names and lengths of the arrays, and names of the counters.
+    fn layout(&self) -> (Vec<(&str, usize)>, Vec<&str>) {
         let tensors = self.tensors.iter();
-        let tensors = tensors.map(|(name, values)| format!("{name} [{}]", values.len()));
-        let counters = self.counters.iter().map(|(name, _)| (*name).to_owned());
+        let counters = self.counters.iter();
+        (
+            tensors
+                .map(|(name, values)| (*name, values.len()))
+                .collect(),
+            counters.map(|(name, _)| *name).collect(),
+        )
+    }
+
+    /// The layout for an error message.
+    fn in_words(&self) -> String {
+        let (tensors, counters) = self.layout();
+        let tensors = tensors
+            .iter()
+            .map(|(name, len)| format!("{name:?} [{len}]"));
+        let counters = counters.iter().map(|name| format!("{name:?}"));
         tensors.chain(counters).collect::<Vec<_>>().join(", ")
     }
 }
@@ -89,4 +107,15 @@ fn check_saved(name: &str, values: &[f32]) -> Result<(), RlError> {
         }),
         None => Ok(()),
     }
+}
+
+fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
+    if count <= MAX_COUNTER {
+        return Ok(());
+    }
+    Err(RlError::Damaged {
+        name: name.to_owned(),
+        value: count as f64,
+        expected: "a count of at most 2^53",
+    })
 }

@@ -137,20 +137,26 @@ impl RolloutBuffer {
     /// Replaces log-probabilities and values, those that bootstrap included, by what `policy` says.
     /// So it can learn from actions that another one took: probability ratios start at 1, and
     /// advantages are differences to its own values. That the states are those the other policy
-    /// came to is not corrected.
+    /// came to is not corrected. After an error, nothing has changed.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Shape`] for a policy of other
-    /// environments.
+    /// environments, [`RlError::NotFinite`] for log-probabilities or values that are not numbers.
     pub fn revalue<P: Assess>(&mut self, policy: &mut P) -> Result<(), RlError> {
         self.check_finished()?;
-        policy.assess(&self.observations, &mut self.decisions)?;
-        let mut values = vec![0.0; self.truncated.len()];
-        policy.values(&self.finals, &mut values)?;
-        for (&sample, value) in self.truncated.iter().zip(values) {
+        let mut decisions = self.decisions.clone();
+        policy.assess(&self.observations, &mut decisions)?;
+        decisions.check(&self.spec, self.samples())?;
+        decisions.check_finite()?;
+        let final_values = finite_values(policy, &self.finals, self.truncated.len())?;
+        let last_values = finite_values(policy, &self.last, self.spec.num_envs)?;
+        self.decisions.log_probs = decisions.log_probs;
+        self.decisions.values = decisions.values;
+        self.last_values = last_values;
+        for (&sample, value) in self.truncated.iter().zip(final_values) {
             self.final_values[sample] = value;
         }
-        policy.values(&self.last, &mut self.last_values)
+        Ok(())
     }
 
     /// Forgets every step and keeps the memory.
@@ -293,6 +299,18 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         policy.values(last, &mut values)?;
         self.finish(last, &values)
     }
+}
+
+/// The values `[N]` of N observations, all of them finite.
+fn finite_values<P: Values>(
+    policy: &mut P,
+    observations: &Observations,
+    samples: usize,
+) -> Result<Vec<f32>, RlError> {
+    let mut values = vec![0.0; samples];
+    policy.values(observations, &mut values)?;
+    check_all_finite("a value", &values)?;
+    Ok(values)
 }
 
 /// Asks for the values of the final observations where a truncation will bootstrap them.

@@ -125,9 +125,9 @@ impl Observations {
     }
 }
 
-/// How an episode stands after a step. Two ends, because they mean different things: nothing
-/// follows a termination, whereas after a time-out the world goes on and merely nobody looks at it
-/// any more.
+/// How an episode stands after a step. An episode ends in one of two ways. After a termination, no
+/// reward follows. A truncation only stops the episode at its time limit: rewards would have
+/// followed, and the value of the final observation stands for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Outcome {
     /// The episode goes on.
@@ -157,11 +157,11 @@ pub struct Transition {
     pub rewards: Vec<f32>,
     /// Outcomes `[N]`.
     pub outcomes: Vec<Outcome>,
-    /// Whether the success condition held at any time within this step, `[N]`. A step may be
-    /// several control steps of a simulation.
+    /// Whether the success condition held at any time within this step, its end included, `[N]`. A
+    /// step may be several control steps of a simulation.
     pub success: Vec<bool>,
     /// Whether the success condition holds at the end of this step, `[N]`: where an episode ended,
-    /// in its final state.
+    /// in its final state. It implies `success`.
     pub success_at_end: Vec<bool>,
 }
 
@@ -182,21 +182,32 @@ impl Transition {
     ///
     /// # Errors
     /// [`RlError::Shape`] names the first array that does not fit, [`RlError::NotFinite`] the first
-    /// quantity that is infinite or not a number.
+    /// quantity that is infinite or not a number, [`RlError::SuccessAtEnd`] the first environment
+    /// that has success at the end of a step without success within it.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.observations.check(spec, spec.num_envs)?;
-        self.final_observations.check(spec, spec.num_envs)?;
-        check_len("rewards", "[N]", self.rewards.len(), spec.num_envs)?;
-        check_len("outcomes", "[N]", self.outcomes.len(), spec.num_envs)?;
-        check_len("success", "[N]", self.success.len(), spec.num_envs)?;
-        check_len(
-            "success_at_end",
-            "[N]",
-            self.success_at_end.len(),
-            spec.num_envs,
-        )?;
+        let n = spec.num_envs;
+        self.observations.check(spec, n)?;
+        self.final_observations.check(spec, n)?;
+        check_len("rewards", "[N]", self.rewards.len(), n)?;
+        check_len("outcomes", "[N]", self.outcomes.len(), n)?;
+        check_len("success", "[N]", self.success.len(), n)?;
+        check_len("success_at_end", "[N]", self.success_at_end.len(), n)?;
+        self.check_success()?;
         check_all_finite("a reward", &self.rewards)?;
         self.observations.check_finite()?;
+        self.check_finals_finite(spec)
+    }
+
+    fn check_success(&self) -> Result<(), RlError> {
+        let mut pairs = self.success.iter().zip(&self.success_at_end);
+        match pairs.position(|(within, at_end)| *at_end && !within) {
+            Some(env) => Err(RlError::SuccessAtEnd { env }),
+            None => Ok(()),
+        }
+    }
+
+    /// Rows of running episodes have no meaning, so they may hold anything.
+    fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let finals = self.final_observations.vectors.chunks(spec.vector.len());
         let ended = self.outcomes.iter().zip(finals);
         ended
@@ -270,6 +281,19 @@ mod tests {
                 ..
             })
         ));
+    }
+
+    /// What holds at the end of a step held within it.
+    #[test]
+    fn success_at_the_end_without_success_is_refused() {
+        let mut transition = Transition::new(&spec());
+        transition.success[1] = true;
+        assert!(transition.check(&spec()).is_ok());
+        transition.success_at_end[1] = true;
+        assert!(transition.check(&spec()).is_ok());
+        transition.success_at_end[2] = true;
+        let message = transition.check(&spec()).unwrap_err().to_string();
+        assert!(message.starts_with("environment 2"), "{message}");
     }
 
     #[test]

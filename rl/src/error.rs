@@ -12,7 +12,8 @@ pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 pub enum RlError {
     /// A slice has another length than its shape demands.
     #[error(
-        "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that takes the same EnvSpec"
+        "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
+         takes the same EnvSpec"
     )]
     Shape {
         /// Name of the array.
@@ -26,7 +27,8 @@ pub enum RlError {
     },
     /// An environment describes itself with a size of zero.
     #[error(
-        "EnvSpec::{field} is empty; a policy needs at least one environment, one pixel, one vector and one action component"
+        "EnvSpec::{field} is empty; a policy needs at least one environment, one pixel, one \
+         vector and one action component"
     )]
     EmptySpec {
         /// The offending field.
@@ -52,7 +54,8 @@ pub enum RlError {
     },
     /// A rollout buffer was read before its T steps were pushed.
     #[error(
-        "the rollout buffer holds {got} of {steps} steps; fill it and call `finish` before an update"
+        "the rollout buffer holds {got} of {steps} steps; fill it and call `finish` before an \
+         update"
     )]
     BufferNotFinished {
         /// Steps pushed so far.
@@ -62,7 +65,8 @@ pub enum RlError {
     },
     /// The network cannot be built for these images.
     #[error(
-        "images of {side} x {side} pixels do not fit the {encoder} encoder with {halvings} halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
+        "images of {side} x {side} pixels do not fit the {encoder} encoder with {halvings} \
+         halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
     ImageSize {
         /// Height and width of the images in pixels.
@@ -76,7 +80,8 @@ pub enum RlError {
     },
     /// Encoders take square images only.
     #[error(
-        "images of {height} x {width} pixels: expected a square; crop or resize them to equal height and width"
+        "images of {height} x {width} pixels: expected a square; crop or resize them to equal \
+         height and width"
     )]
     NotSquare {
         /// Height of the images in pixels.
@@ -86,7 +91,8 @@ pub enum RlError {
     },
     /// Two things that work together were made for different environments.
     #[error(
-        "EnvSpec::{field} differs between two things that work together; build environment, policy and experience from the same EnvSpec"
+        "EnvSpec::{field} differs between two things that work together; build environment, \
+         policy and experience from the same EnvSpec"
     )]
     SpecMismatch {
         /// The field of [`crate::EnvSpec`] that differs.
@@ -94,7 +100,9 @@ pub enum RlError {
     },
     /// Rollouts that begin with a reset end before an episode does.
     #[error(
-        "rollouts of {steps} steps end before an episode of {horizon} steps does, so nothing would be learnt of its late states; collect at least {horizon} steps in every environment"
+        "rollouts of {steps} steps end before an episode of {horizon} steps does, so nothing \
+         would be learnt of its late states; collect at least {horizon} steps in every \
+         environment"
     )]
     ShortRollout {
         /// T, the steps of a rollout.
@@ -104,7 +112,8 @@ pub enum RlError {
     },
     /// The saved state of an algorithm does not fit the one that it is restored to.
     #[error(
-        "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the network that it was saved from"
+        "the saved state holds: {got}; expected: {expected}; restore it to the algorithm and the \
+         network that it was saved from"
     )]
     State {
         /// Names and lengths of what was saved.
@@ -114,7 +123,8 @@ pub enum RlError {
     },
     /// A number of an algorithm's saved state cannot be right.
     #[error(
-        "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an older one"
+        "the saved `{name}` holds {value}, expected {expected}; the file is damaged, restore an \
+         older one"
     )]
     Damaged {
         /// Name of the array.
@@ -129,7 +139,8 @@ pub enum RlError {
     Layer(Box<LayerError>),
     /// A parameter vector belongs to another network.
     #[error(
-        "got {got} parameters, expected {expected}; build the policy with the settings and the spec that the parameters were saved with"
+        "got {got} parameters, expected {expected}; build the policy with the settings and the \
+         spec that the parameters were saved with"
     )]
     Parameters {
         /// Number of parameters given.
@@ -137,9 +148,31 @@ pub enum RlError {
         /// Number of parameters of the network.
         expected: usize,
     },
+    /// A policy explores less than the floor of its algorithm allows.
+    #[error(
+        "the policy has log_std = {log_std}, below PpoSettings::min_log_std = {min_log_std}, and \
+         would jump there at the first step; lower min_log_std or start with a larger \
+         NetworkSettings::log_std"
+    )]
+    BelowFloor {
+        /// Logarithm of the first standard deviation that is too small.
+        log_std: f32,
+        /// The floor.
+        min_log_std: f32,
+    },
+    /// An environment contradicts itself about success.
+    #[error(
+        "environment {env} has success_at_end without success in the same step; set `success` \
+         wherever the condition held at any time within the step, its end included"
+    )]
+    SuccessAtEnd {
+        /// Index of the environment, in 0..N.
+        env: usize,
+    },
     /// A quantity became infinite or not a number.
     #[error(
-        "{what} is {value}, expected a finite number; check the environment's observations and rewards, then lower the learning rates"
+        "{what} is {value}, expected a finite number; check the environment's observations and \
+         rewards, then lower the learning rates"
     )]
     NotFinite {
         /// Name of the quantity.
@@ -190,6 +223,15 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
 pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
+}
+
+/// Refuses parameters of another network.
+pub(crate) fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
+    if got == expected {
+        Ok(())
+    } else {
+        Err(RlError::Parameters { got, expected })
+    }
 }
 
 /// Panics for a slice whose length is not `expected`, where a wrong one can only be a mistake in

@@ -14,7 +14,7 @@ use crate::rollout::{RolloutState, RolloutStats, step};
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] when environment and actor differ
-/// in size, [`RlError::NotFinite`] for rewards or observations that are not numbers.
+/// in size, [`RlError::NotFinite`] for rewards, observations or actions that are not numbers.
 pub fn evaluate<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,

@@ -1,10 +1,11 @@
-//! On-policy and off-policy reinforcement learning for equivariant networks, without a task, a
-//! simulator or a tensor library.
+//! Reinforcement learning for equivariant networks, without a task, a simulator or a tensor
+//! library.
 //!
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
 //! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
-//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation.
+//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy. The traits also
+//! take an off-policy algorithm with a replay of its own.
 //!
 //! | a new | implements | example |
 //! |---|---|---|
@@ -20,8 +21,9 @@
 //!   same bits on any number of threads of the current rayon pool.
 //! - All parameters of a policy are one flat slice, and all state of an algorithm is saved by name
 //!   ([`Algorithm::save`]).
-//! - Rewards, observations, decisions, returns and gradients that are infinite or not a number are
-//!   errors with a name, before any parameter has changed.
+//! - Rewards, observations, decisions, returns, losses and gradients that are infinite or not a
+//!   number are errors with a name. The parameters are then those before the offending step; the
+//!   steps that an update took earlier stay.
 //!
 //! `docs/ppo.md` lists every detail of PPO with its value, its source and the function that
 //! implements it.
@@ -53,6 +55,8 @@
 //!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
 //!             out.rewards[i] = 1.0 - x.abs();
 //!             out.outcomes[i] = Outcome::Running;
+//!             out.success_at_end[i] = x.abs() < 0.1;
+//!             out.success[i] = out.success_at_end[i];
 //!         }
 //!         out.observations.vectors.copy_from_slice(&self.1);
 //!         Ok(())

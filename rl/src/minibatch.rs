@@ -53,13 +53,6 @@ impl Minibatch<'_> {
         let mut sums = LossSums::default();
         w.d_log_std.fill(0.0);
         for (slot, position) in range.enumerate() {
-            let i = self.indices[position];
-            let sample = Sample {
-                action: &self.actions[i * width..(i + 1) * width],
-                log_prob: f64::from(self.buffer.decisions().log_probs[i]),
-                advantage: self.advantages[position],
-                target: f64::from(self.returns[i]),
-            };
             let own = slot * width..(slot + 1) * width;
             let output = Output {
                 mean: &w.mean[own.clone()],
@@ -68,7 +61,7 @@ impl Minibatch<'_> {
             };
             let (terms, d_value) = sample_loss(
                 &self.weights,
-                &sample,
+                &self.sample(position, width),
                 &output,
                 scale,
                 &mut w.d_mean[own],
@@ -78,6 +71,17 @@ impl Minibatch<'_> {
             sums.add(&terms);
         }
         sums
+    }
+
+    /// The decision at `position` of the minibatch, with an action of `width` components.
+    fn sample(&self, position: usize, width: usize) -> Sample<'_> {
+        let i = self.indices[position];
+        Sample {
+            action: &self.actions[i * width..(i + 1) * width],
+            log_prob: f64::from(self.buffer.decisions().log_probs[i]),
+            advantage: self.advantages[position],
+            target: f64::from(self.returns[i]),
+        }
     }
 }
 

@@ -69,32 +69,21 @@ impl<T: Scalar> ActorCritic<T> {
         settings.check()?;
         spec.check()?;
         let group = settings.group;
-        let (vector, action) = (
-            FieldType::from_irreps(group, &spec.vector),
-            FieldType::from_irreps(group, &spec.action),
-        );
-        let fields = settings.top_fields + settings.vector_fields;
-        let hidden = settings.regular(fields);
-        let pool = GroupMaxPool::new(Shape::vector(hidden))?;
+        let from_irreps = |irreps| FieldType::from_irreps(group, irreps);
+        let hidden = settings.regular(settings.top_fields + settings.vector_fields);
+        let actor = settings.regular(settings.actor_fields);
         let image = settings
             .encoder
             .layers(group, spec.image, settings.top_fields)?;
-        let vector = Sequential::new(lift(vector, settings.regular(settings.vector_fields))?)?;
+        let vector = settings.regular(settings.vector_fields);
+        let vector = Sequential::new(lift(from_irreps(&spec.vector), vector)?)?;
         Ok(Self {
             concat: Concat::new(image.out_shape(), vector.out_shape())?,
             image,
             vector,
-            actor: head(hidden, settings.regular(settings.actor_fields), action)?,
-            critic: match settings.critic {
-                Critic::Pooled { width } => {
-                    let features = group.trivial(settings.copies(fields));
-                    head(features, group.trivial(width), group.trivial(1))?
-                }
-                Critic::Joint { fields } => {
-                    head(hidden, settings.regular(fields), group.trivial(1))?
-                }
-            },
-            pool,
+            actor: head(hidden, actor, from_irreps(&spec.action))?,
+            critic: critic(settings)?,
+            pool: GroupMaxPool::new(Shape::vector(hidden))?,
             vector_order: irrep_order(group, &spec.vector),
             action_order: irrep_order(group, &spec.action),
             settings: settings.clone(),
@@ -160,6 +149,21 @@ impl<T: Scalar> ActorCritic<T> {
             actor: next(self.actor.num_params()),
             critic: next(self.critic.num_params()),
             log_std: next(self.action_order.len()),
+        }
+    }
+}
+
+/// From the fields before or after pooling to the value.
+fn critic<T: Scalar>(settings: &NetworkSettings) -> Result<Sequential<T>, RlError> {
+    let (group, value) = (settings.group, settings.group.trivial(1));
+    let fields = settings.top_fields + settings.vector_fields;
+    match settings.critic {
+        Critic::Pooled { width } => {
+            let features = group.trivial(settings.copies(fields));
+            head(features, group.trivial(width), value)
+        }
+        Critic::Joint { fields: hidden } => {
+            head(settings.regular(fields), settings.regular(hidden), value)
         }
     }
 }

@@ -6,7 +6,7 @@ use symmetry::Group;
 
 use crate::encoder::{Encoder, copies};
 use crate::error::RlError;
-use crate::require::{require, require_positive, require_width};
+use crate::require::{require_log_std, require_positive, require_width};
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x
 /// 48 pixels.
@@ -54,7 +54,8 @@ pub struct NetworkSettings {
     pub action_gain: f32,
     /// Gain of the critic's last layer when it is drawn, above 0.
     pub value_gain: f32,
-    /// Initial logarithm of every action component's standard deviation.
+    /// Initial logarithm of every action component's standard deviation, in [-10, 2], and not
+    /// below [`PpoSettings::min_log_std`](crate::PpoSettings::min_log_std) where PPO trains it.
     pub log_std: f32,
 }
 
@@ -161,12 +162,7 @@ impl NetworkSettings {
         ] {
             require_positive(name, value)?;
         }
-        require(
-            "log_std",
-            self.log_std,
-            "a number in [-10, 2]",
-            (-10.0..=2.0).contains(&self.log_std),
-        )
+        require_log_std("log_std", self.log_std)
     }
 }
 

@@ -4,23 +4,26 @@ use std::ops::Range;
 
 use equivariant::{Layer, Scalar, Scratch, Signature};
 
+use crate::error::assert_len;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
 /// What the loss reads and writes is in f64 and in natural order; the rest is the network's own.
+/// Arrays have a row for each of the K samples of the capacity. After a pass over n of them, the
+/// first n rows are theirs, and the others are what an earlier pass left.
 #[derive(Clone, Debug)]
 pub struct Workspace<T> {
-    /// Mean actions `[n, A]` of the last forward pass.
+    /// Mean actions `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
-    /// Values `[n]` of the last forward pass.
+    /// Values `[K]` of the last forward pass.
     pub value: Vec<f64>,
     /// Logarithms of the standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
-    /// Gradient of the loss with respect to `mean`, `[n, A]`: set it before the backward pass.
+    /// Gradient of the loss with respect to `mean`, `[K, A]`: set it before the backward pass.
     pub d_mean: Vec<f64>,
-    /// Gradient of the loss with respect to `value`, `[n]`: set it before the backward pass.
+    /// Gradient of the loss with respect to `value`, `[K]`: set it before the backward pass.
     pub d_value: Vec<f64>,
     /// Gradient of the loss with respect to `log_std`, `[A]`: set it before the backward pass.
     pub d_log_std: Vec<f64>,
@@ -29,6 +32,8 @@ pub struct Workspace<T> {
     actor: Stage<T>,
     pool: Stage<T>,
     critic: Stage<T>,
+    /// n * F of the last forward pass.
+    features_len: usize,
 }
 
 /// Buffers of one layer: input and output with their gradients, and its scratch.
@@ -80,9 +85,9 @@ impl<T: Scalar> Stage<T> {
 }
 
 impl<T: Scalar> Workspace<T> {
-    /// The invariant features `[n, F]` of the last forward pass.
+    /// The invariant features `[n, F]` of the n samples of the last forward pass.
     pub fn features(&self) -> &[T] {
-        &self.pool.y
+        &self.pool.y[..self.features_len]
     }
 }
 
@@ -102,6 +107,7 @@ impl<T: Scalar> ActorCritic<T> {
             actor: Stage::new(&self.actor, capacity),
             pool: Stage::new(&self.pool, capacity),
             critic: Stage::new(&self.critic, capacity),
+            features_len: 0,
         }
     }
 
@@ -112,8 +118,8 @@ impl<T: Scalar> ActorCritic<T> {
     /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
         let (pixels, components) = (self.image.in_shape().len(), self.vector_order.len());
-        check_len("an image", image.len(), pixels);
-        check_len("a vector", vector.len(), components);
+        assert_len("image", image.len(), pixels);
+        assert_len("vector", vector.len(), components);
         let pixels = &mut workspace.image.x[slot * image.len()..(slot + 1) * image.len()];
         let scale = T::from_f64(1.0 / 255.0);
         let centre = T::from_f64(0.5);
@@ -168,6 +174,7 @@ impl<T: Scalar> ActorCritic<T> {
             .forward(&w.image.y[..image], &w.vector.y[..vector], sum);
         w.actor.x.copy_from_slice(&w.pool.x);
         w.pool.forward(&self.pool, &[], n);
+        w.features_len = n * self.feature_dim();
     }
 
     /// Adds the gradient of the loss to `dparams`, for the n samples of the last forward pass, from
@@ -236,13 +243,6 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-fn check_len(what: &str, got: usize, expected: usize) {
-    assert!(
-        got == expected,
-        "got {what} of {got} values, expected {expected}, as the spec says"
-    );
-}
-
 fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = from.to_f64();
@@ -302,8 +302,20 @@ mod tests {
         assert!(cloned == stayed);
     }
 
+    /// Rows of an earlier pass over more samples must not show.
     #[test]
-    #[should_panic(expected = "got an image of 1535 values, expected 1536, as the spec says")]
+    fn features_are_those_of_the_samples_that_were_run() {
+        let network = network();
+        let params = network.init(&mut ChaCha8Rng::seed_from_u64(0));
+        let mut workspace = network.workspace(4);
+        for n in [0, 4, 2] {
+            network.forward_features(&params, n, &mut workspace);
+            assert_eq!(workspace.features().len(), n * network.feature_dim());
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "image: got 1535 values, expected 1536")]
     fn short_images_are_refused() {
         let network = network();
         let mut workspace = network.workspace(2);
@@ -311,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "got a vector of 4 values, expected 3, as the spec says")]
+    #[should_panic(expected = "vector: got 4 values, expected 3")]
     fn long_vectors_are_refused() {
         let network = network();
         let mut workspace = network.workspace(2);

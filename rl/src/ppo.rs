@@ -10,7 +10,7 @@ use crate::actor_critic_policy::ActorCriticPolicy;
 use crate::adam::{Adam, ParamGroup, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState};
 use crate::buffer::RolloutBuffer;
-use crate::error::{RlError, check_all_finite, check_finite};
+use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::loss::{LossSums, LossWeights};
 use crate::minibatch::{Minibatch, normalised_advantages};
 use crate::pass::Workspace;
@@ -50,9 +50,11 @@ impl Ppo {
     /// Fresh optimiser state for `policy` and its clones.
     ///
     /// # Errors
-    /// [`RlError::Setting`] when a setting is out of range.
+    /// [`RlError::Setting`] when a setting is out of range, [`RlError::BelowFloor`] when a standard
+    /// deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
         settings.check()?;
+        check_floor(policy.log_std(), settings.min_log_std)?;
         let network = policy.network().clone();
         let num_params = network.num_params();
         let chunks = Chunks::new(num_params, TRAINING_CHUNK, move || {
@@ -88,7 +90,8 @@ impl Algorithm for Ppo {
     /// [`RlError::BufferNotFinished`] for an unfinished rollout, [`RlError::SpecMismatch`] or
     /// [`RlError::Parameters`] for one of another environment or policy, [`RlError::NotFinite`]
     /// when returns, the loss or the gradient diverge; the parameters are then those before the
-    /// offending step.
+    /// offending step. It also reports parameters that a step itself made infinite, which takes
+    /// learning rates close to the end of f32: the policy is then lost.
     fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,
@@ -102,6 +105,7 @@ impl Algorithm for Ppo {
         while totals.epochs < self.settings.epochs && self.pass(policy, buffer, rng, &mut totals)? {
             totals.epochs += 1;
         }
+        check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
         Ok(totals.stats(values, &self.rollout.returns, policy.log_std()))
     }
@@ -274,11 +278,14 @@ fn check_second_moment(state: &AlgorithmState<'_>) -> Result<(), RlError> {
     }
 }
 
-fn check_params(got: usize, expected: usize) -> Result<(), RlError> {
-    if got == expected {
-        Ok(())
-    } else {
-        Err(RlError::Parameters { got, expected })
+/// The first step would raise what is below the floor, however small the gradient is.
+fn check_floor(log_std: &[f32], min_log_std: f32) -> Result<(), RlError> {
+    match log_std.iter().find(|&&log_std| log_std < min_log_std) {
+        Some(&log_std) => Err(RlError::BelowFloor {
+            log_std,
+            min_log_std,
+        }),
+        None => Ok(()),
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::RlError;
-use crate::require::{require, require_positive};
+use crate::require::{require, require_log_std, require_positive};
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
 ///
@@ -37,7 +37,8 @@ pub struct PpoSettings {
     /// Adam's epsilon, above 0.
     pub adam_epsilon: f32,
     /// The logarithm of a standard deviation is never below this, in [-10, 2]: each step of the
-    /// update ends with raising it to here, so that exploration cannot vanish.
+    /// update ends with raising it to here, so that exploration cannot vanish. A policy that starts
+    /// below it is refused by [`Ppo::new`](crate::Ppo::new).
     ///
     /// The default is that of CleanRL's soft actor-critic (`LOG_STD_MIN = -5`): noise of 0.7 % of
     /// an action's unit. Training stays far above it; the published policies end between -1.4 and
@@ -98,54 +99,48 @@ impl PpoSettings {
     /// # Errors
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
-        for (name, value) in [("gamma", self.gamma), ("lambda", self.lambda)] {
-            require(
-                name,
-                value,
-                "a number in [0, 1]",
-                (0.0..=1.0).contains(&value),
-            )?;
-        }
-        for (name, value) in [
-            ("value_weight", self.value_weight),
-            ("entropy_weight", self.entropy_weight),
-        ] {
-            require(
-                name,
-                value,
-                "a finite number, at least 0",
-                value >= 0.0 && value.is_finite(),
-            )?;
-        }
-        for (name, value) in [
-            ("max_grad_norm", self.max_grad_norm),
-            ("max_kl", self.max_kl),
-            ("head_learning_rate", self.head_learning_rate),
-            ("encoder_learning_rate", self.encoder_learning_rate),
-            ("adam_epsilon", self.adam_epsilon),
-        ] {
-            require_positive(name, value)?;
-        }
-        require(
-            "clip",
-            self.clip,
-            "a number in (0, 1)",
-            self.clip > 0.0 && self.clip < 1.0,
-        )?;
-        require(
-            "min_log_std",
-            self.min_log_std,
-            "a number in [-10, 2]",
-            (-10.0..=2.0).contains(&self.min_log_std),
-        )?;
-        require("epochs", self.epochs as f32, "at least 1", self.epochs >= 1)?;
-        require(
-            "minibatch",
-            self.minibatch as f32,
-            "at least 2",
-            self.minibatch >= 2,
-        )
+        require_share("gamma", self.gamma)?;
+        require_share("lambda", self.lambda)?;
+        self.check_loss()?;
+        self.check_steps()?;
+        require_log_std("min_log_std", self.min_log_std)?;
+        require_count("epochs", self.epochs, 1, "at least 1")?;
+        require_count("minibatch", self.minibatch, 2, "at least 2")
     }
+
+    fn check_loss(&self) -> Result<(), RlError> {
+        require_weight("value_weight", self.value_weight)?;
+        require_weight("entropy_weight", self.entropy_weight)?;
+        let allowed = self.clip > 0.0 && self.clip < 1.0;
+        require("clip", self.clip, "a number in (0, 1)", allowed)
+    }
+
+    fn check_steps(&self) -> Result<(), RlError> {
+        require_positive("max_grad_norm", self.max_grad_norm)?;
+        require_positive("max_kl", self.max_kl)?;
+        require_positive("head_learning_rate", self.head_learning_rate)?;
+        require_positive("encoder_learning_rate", self.encoder_learning_rate)?;
+        require_positive("adam_epsilon", self.adam_epsilon)
+    }
+}
+
+fn require_share(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = (0.0..=1.0).contains(&value);
+    require(name, value, "a number in [0, 1]", allowed)
+}
+
+fn require_weight(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = value >= 0.0 && value.is_finite();
+    require(name, value, "a finite number, at least 0", allowed)
+}
+
+fn require_count(
+    name: &'static str,
+    count: usize,
+    least: usize,
+    expected: &'static str,
+) -> Result<(), RlError> {
+    require(name, count as f32, expected, count >= least)
 }
 
 impl Default for PpoSettings {

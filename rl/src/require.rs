@@ -1,6 +1,12 @@
 //! Checks that settings of all kinds share.
 
+use std::ops::RangeInclusive;
+
 use crate::error::RlError;
+
+/// Logarithms of standard deviations. Much below -10, actions in f32 are too coarse for their own
+/// density; above 2, noise is seven times an action's unit.
+const LOG_STD: RangeInclusive<f32> = -10.0..=2.0;
 
 /// Refuses a setting that is not `allowed`.
 pub(crate) fn require(
@@ -29,4 +35,14 @@ pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlEr
 pub(crate) fn require_positive(name: &'static str, value: f32) -> Result<(), RlError> {
     let allowed = value > 0.0 && value.is_finite();
     require(name, value, "a finite number above 0", allowed)
+}
+
+/// Refuses what is not a logarithm of a standard deviation to begin with or to stop at.
+pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
+    require(
+        name,
+        value,
+        "a number in [-10, 2]",
+        LOG_STD.contains(&value),
+    )
 }

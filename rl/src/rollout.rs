@@ -3,9 +3,10 @@
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{Observations, Transition, VectorEnv};
-use crate::error::{RlError, check_len};
+use crate::error::{RlError, check_all_finite, check_len};
 use crate::experience::Experience;
 use crate::policy::{Actor, Memory};
+use crate::require::require;
 
 /// Where N environments stand between two rollouts. The fields are the whole state.
 #[derive(Clone, Debug, PartialEq)]
@@ -107,12 +108,17 @@ impl<M: Memory> RolloutState<M> {
     }
 }
 
-/// Lets the environments execute `actions` and checks what they say.
+/// Checks `actions` `[N, A]`, lets the environments execute them and checks what they say. A
+/// simulation that is given NaN can break for good, so it must not see one.
 pub(crate) fn step(
     env: &mut dyn VectorEnv,
     actions: &[f32],
     transition: &mut Transition,
 ) -> Result<(), RlError> {
+    let spec = env.spec();
+    let expected = spec.num_envs * spec.action.len();
+    check_len("actions", "[N, A]", actions.len(), expected)?;
+    check_all_finite("an action", actions)?;
     env.step(actions, transition)
         .map_err(RlError::Environment)?;
     transition.check(env.spec())
@@ -129,14 +135,19 @@ fn fresh(env: usize) -> Episode {
 /// and fills `experience` with them. Environments restart by themselves.
 ///
 /// Episodes span collections where the same `state` is passed again. Where every collection begins
-/// with a reset instead, it must last as long as an episode: a shorter one never sees late states,
-/// nothing is learnt of them, and no episode ends, so that returns are `None`. rl cannot know that
-/// from here; [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon) refuses it.
+/// with a reset instead, it must last as long as an episode. A shorter one never sees late states:
+/// nothing is learnt of them, and no episode ends, so returns are `None`. `collect` does not know
+/// whether a reset came before. Call
+/// [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon) where one does.
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::Shape`] or [`RlError::SpecMismatch`] when
 /// environment, actor, state and experience do not fit together, [`RlError::NotFinite`] for
-/// rewards, observations or decisions that are not numbers.
+/// rewards, observations, actions or decisions that are not numbers, [`RlError::Setting`] when
+/// `experience` wants no steps at all.
+///
+/// After an error, environments, `state` and `experience` may stand at different steps. Go on from
+/// [`RolloutState::reset`].
 pub fn collect<A: Actor, E: Experience<A>>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
@@ -145,12 +156,14 @@ pub fn collect<A: Actor, E: Experience<A>>(
     rng: &mut ChaCha8Rng,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
+    let steps = experience.steps();
+    require("steps", steps as f32, "at least 1 step", steps > 0)?;
     check_len("episodes", "[N]", state.episodes.len(), spec.num_envs)?;
     state.observations.check(&spec, spec.num_envs)?;
     let mut transition = Transition::new(&spec);
     let mut stats = RolloutStats::default();
     experience.begin(&spec)?;
-    for _ in 0..experience.steps() {
+    for _ in 0..steps {
         let (memory, observations) = (&mut state.memory, &state.observations);
         let actions = experience.decide(actor, observations, memory, rng)?;
         step(env, actions, &mut transition)?;

@@ -2,6 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
+#[path = "common/largest.rs"]
+mod largest;
+
+use largest::largest;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -112,12 +116,9 @@ fn outputs(policy: &mut ActorCriticPolicy, observations: &Observations) -> [Vec<
 
 /// Largest difference relative to the largest entry.
 fn error(a: &[f32], b: &[f32]) -> f32 {
-    let size = b.iter().fold(0.0, |m: f32, x| m.max(x.abs()));
+    let size = largest(b.iter().map(|x| x.abs()));
     assert!(size > 0.0, "an output that is all zero proves nothing");
-    a.iter()
-        .zip(b)
-        .fold(0.0, |m: f32, (x, y)| m.max((x - y).abs()))
-        / size
+    largest(a.iter().zip(b).map(|(x, y)| (x - y).abs())) / size
 }
 
 /// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the

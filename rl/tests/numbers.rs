@@ -197,3 +197,64 @@ fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
     ppo.restore(&saved(&zeros, &zeros, steps)).unwrap();
     assert_eq!(ppo.save(), saved(&zeros, &zeros, steps));
 }
+
+/// Names can be chosen so that two layouts read alike when they are joined to one text.
+#[test]
+fn names_that_read_like_another_layout_are_refused() {
+    let (three, two) = ([0.0; 3], [0.0; 2]);
+    let counters = vec![("c", 0)];
+    let own = AlgorithmState {
+        tensors: vec![("a", &three), ("b", &two)],
+        counters: counters.clone(),
+    };
+    let joined = AlgorithmState {
+        tensors: vec![("a [3], b", &two)],
+        counters,
+    };
+    let moved = AlgorithmState {
+        tensors: vec![],
+        counters: vec![("a [3]", 0), ("b [2]", 0), ("c", 0)],
+    };
+    assert!(own.check_like(&own).is_ok());
+    for other in [joined, moved] {
+        match other.check_like(&own) {
+            Err(RlError::State { got, expected }) => assert_ne!(got, expected),
+            result => panic!("{result:?}"),
+        }
+    }
+}
+
+/// Above 2^53, f64 no longer tells one count from the next.
+#[test]
+fn counters_that_no_run_can_reach_are_refused() {
+    let policy = policy();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let zeros = vec![0.0; policy.params().len()];
+    let most = 1 << 53;
+    for steps in [most + 1, u64::MAX] {
+        let result = ppo.restore(&saved(&zeros, &zeros, ("adam.steps", steps)));
+        let named = matches!(&result, Err(RlError::Damaged { name, .. }) if name == "adam.steps");
+        assert!(named, "{result:?}");
+    }
+    let state = saved(&zeros, &zeros, ("adam.steps", most));
+    assert!(ppo.restore(&state).is_ok());
+}
+
+/// Adam's first step is as large as its rate, and f32 ends at 3.4e38.
+#[test]
+fn parameters_that_the_last_step_makes_infinite_are_reported() {
+    let mut policy = policy();
+    let settings = PpoSettings {
+        epochs: 1,
+        max_kl: 1e9,
+        head_learning_rate: 3.4e38,
+        ..PpoSettings::default()
+    };
+    let mut ppo = Ppo::new(settings, &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    push(&mut buffer, &parts()).unwrap();
+    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
+    assert_eq!(not_finite(result), "a parameter after the update");
+}

@@ -273,9 +273,31 @@ fn free_functions_name_the_slice_that_does_not_fit() {
         ),
         (
             step(4, 4, 4, 4, 5),
-            "the group 0..5 reaches beyond the 4 parameters",
+            "the group 0..5 is no part of the 4 parameters",
         ),
     ] {
         assert!(message.starts_with(start), "{message}");
+    }
+}
+
+/// A second group that is wrong is found before the first one has changed anything.
+#[test]
+fn a_group_beyond_the_parameters_leaves_adam_alone() {
+    #[expect(clippy::reversed_empty_ranges, reason = "such a group is wrong, too")]
+    for wrong in [2..5, 3..2] {
+        let mut adam = Adam::new(4, 1e-5);
+        let (before, mut params) = (adam.clone(), [1.0; 4]);
+        let groups = [0..4, wrong].map(|range| ParamGroup {
+            range,
+            learning_rate: 0.1,
+        });
+        let message = panics(std::panic::AssertUnwindSafe(|| {
+            adam.step(&groups, &mut params, &[1.0; 4]);
+        }));
+        assert!(
+            message.ends_with("is no part of the 4 parameters"),
+            "{message}"
+        );
+        assert_eq!((adam, params), (before, [1.0; 4]));
     }
 }

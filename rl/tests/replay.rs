@@ -317,6 +317,6 @@ fn a_saved_state_goes_on_alike_and_another_one_is_refused() {
         steps: 0,
     };
     let message = twin.restore(&other.save()).unwrap_err().to_string();
-    let expected = "holds: velocity [3], steps; expected: velocity [4], steps";
+    let expected = r#"holds: "velocity" [3], "steps"; expected: "velocity" [4], "steps""#;
     assert!(message.contains(expected), "{message}");
 }

@@ -4,8 +4,11 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 mod common;
+#[path = "common/largest.rs"]
+mod largest;
 
 use common::{EPISODE, PointReach};
+use largest::largest;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -98,10 +101,9 @@ fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
 }
 
 fn largest_difference(a: &RolloutBuffer, b: &RolloutBuffer) -> f32 {
-    let pairs = figures(a).into_iter().flatten();
-    pairs
-        .zip(figures(b).into_iter().flatten())
-        .fold(0.0, |worst: f32, (a, b)| worst.max((a - b).abs()))
+    let pairs = figures(a).into_iter().zip(figures(b));
+    let pairs = pairs.flat_map(|(a, b)| a.into_iter().zip(b));
+    largest(pairs.map(|(a, b)| (a - b).abs()))
 }
 
 #[test]
@@ -173,4 +175,65 @@ fn an_unfinished_rollout_is_refused() {
         buffer.revalue(&mut policy(2)),
         Err(RlError::BufferNotFinished { got: 0, .. })
     ));
+}
+
+/// Assesses like a policy of its own, but spoils one of its answers: 0 is the assessment, 1 the
+/// values of final observations, 2 those of the last ones.
+struct Faulty {
+    policy: ActorCriticPolicy,
+    answers: usize,
+    spoilt: usize,
+    fails: bool,
+}
+
+impl Faulty {
+    fn answer(&mut self, out: &mut [f32]) -> Result<(), RlError> {
+        self.answers += 1;
+        match (self.answers == self.spoilt + 1, self.fails) {
+            (true, true) => Err(RlError::SpecMismatch { field: "image" }),
+            (true, false) => {
+                out[1] = f32::NAN;
+                Ok(())
+            }
+            (false, _) => Ok(()),
+        }
+    }
+}
+
+impl Values for Faulty {
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        self.policy.values(observations, out)?;
+        self.answer(out)
+    }
+}
+
+impl Assess for Faulty {
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError> {
+        self.policy.assess(observations, decisions)?;
+        self.answer(&mut decisions.log_probs)
+    }
+}
+
+#[test]
+fn a_revaluation_that_fails_changes_nothing() {
+    let mut buffer = rollout(&mut policy(2));
+    let before = figures(&buffer);
+    for spoilt in 0..3 {
+        for fails in [true, false] {
+            let mut faulty = Faulty {
+                policy: policy(7),
+                answers: 0,
+                spoilt,
+                fails,
+            };
+            let result = buffer.revalue(&mut faulty);
+            assert_eq!(faulty.answers, spoilt + 1);
+            assert!(result.is_err(), "answer {spoilt}");
+            assert!(figures(&buffer) == before, "answer {spoilt}");
+        }
+    }
 }

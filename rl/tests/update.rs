@@ -150,6 +150,24 @@ fn exploration_stays_above_its_floor() {
     assert_eq!(free, narrowing(-9.0));
 }
 
+/// It would collect below the floor, and jump to it at the first step.
+#[test]
+fn a_policy_that_starts_below_the_floor_is_refused_with_both_numbers() {
+    let policy = rollout().policy;
+    let with_floor = |min_log_std| {
+        let settings = PpoSettings {
+            min_log_std,
+            ..PpoSettings::default()
+        };
+        Ppo::new(settings, &policy)
+    };
+    assert!(with_floor(-0.5).is_ok());
+    let message = with_floor(-0.25).unwrap_err().to_string();
+    for part in ["log_std = -0.5", "min_log_std = -0.25"] {
+        assert!(message.contains(part), "{message}");
+    }
+}
+
 #[test]
 fn the_figures_of_an_update_have_names() {
     let (params, stats) = updated(PpoSettings::default());

@@ -1,0 +1,166 @@
+//! Actions that no environment can execute are refused by name before it sees them.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+#[path = "common/ages.rs"]
+mod ages;
+
+use ages::Ages;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition,
+    VectorEnv, collect, evaluate,
+};
+
+const ENVS: usize = 3;
+
+/// Fails the test when it is to execute anything but a finite action in every environment.
+struct Strict(Ages);
+
+impl VectorEnv for Strict {
+    fn spec(&self) -> &EnvSpec {
+        self.0.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.0.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        assert_eq!(actions.len(), ENVS, "the environment sees {actions:?}");
+        let finite = actions.iter().all(|a| a.is_finite());
+        assert!(finite, "the environment sees {actions:?}");
+        self.0.step(actions, out)
+    }
+}
+
+/// Does the same everywhere.
+struct Constant(f32);
+
+impl Actor for Constant {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        memory: &mut (),
+        _: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.mean_actions(observations, memory, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        out.fill(self.0);
+        Ok(())
+    }
+}
+
+/// Keeps nothing, and hands out as many actions as it is told to.
+struct Sieve {
+    steps: usize,
+    actions: Vec<f32>,
+}
+
+impl Sieve {
+    fn new(steps: usize, actions: usize) -> Self {
+        Self {
+            steps,
+            actions: vec![0.0; actions],
+        }
+    }
+}
+
+impl Experience<Constant> for Sieve {
+    fn steps(&self) -> usize {
+        self.steps
+    }
+
+    fn begin(&mut self, _: &EnvSpec) -> Result<(), RlError> {
+        Ok(())
+    }
+
+    fn decide(
+        &mut self,
+        actor: &mut Constant,
+        observations: &Observations,
+        memory: &mut (),
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        actor.act(observations, memory, rng, &mut self.actions)?;
+        Ok(&self.actions)
+    }
+
+    fn record(
+        &mut self,
+        _: &mut Constant,
+        _: &Observations,
+        _: &Transition,
+    ) -> Result<(), RlError> {
+        Ok(())
+    }
+
+    fn end(&mut self, _: &mut Constant, _: &Observations) -> Result<(), RlError> {
+        Ok(())
+    }
+}
+
+fn env() -> Strict {
+    Strict(Ages::new(&[3; ENVS]))
+}
+
+fn collected(action: f32, sieve: &mut Sieve) -> Result<usize, RlError> {
+    let (mut env, mut actor) = (env(), Constant(action));
+    let mut state = RolloutState::reset(&mut env, &actor)?;
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    Ok(collect(&mut env, &mut actor, sieve, &mut state, &mut rng)?.decisions)
+}
+
+#[test]
+fn finite_actions_in_every_environment_are_executed() {
+    assert_eq!(collected(0.5, &mut Sieve::new(4, ENVS)).unwrap(), 4 * ENVS);
+    let stats = evaluate(&mut env(), &mut Constant(0.5), 1).unwrap();
+    assert_eq!(stats.episodes.len(), ENVS);
+}
+
+#[test]
+fn actions_that_are_not_numbers_never_reach_the_environment() {
+    for action in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let results = [
+            collected(action, &mut Sieve::new(4, ENVS)).map(|_| ()),
+            evaluate(&mut env(), &mut Constant(action), 1).map(|_| ()),
+        ];
+        for result in results {
+            let named =
+                matches!(result, Err(RlError::NotFinite { what, .. }) if what == "an action");
+            assert!(named, "{result:?}");
+        }
+    }
+}
+
+#[test]
+fn too_few_and_too_many_actions_never_reach_the_environment() {
+    for len in [0, ENVS - 1, ENVS + 1] {
+        let result = collected(0.5, &mut Sieve::new(4, len));
+        let named = matches!(
+            result,
+            Err(RlError::Shape { what: "actions", got, expected: ENVS, .. }) if got == len
+        );
+        assert!(named, "{result:?}");
+    }
+}
+
+#[test]
+fn a_collection_of_no_steps_is_refused() {
+    let result = collected(0.5, &mut Sieve::new(0, ENVS));
+    let named = matches!(result, Err(RlError::Setting { name: "steps", .. }));
+    assert!(named, "{result:?}");
+}
