@@ -5,6 +5,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// Fewest bytes of a README: less says nothing.
+const LEAST: usize = 500;
 /// Longest line of prose, in characters. Tables, code, links and pictures may be longer.
 const COLUMNS: usize = 100;
 
@@ -68,11 +70,17 @@ fn too_long(text: &str) -> Vec<String> {
         .collect()
 }
 
+/// What is wrong with the length of a README; other pages may be short.
+fn too_short(page: &Path, text: &str) -> Option<String> {
+    let short = page.ends_with("README.md") && text.len() < LEAST;
+    short.then(|| format!("{} bytes, expected at least {LEAST}", text.len()))
+}
+
 /// What `wrong` finds on any page, each with the page's name.
 fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
     let findings = pages().into_iter().map(|page| {
         let text = fs::read_to_string(&page).unwrap();
-        let found = wrong(page.parent().unwrap(), &text);
+        let found = wrong(&page, &text);
         found
             .iter()
             .map(|what| format!("{}: {what}", page.display()))
@@ -83,7 +91,7 @@ fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
 
 #[test]
 fn links_lead_to_files() {
-    let wrong = on_any_page(dangling);
+    let wrong = on_any_page(|page, text| dangling(page.parent().unwrap(), text));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
@@ -91,6 +99,15 @@ fn links_lead_to_files() {
 fn prose_is_wrapped() {
     let wrong = on_any_page(|_, text| too_long(text));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn no_readme_is_all_but_empty() {
+    let wrong = on_any_page(|page, text| too_short(page, text).into_iter().collect());
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    let stub = too_short(Path::new("envs/README.md"), "# covers-envs\n");
+    assert_eq!(stub.as_deref(), Some("14 bytes, expected at least 500"));
+    assert_eq!(too_short(Path::new("docs/ppo.md"), ""), None);
 }
 
 #[test]

@@ -108,10 +108,23 @@ pub enum EnvError {
         /// The value given.
         value: glam::DVec3,
     },
+    /// A scripted expert's command that is not a number.
+    #[error(
+        "the expert of {group} asks for the hand at {hand} and fingers of {finger}, \
+         expected finite numbers"
+    )]
+    NonFiniteCommand {
+        /// The group.
+        group: TaskGroup,
+        /// Where the hand should go (metres, canonical frame).
+        hand: glam::DVec3,
+        /// The finger action.
+        finger: f64,
+    },
     /// A snapshot of another scene.
     #[error("the snapshot is of {got}, this environment is {expected}")]
     OtherScene {
-        /// Task, embodiment and layout of the snapshot.
+        /// Task, embodiment, layout and control of the snapshot.
         got: String,
         /// Those of the environment.
         expected: String,

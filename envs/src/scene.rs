@@ -8,11 +8,12 @@ use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
 use crate::camera::Camera;
+use crate::control::Control;
 use crate::embodiment::Embodiment;
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{Placement, Stock, TaskGroup};
+use crate::task::{Parts, Placement, Stock, TaskGroup, TaskIdentity};
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
@@ -62,8 +63,8 @@ impl Scene {
     /// Compiles the scene of `group` in the symmetric layout and lets it come to rest.
     ///
     /// # Errors
-    /// [`EnvError::Setting`] for an impossible camera, [`EnvError::TaskName`], or what MuJoCo says
-    /// of the model.
+    /// [`EnvError::Setting`] for an impossible camera, or an offset or start of a joint that is not
+    /// finite; [`EnvError::TaskName`], or what MuJoCo says of the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::in_layout(Layout::Symmetric, group, embodiment, camera)
     }
@@ -83,8 +84,9 @@ impl Scene {
         let stock = layout.stock(group)?;
         let hand_target_start = stock.map_or(HAND_START, |stock| stock.hand_target);
         let settling = layout.settling(hand_target_start, embodiment);
-        let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let parts = group.task().parts();
+        check_parts(&parts)?;
+        let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap(name);
         Ok(Self {
             layout,
@@ -92,7 +94,7 @@ impl Scene {
             embodiment,
             hand_target_start,
             stock,
-            decoy: decoy(&model),
+            decoy: stock.and_then(|stock| decoy(&model, &stock)),
             camera,
             camera_id: model.camera("top")?,
             hand: model.body("hand")?,
@@ -100,7 +102,7 @@ impl Scene {
             tips: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
             object: parts.mjcf.map(|_| mocap("object")).transpose()?,
-            goal: mocap("goal").ok(),
+            goal: model.body("goal").ok().map(|_| mocap("goal")).transpose()?,
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
@@ -116,9 +118,15 @@ impl Scene {
         &self.settled
     }
 
-    /// What tells this scene from others.
-    pub(crate) fn key(&self) -> (Layout, Embodiment, TaskGroup) {
-        (self.layout, self.embodiment, self.group)
+    /// What the future of an episode depends on, beside its state.
+    pub(crate) fn key(&self, control: Control) -> SceneKey {
+        SceneKey {
+            layout: self.layout,
+            embodiment: self.embodiment,
+            group: self.group,
+            task: self.group.identity(),
+            control,
+        }
     }
 
     /// Draws where an episode puts things.
@@ -128,6 +136,49 @@ impl Scene {
             Some(stock) => (stock.place)(rng),
         }
     }
+}
+
+/// What tells simulations apart whose states do not fit one another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SceneKey {
+    layout: Layout,
+    embodiment: Embodiment,
+    group: TaskGroup,
+    task: TaskIdentity,
+    control: Control,
+}
+
+impl SceneKey {
+    /// In words, beside those of `other`: where the names are one, it says whether the tasks are.
+    pub(crate) fn words(&self, other: &Self) -> String {
+        let namesake = self.group == other.group && self.task != other.task;
+        let remark = if namesake {
+            " (another task of that name)"
+        } else {
+            ""
+        };
+        let Self {
+            layout,
+            embodiment,
+            group,
+            control,
+            ..
+        } = self;
+        format!("{group}{remark} with {embodiment}, {layout}, {control:?}")
+    }
+}
+
+/// Refuses figures that would make measurements and rewards that are not numbers.
+fn check_parts(parts: &Parts<'_>) -> Result<(), EnvError> {
+    let offset = parts.object_offset;
+    let expected = "finite numbers of metres";
+    require(offset.is_finite(), "object_offset", &offset, expected)?;
+    for (joint, position) in parts.start_joints {
+        let value = format!("{position} for the joint `{joint}`");
+        let expected = "finite positions";
+        require(position.is_finite(), "start_joints", &value, expected)?;
+    }
+    Ok(())
 }
 
 fn compile(
@@ -160,7 +211,10 @@ fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>,
     joints.iter().map(address).collect()
 }
 
-fn decoy(model: &Model) -> Option<usize> {
+/// The joint of the loose cylinder that a stock addition brings. A task's own joint of that name is
+/// left alone.
+fn decoy(model: &Model, stock: &Stock<'_>) -> Option<usize> {
+    stock.addition?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
 }

@@ -8,13 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::control::Control;
-use crate::embodiment::Embodiment;
 use crate::error::EnvError;
-use crate::layout::Layout;
-use crate::scene::Scene;
-use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskGroup, TaskVariant,
-};
+use crate::scene::{Scene, SceneKey};
+use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -69,7 +65,7 @@ struct Episode {
 /// included, and the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
-    scene: (Layout, Embodiment, TaskGroup),
+    key: SceneKey,
     simulation: State,
     episode: Episode,
 }
@@ -132,11 +128,13 @@ impl TableTop {
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or
-    /// what MuJoCo says of the state.
+    /// what MuJoCo says of the state, and no episode is running.
     pub fn reset_to(&mut self, element: D2, placement: Placement) -> Result<(), EnvError> {
         let scene = Arc::clone(&self.scene);
         scene.layout.check(element)?;
         check_placement(&placement)?;
+        // where something fails from here on, nothing goes on from a state that is half set
+        self.end_episode();
         self.data.restore(&scene.settled)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
@@ -184,7 +182,7 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn save(&self) -> Result<Snapshot, EnvError> {
         Ok(Snapshot {
-            scene: self.scene.key(),
+            key: self.key(),
             simulation: self.data.save(),
             episode: self.episode.clone().ok_or(EnvError::NotReset)?,
         })
@@ -193,20 +191,24 @@ impl TableTop {
     /// Goes back to a saved episode, which continues to the same bits.
     ///
     /// # Errors
-    /// [`EnvError::OtherScene`] for a snapshot of another scene, and nothing has changed.
+    /// [`EnvError::OtherScene`] for a snapshot of another scene, task or control, and nothing has
+    /// changed.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
-        if snapshot.scene != self.scene.key() {
-            let words =
-                |(layout, embodiment, group)| format!("{group} with {embodiment}, {layout}");
+        let key = self.key();
+        if snapshot.key != key {
             return Err(EnvError::OtherScene {
-                got: words(snapshot.scene),
-                expected: words(self.scene.key()),
+                got: snapshot.key.words(&key),
+                expected: key.words(&key),
             });
         }
         self.data.restore(&snapshot.simulation)?;
         self.data.forward_kinematics()?;
         self.episode = Some(snapshot.episode.clone());
         Ok(())
+    }
+
+    fn key(&self) -> SceneKey {
+        self.scene.key(self.control)
     }
 
     /// Holds `action` for one decision. Components are clipped to `[-1, 1]`.
@@ -301,16 +303,20 @@ impl TableTop {
     /// The scripted expert's action for the present state, world frame.
     ///
     /// # Errors
-    /// [`EnvError::NotReset`].
+    /// [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`].
     pub fn expert_action(&self) -> Result<[f32; ACTION_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let now = self.measurement()?;
-        let ExpertCommand { hand, finger } = self
-            .scene
-            .group
-            .task()
-            .expert(&episode.start.placement, &now);
-        let wanted = map(episode.element, hand - now.hand) / self.control.displacement;
+        let ExpertCommand { hand, finger } = self.expert_command()?;
+        if !(hand.is_finite() && finger.is_finite()) {
+            let group = self.scene.group;
+            return Err(EnvError::NonFiniteCommand {
+                group,
+                hand,
+                finger,
+            });
+        }
+        let here = map(episode.element, self.hand());
+        let wanted = map(episode.element, hand - here) / self.control.displacement;
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
         Ok([
             bounded.x as f32,
@@ -318,6 +324,20 @@ impl TableTop {
             bounded.z as f32,
             finger as f32,
         ])
+    }
+
+    /// What the scripted expert asks for now.
+    pub(crate) fn expert_command(&self) -> Result<ExpertCommand, EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        let task = self.scene.group.task();
+        Ok(task.expert(&episode.start.placement, &self.measurement()?))
+    }
+
+    /// The reward of the present state after a control step with the finger action `finger`.
+    pub(crate) fn reward(&self, finger: f64) -> Result<StepReward, EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        let now = self.measurement()?;
+        Ok(self.scene.group.task().reward(&episode.start, &now, finger))
     }
 
     /// What the reward looks at now, in the canonical frame.

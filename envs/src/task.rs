@@ -1,5 +1,6 @@
 //! What a task says about itself, and the handle by which the rest of the crate knows it.
 
+use std::any::{Any, TypeId};
 use std::cmp::Ordering;
 use std::hash::{Hash, Hasher};
 
@@ -12,8 +13,8 @@ use symmetry::D2;
 /// defines the identity variant.
 ///
 /// Groups are compared, ordered, hashed, printed and serialised by their names, so two tasks of one
-/// name count as one group; [`TaskRegistry`](crate::TaskRegistry) refuses the second. A name is
-/// turned back to a group by a registry.
+/// name count as one group; [`TaskRegistry`](crate::TaskRegistry) refuses the second, and so does a
+/// [`VecEnv`](crate::VecEnv). A name is turned back to a group by a registry.
 #[derive(Clone, Copy)]
 pub struct TaskGroup(&'static dyn Task);
 
@@ -22,6 +23,7 @@ impl TaskGroup {
     ///
     /// A reference to a task without fields is `'static` already: `TaskGroup::of(&MyTask)`. A task
     /// that is made while the program runs is leaked: `TaskGroup::of(Box::leak(Box::new(task)))`.
+    /// Make the handle of a task with fields once and copy it: a task made again is another one.
     pub const fn of(task: &'static dyn Task) -> Self {
         Self(task)
     }
@@ -36,6 +38,17 @@ impl TaskGroup {
         self.0
     }
 
+    /// What tells this task from another one of its name.
+    pub(crate) fn identity(self) -> TaskIdentity {
+        let task: &dyn Any = self.0;
+        let address = std::ptr::from_ref(task).addr();
+        TaskIdentity {
+            kind: task.type_id(),
+            // tasks of a type without fields are the same wherever they are
+            address: (size_of_val(task) > 0).then_some(address),
+        }
+    }
+
     /// The group's variants, one for each element of [`D2::ALL`].
     pub fn variants(self) -> [TaskVariant; 4] {
         D2::ALL.map(|element| TaskVariant {
@@ -43,6 +56,13 @@ impl TaskGroup {
             element,
         })
     }
+}
+
+/// The type of a task, and where it lies if it has fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TaskIdentity {
+    kind: TypeId,
+    address: Option<usize>,
 }
 
 impl PartialEq for TaskGroup {
@@ -169,12 +189,18 @@ pub struct Parts<'a> {
     /// The part may include by name what the stock tasks include: `drawer_stop.xml` and `puck.xml`
     /// of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout. The arena, the
     /// gripper, the embodiment and the camera are in every scene.
+    ///
+    /// Reserved names: a body `goal` is placed by the environment and must be a mocap body. The
+    /// names of the arena, the gripper and the embodiment are taken, for instance the bodies `hand`
+    /// and `hand_target`, the sites `right_tip` and `left_tip` and the camera `top`.
     pub mjcf: Option<&'a str>,
     /// Body whose position the task reads; without one, the placement's object is read.
     pub object_body: Option<&'a str>,
-    /// From that body's origin to the point that the task speaks of (metres, canonical frame).
+    /// From that body's origin to the point that the task speaks of (metres, canonical frame);
+    /// finite.
     pub object_offset: DVec3,
-    /// Joints that an episode starts away from zero, with their positions (metres, radians).
+    /// Joints that an episode starts away from zero, with their positions (metres, radians), which
+    /// are finite.
     pub start_joints: &'a [(&'a str, f64)],
     /// Whether the goal is part of the observation.
     pub goal_observable: bool,
@@ -187,7 +213,9 @@ pub struct Stock<'a> {
     pub name: &'a str,
     /// Where the hand's target stands when an episode starts (metres).
     pub hand_target: DVec3,
-    /// A part that the scene has in this layout alone, a `<mujocoinclude>`.
+    /// A part that the scene has in this layout alone, a `<mujocoinclude>`. With it the name
+    /// `decoy` is reserved for a free joint: an episode starts with its body at the placement's
+    /// object.
     pub addition: Option<&'a str>,
     /// Draws a placement from Meta-World's ranges.
     pub place: fn(&mut ChaCha8Rng) -> Placement,
@@ -197,15 +225,15 @@ pub struct Stock<'a> {
 ///
 /// Its four variants are made by mapping positions and actions with the elements of [`D2`].
 /// [`conformance::check`](crate::conformance::check) tries whether a task does what is asked here.
-pub trait Task: Send + Sync {
+pub trait Task: Any + Send + Sync {
     /// The name, in kebab-case: lower-case letters and digits in words that are joined by hyphens.
     fn name(&self) -> &str;
 
     /// What the task is made of.
     fn parts(&self) -> Parts<'_>;
 
-    /// Draws a placement; the goal's or the object's x is drawn off-centre, so that the four
-    /// variants fill four quadrants.
+    /// Draws a placement. All draws of the object, or all of the goal, lie in one quadrant and more
+    /// than 1 mm off its axes, so that the four variants fill four quadrants.
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Reward and success of the state `now` of an episode that began as `start`, where `finger` is

@@ -76,7 +76,7 @@ impl VecEnv {
     /// [`VecEnv::set_tasks`] is cheap from then on.
     ///
     /// # Errors
-    /// [`EnvError::DuplicateTask`] for a group of the name of another one with other parts, or what
+    /// [`EnvError::DuplicateTask`] for another task of the name of one that is prepared, or what
     /// MuJoCo or OpenGL says.
     pub fn prepare(&mut self, groups: &[TaskGroup]) -> Result<(), EnvError> {
         for &group in groups {
@@ -92,17 +92,18 @@ impl VecEnv {
     /// A group that was not prepared is prepared now, see [`VecEnv::prepare`].
     ///
     /// # Errors
-    /// [`EnvError::DuplicateTask`] for a group of the name of another one with other parts,
-    /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says.
+    /// [`EnvError::DuplicateTask`] for another task of the name of one that is prepared,
+    /// [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or what MuJoCo or OpenGL says. Where
+    /// the group is refused, running episodes go on.
     pub fn set_tasks(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         if elements.is_empty() {
             return Err(EnvError::NoVariants { group });
         }
         let layout = self.settings.layout;
         elements.iter().try_for_each(|&g| layout.check(g))?;
-        self.running = false;
         self.prepare(&[group])?;
         let scene = self.scene(group)?;
+        self.running = false;
         self.broadcast(|| Command::SetTasks(Arc::clone(&scene), elements.to_vec()))
     }
 
@@ -112,15 +113,16 @@ impl VecEnv {
     /// # Errors
     /// [`EnvError::WorkerLost`].
     pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+        self.broadcast(|| Command::Reseed(seed))?;
         self.settings.seed = seed;
-        self.broadcast(|| Command::Reseed(seed))
+        Ok(())
     }
 
     /// The scene of `group`, compiled on this thread when it is first needed and shared by all
     /// workers.
     fn scene(&mut self, group: TaskGroup) -> Result<Arc<Scene>, EnvError> {
         if let Some(scene) = self.scenes.get(&group) {
-            if scene.group.task().parts() == group.task().parts() {
+            if scene.group.identity() == group.identity() {
                 return Ok(Arc::clone(scene));
             }
             let name = group.name().to_owned();

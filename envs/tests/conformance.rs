@@ -3,7 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "test code")]
 
 mod common;
+#[path = "common/spoilt.rs"]
+mod spoilt;
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::PushBlock;
@@ -14,6 +17,7 @@ use envs::{
 };
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
+use spoilt::{Reward, Spoilt};
 
 fn leaked(task: impl Task + 'static) -> TaskGroup {
     TaskGroup::of(Box::leak(Box::new(task)))
@@ -33,62 +37,8 @@ fn a_task_of_somebody_elses_conforms() {
     check(leaked(PushBlock::default())).unwrap();
 }
 
-type Reward = fn(&mut StepReward, &EpisodeStart, &Measurement, f64);
-
-/// A sound task with one thing wrong.
-struct Spoilt {
-    task: PushBlock,
-    place: fn(&mut Placement),
-    reward: Reward,
-    expert: fn(&mut ExpertCommand, &Measurement),
-    goal_observable: bool,
-}
-
-impl Default for Spoilt {
-    fn default() -> Self {
-        Self {
-            task: PushBlock::default(),
-            place: |_| {},
-            reward: |_, _, _, _| {},
-            expert: |_, _| {},
-            goal_observable: false,
-        }
-    }
-}
-
-impl Task for Spoilt {
-    fn name(&self) -> &str {
-        self.task.name()
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        Parts {
-            goal_observable: self.goal_observable,
-            ..self.task.parts()
-        }
-    }
-
-    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let mut placement = self.task.place(rng);
-        (self.place)(&mut placement);
-        placement
-    }
-
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let mut reward = self.task.reward(start, now, finger);
-        (self.reward)(&mut reward, start, now, finger);
-        reward
-    }
-
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        let mut command = self.task.expert(placement, now);
-        (self.expert)(&mut command, now);
-        command
-    }
-}
-
 fn assert_flaw(what: &str, task: Spoilt, expected: &str) {
-    let message = check(leaked(task)).unwrap_err().to_string();
+    let message = check(task.group()).unwrap_err().to_string();
     assert!(message.contains(expected), "{what}: {message}");
 }
 
@@ -102,13 +52,25 @@ fn scenes_with_a_flaw_are_refused() {
             "name=\"thing\"",
             "`object`",
         ),
-        ("invisible", "group=\"1\"", "group=\"4\"", "differ"),
+        (
+            "invisible",
+            "group=\"1\"",
+            "group=\"4\"",
+            "pictures show what happens",
+        ),
         (
             "lopsided",
             "</body>\n    </body>",
             "<geom name=\"nose\" type=\"box\" size=\".03 .01 .01\" pos=\".06 0 0\" group=\"1\"/>\
              </body></body>",
             "mirrors its canonical twin",
+        ),
+        (
+            "nothing to see of what moves",
+            "group=\"1\" rgba=\"0.2 0.6 0.2 1\"/>\n      </body>",
+            "group=\"4\"/></body><geom name=\"base\" type=\"box\" size=\"0.03 0.02 0.001\" \
+             pos=\"0 0 -0.04\" group=\"1\" contype=\"0\" conaffinity=\"0\"/>",
+            "pictures show what happens",
         ),
         ("not XML", "<worldbody>", "", "XML"),
     ];
@@ -130,9 +92,32 @@ fn scenes_with_a_flaw_are_refused() {
 #[test]
 fn rewards_with_a_flaw_are_refused() {
     static CALLS: AtomicU64 = AtomicU64::new(0);
-    let cases: [(&str, Reward, &str); 5] = [
+    /// One in the few control steps in which the hand sets off, zero elsewhere; their decision has
+    /// a mean in range.
+    fn peak(start: &EpisodeStart, now: &Measurement) -> f64 {
+        let way = now.hand.distance(start.measured.hand);
+        f64::from(u8::from(way > 0.0 && way < 1e-3))
+    }
+    let cases: [(&str, Reward, &str); 10] = [
         ("not a number", |r, _, _, _| r.reward = f64::NAN, "in range"),
         ("too large", |r, _, _, _| r.reward += 10.0, "in range"),
+        (
+            "too large for a moment",
+            |r, start, now, _| r.reward += peak(start, now) * 10.0,
+            "in range",
+        ),
+        (
+            "negative",
+            |r, start, now, _| r.reward -= peak(start, now),
+            "in range",
+        ),
+        ("approach", |r, _, _, _| r.approach = 1.5, "in range"),
+        ("in place", |r, _, _, _| r.in_place = -0.5, "in range"),
+        (
+            "no distance",
+            |r, _, _, _| r.remaining = f64::NAN,
+            "in range",
+        ),
         ("easy", |r, _, _, _| r.success = true, "doing nothing"),
         ("impossible", |r, _, _, _| r.success = false, "expert"),
         (
@@ -150,6 +135,55 @@ fn rewards_with_a_flaw_are_refused() {
     }
 }
 
+/// Between two control steps of one episode another task may not show; this one does where it was
+/// asked of another placement a moment ago.
+#[test]
+fn tables_that_disturb_one_another_are_refused() {
+    static LAST: Mutex<(DVec3, u64)> = Mutex::new((DVec3::ZERO, 1000));
+    let spoilt = Spoilt {
+        reward: |reward, start, _, _| {
+            let mut last = LAST.lock().unwrap();
+            let (placement, calls) = *last;
+            if placement == start.placement.object {
+                last.1 += 1;
+            } else {
+                *last = (start.placement.object, 1);
+                reward.reward *= if calls < 30 { 0.5 } else { 1.0 };
+            }
+        },
+        ..Spoilt::default()
+    };
+    assert_flaw("disturbed", spoilt, "tables do not disturb one another");
+}
+
+/// It counts the control steps of its episode where no snapshot holds them.
+#[test]
+fn what_a_snapshot_does_not_hold_is_refused() {
+    static STEPS: AtomicU64 = AtomicU64::new(0);
+    let spoilt = Spoilt {
+        reward: |reward, start, now, _| {
+            if now.hand.distance(start.measured.hand) < 1.5e-3 {
+                STEPS.store(0, Ordering::Relaxed);
+            }
+            if STEPS.fetch_add(1, Ordering::Relaxed) > 510 {
+                reward.reward *= 0.5;
+            }
+        },
+        ..Spoilt::default()
+    };
+    assert_flaw("forgetful", spoilt, "continues to the same bits");
+}
+
+#[test]
+fn an_observation_that_never_varies_is_refused() {
+    let spoilt = Spoilt {
+        // the goal's y is the same in every placement
+        parts: |parts| parts.goal_observable = true,
+        ..Spoilt::default()
+    };
+    assert_flaw("constant goal", spoilt, "component 5 of the vector");
+}
+
 #[test]
 fn placements_and_experts_with_a_flaw_are_refused() {
     let centred = Spoilt {
@@ -160,6 +194,29 @@ fn placements_and_experts_with_a_flaw_are_refused() {
         ..Spoilt::default()
     };
     assert_flaw("on an axis", centred, "variants differ");
+    let unseen = Spoilt {
+        // a block over the centre is its own mirror image, and nothing shows the goal
+        place: |placement| {
+            placement.object = DVec3::new(0.0, 0.0, 0.045);
+            placement.goal = DVec3::new(0.1, 0.1, 0.045);
+        },
+        ..Spoilt::default()
+    };
+    assert_flaw("unseen goal", unseen, "1 pictures of 4 variants");
+    let straddling = Spoilt {
+        place: |placement| {
+            // about one placement in twenty is left of the centre
+            let left = if placement.object.x > 0.175 {
+                -1.0
+            } else {
+                1.0
+            };
+            placement.object.x *= left;
+            placement.goal.x *= left;
+        },
+        ..Spoilt::default()
+    };
+    assert_flaw("two quadrants", straddling, "variants differ");
     let constant = Spoilt {
         place: |placement| {
             *placement = Placement {
@@ -180,6 +237,11 @@ fn placements_and_experts_with_a_flaw_are_refused() {
         ..Spoilt::default()
     };
     assert_flaw("lazy expert", lazy, "the expert solves it");
+    let grip = Spoilt {
+        expert: |command, _| command.finger = 1.5,
+        ..Spoilt::default()
+    };
+    assert_flaw("fingers", grip, "in range");
 }
 
 #[test]

@@ -59,6 +59,7 @@ fn trace(threads: usize) -> Vec<u32> {
             trace.extend(buffers.final_vectors.iter().map(|v| v.to_bits()));
             trace.extend(buffers.final_images.iter().map(|&v| u32::from(v)));
             trace.extend(buffers.success.iter().map(|&v| u32::from(v)));
+            trace.extend(buffers.success_at_end.iter().map(|&v| u32::from(v)));
             trace.extend(buffers.truncated.iter().map(|&v| u32::from(v)));
         }
     }

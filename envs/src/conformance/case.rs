@@ -7,6 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::control::Control;
 use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, Step, TableTop, VECTOR_DIM};
@@ -45,11 +46,28 @@ impl Case {
         self.scene.layout.control().decisions()
     }
 
+    /// The control of the layout, with a decision in each control step.
+    pub(super) fn fine_control(&self) -> Control {
+        let control = self.scene.layout.control();
+        Control {
+            action_repeat: 1,
+            displacement: control.displacement / control.action_repeat as f64,
+            ..control
+        }
+    }
+
     pub(super) fn random_actions(&self, seed: u64) -> RandomActions {
-        RandomActions {
+        RandomActions::new(seed, &self.scene.layout.control())
+    }
+}
+
+impl RandomActions {
+    /// Random actions for a table with `control`.
+    pub(super) fn new(seed: u64, control: &Control) -> Self {
+        Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
             action: [0.0; ACTION_DIM],
-            hold: (10 / self.scene.layout.control().action_repeat).max(1),
+            hold: (10 / control.action_repeat).max(1),
             decision: 0,
         }
     }

@@ -21,6 +21,8 @@ struct Seen {
     observation: (Vec<u8>, Vec<f32>),
     last: Option<(Vec<u8>, Vec<f32>)>,
     reward: f32,
+    /// At any control step, and at the last.
+    success: [bool; 2],
 }
 
 struct Rig {
@@ -79,6 +81,7 @@ impl Rig {
             observation: Self::row(&out.observations, env),
             last: out.truncated[env].then(|| Self::row(&out.final_observations, env)),
             reward: out.rewards[env],
+            success: [out.success[env], out.success_at_end[env]],
         };
         Ok(((0..N).map(seen).collect(), failures))
     }
@@ -120,6 +123,7 @@ fn check_failure(threads: usize, fault: Fault, says: &str) {
             assert!(failure.contains(says), "{failure}");
             assert_eq!(broken.last.as_ref(), Some(&before));
             assert_eq!(broken.reward, 0.0);
+            assert_eq!(broken.success, [false; 2]);
             let image = broken.observation.0.chunks_exact(6);
             assert!(image.into_iter().all(|pixel| pixel[..3] == pixel[3..]));
         } else {
@@ -171,6 +175,17 @@ fn an_environment_that_cannot_restart_fails_in_every_step() {
         assert_eq!(seen[BROKEN].last.as_ref(), Some(&before));
     }
     assert_eq!(rig.reset().len(), 1);
+}
+
+#[test]
+fn a_seed_that_a_lost_worker_did_not_take_is_not_the_settings() {
+    let mut rig = Rig::new(2);
+    rig.env.workers[0].send(Command::Inject(N, |_, _| {}));
+    let lost = rig.env.workers[0].receive().result.unwrap_err();
+    assert!(matches!(lost, EnvError::WorkerLost { .. }), "{lost}");
+    let seed = rig.env.settings().seed;
+    rig.env.reseed(seed + 1).unwrap_err();
+    assert_eq!(rig.env.settings().seed, seed);
 }
 
 /// All environments of a thread are drawn by one renderer. Where it fails the call fails, and the

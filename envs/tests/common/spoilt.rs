@@ -1,0 +1,67 @@
+//! A sound task with one thing changed.
+
+use envs::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+};
+use rand_chacha::ChaCha8Rng;
+
+use crate::common::PushBlock;
+
+pub type Reward = fn(&mut StepReward, &EpisodeStart, &Measurement, f64);
+
+/// Each function changes what the sound task says.
+pub struct Spoilt {
+    pub task: PushBlock,
+    pub parts: fn(&mut Parts<'_>),
+    pub place: fn(&mut Placement),
+    pub reward: Reward,
+    pub expert: fn(&mut ExpertCommand, &Measurement),
+}
+
+impl Default for Spoilt {
+    fn default() -> Self {
+        Self {
+            task: PushBlock::default(),
+            parts: |_| {},
+            place: |_| {},
+            reward: |_, _, _, _| {},
+            expert: |_, _| {},
+        }
+    }
+}
+
+impl Spoilt {
+    pub fn group(self) -> TaskGroup {
+        TaskGroup::of(Box::leak(Box::new(self)))
+    }
+}
+
+impl Task for Spoilt {
+    fn name(&self) -> &str {
+        self.task.name()
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        let mut parts = self.task.parts();
+        (self.parts)(&mut parts);
+        parts
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let mut placement = self.task.place(rng);
+        (self.place)(&mut placement);
+        placement
+    }
+
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+        let mut reward = self.task.reward(start, now, finger);
+        (self.reward)(&mut reward, start, now, finger);
+        reward
+    }
+
+    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        let mut command = self.task.expert(placement, now);
+        (self.expert)(&mut command, now);
+        command
+    }
+}

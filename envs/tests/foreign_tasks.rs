@@ -1,0 +1,178 @@
+//! Tasks of somebody else's: which are told apart, which names are reserved, and which figures are
+//! refused.
+
+#![allow(clippy::unwrap_used, reason = "test code")]
+
+mod common;
+#[path = "common/spoilt.rs"]
+mod spoilt;
+
+use std::sync::Arc;
+
+use common::PushBlock;
+use envs::{
+    ACTION_DIM, Batch, Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnv,
+    VecEnvSettings,
+};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use spoilt::Spoilt;
+use symmetry::D2;
+
+fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
+    Scene::new(group, Embodiment::Hand, Camera::default())
+}
+
+/// A table on `group` at the start of an episode.
+fn started(group: TaskGroup, control: Control) -> TableTop {
+    let mut table = TableTop::new(Arc::new(scene(group).unwrap()), control).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    table.reset(D2::Identity, &mut rng).unwrap();
+    table
+}
+
+/// The name and the parts of [`PushBlock`], and another reward.
+fn generous() -> TaskGroup {
+    let spoilt = Spoilt {
+        reward: |reward, _, _, _| reward.reward = 10.0,
+        ..Spoilt::default()
+    };
+    spoilt.group()
+}
+
+fn with_scene(scene: String) -> TaskGroup {
+    let task = PushBlock {
+        scene,
+        ..PushBlock::default()
+    };
+    TaskGroup::of(Box::leak(Box::new(task)))
+}
+
+#[test]
+fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
+    let settings = VecEnvSettings {
+        num_envs: 1,
+        threads: 1,
+        embodiment: Embodiment::Hand,
+        ..VecEnvSettings::default()
+    };
+    let plain = Spoilt::default().group();
+    let mut batch = Batch::new(&settings);
+    let mut env = VecEnv::new(settings, plain, &D2::ALL).unwrap();
+    env.reset(batch.observations()).unwrap();
+    let unsound = with_scene("<mujocoinclude/>".to_owned());
+    for (refused, says) in [(generous(), "called `push-block` already"), (unsound, "")] {
+        let message = env.set_tasks(refused, &D2::ALL).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+        env.step(&[0.0; ACTION_DIM], batch.step()).unwrap();
+    }
+    let nameless = PushBlock {
+        name: "no-object".to_owned(),
+        scene: "<mujocoinclude/>".to_owned(),
+    };
+    let nameless = TaskGroup::of(Box::leak(Box::new(nameless)));
+    env.set_tasks(nameless, &D2::ALL).unwrap_err();
+    env.step(&[0.0; ACTION_DIM], batch.step()).unwrap();
+    env.set_tasks(plain, &D2::ALL).unwrap();
+}
+
+#[test]
+fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
+    let plain = Spoilt::default().group();
+    let short = Control {
+        horizon: 100,
+        ..Control::default()
+    };
+    let mut table = started(plain, Control::default());
+    let before = table.save().unwrap();
+    for (other, says) in [
+        (
+            started(generous(), Control::default()),
+            "another task of that name",
+        ),
+        (started(plain, short), "horizon: 100"),
+    ] {
+        let refused = table.restore(&other.save().unwrap()).unwrap_err();
+        assert!(matches!(refused, EnvError::OtherScene { .. }), "{refused}");
+        assert!(refused.to_string().contains(says), "{refused}");
+        assert!(table.save().unwrap() == before);
+    }
+    table
+        .restore(&started(plain, Control::default()).save().unwrap())
+        .unwrap();
+}
+
+/// The loose cylinder's name is reserved in the stock layout alone.
+#[test]
+fn a_joint_called_decoy_is_the_tasks_own() {
+    let group = with_scene(common::SCENE.replace("name=\"push\"", "name=\"decoy\""));
+    let table = started(group, Control::default());
+    let model = &table.scene().model;
+    let address = model.joint_qpos_address(model.joint("decoy").unwrap());
+    assert_eq!(table.simulation().qpos()[address], 0.0);
+}
+
+#[test]
+fn a_goal_that_cannot_be_placed_is_refused() {
+    let body = "<body name=\"goal\"><geom name=\"goal\" size=\"0.01\" contype=\"0\" \
+                conaffinity=\"0\"/></body></worldbody>";
+    let group = with_scene(common::SCENE.replace("</worldbody>", body));
+    let message = scene(group).unwrap_err().to_string();
+    assert!(
+        message.contains("`goal`") && message.contains("mocap"),
+        "{message}"
+    );
+}
+
+#[test]
+fn parts_that_are_not_numbers_are_refused() {
+    let offset = Spoilt {
+        parts: |parts| parts.object_offset.y = f64::NAN,
+        ..Spoilt::default()
+    };
+    let joint = Spoilt {
+        parts: |parts| parts.start_joints = &[("push", f64::INFINITY)],
+        ..Spoilt::default()
+    };
+    for (spoilt, says) in [
+        (offset, "`object_offset` is [0, NaN, 0]"),
+        (joint, "joint `push`"),
+    ] {
+        let error = scene(spoilt.group()).unwrap_err();
+        assert!(matches!(error, EnvError::Setting { .. }), "{error}");
+        assert!(error.to_string().contains(says), "{error}");
+    }
+}
+
+#[test]
+fn an_expert_that_asks_for_what_is_no_number_is_refused() {
+    let lost = Spoilt {
+        expert: |command, _| command.hand.x = f64::INFINITY,
+        ..Spoilt::default()
+    };
+    let limp = Spoilt {
+        expert: |command, _| command.finger = f64::NAN,
+        ..Spoilt::default()
+    };
+    for (spoilt, says) in [(lost, "inf"), (limp, "fingers of NaN")] {
+        let table = started(spoilt.group(), Control::default());
+        let message = table.expert_action().unwrap_err().to_string();
+        assert!(message.contains("the expert of push-block"), "{message}");
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+/// With the data of another model a reset fails half way.
+#[test]
+fn a_reset_that_fails_leaves_no_episode_running() {
+    let mut table = started(Spoilt::default().group(), Control::default());
+    let placement = table.scene().place(&mut ChaCha8Rng::seed_from_u64(1));
+    let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
+    *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
+    table.reset_to(D2::Identity, placement).unwrap_err();
+    assert!(matches!(table.save(), Err(EnvError::NotReset)));
+    assert!(matches!(
+        table.step(&[0.0; ACTION_DIM]),
+        Err(EnvError::NotReset)
+    ));
+}
