@@ -74,23 +74,29 @@ pub enum Encoder {
 }
 
 impl Encoder {
-    /// The names of the widths that must not be zero, each with the least of its list; an encoder
-    /// that must halve and does not has a width of zero.
+    /// Every width with the name of its setting. An encoder that must halve and does not has a width
+    /// of zero.
     pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
-        let least = |fields: &[usize]| fields.iter().copied().min();
-        match self {
-            Self::Strided { fields } => {
-                vec![("encoder.strided.fields", least(fields).unwrap_or(0))]
+        let halving = |fields: &[usize]| {
+            if fields.is_empty() {
+                vec![0]
+            } else {
+                fields.to_vec()
             }
-            Self::Pooled { fields, inner } => vec![
-                ("encoder.pooled.fields", least(fields).unwrap_or(1)),
-                ("encoder.pooled.inner", inner[0].min(inner[1])),
-            ],
-            Self::Keypoints { fields, maps } => vec![
-                ("encoder.keypoints.fields", least(fields).unwrap_or(0)),
-                ("encoder.keypoints.maps", *maps),
-            ],
-        }
+        };
+        let (name, fields, others) = match self {
+            Self::Strided { fields } => ("encoder.strided.fields", halving(fields), vec![]),
+            Self::Pooled { fields, inner } => {
+                let inner = inner.map(|width| ("encoder.pooled.inner", width));
+                ("encoder.pooled.fields", fields.clone(), inner.to_vec())
+            }
+            Self::Keypoints { fields, maps } => {
+                let maps = vec![("encoder.keypoints.maps", *maps)];
+                ("encoder.keypoints.fields", halving(fields), maps)
+            }
+        };
+        let fields = fields.into_iter().map(|width| (name, width));
+        fields.chain(others).collect()
     }
 
     /// The layers from an image `[height, width, channels]` to the top fields.

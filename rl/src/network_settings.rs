@@ -197,7 +197,12 @@ mod tests {
         quiet.action_gain = 0.0;
         let mut undefined = default.clone();
         undefined.log_std = f32::NAN;
+        let huge = vec![4, usize::MAX];
         for (name, wrong) in [
+            (
+                "encoder.strided.fields",
+                with(Encoder::Strided { fields: huge }),
+            ),
             (
                 "encoder.strided.fields",
                 with(Encoder::Strided { fields: none }),

@@ -25,10 +25,18 @@ pub(crate) fn require(
     })
 }
 
-/// Refuses a width of zero.
+/// The widest layer that a setting may ask for; a field type ends at 2^24 channels.
+const MAX_WIDTH: usize = 1 << 16;
+
+/// Refuses a width of zero, and one that no memory would hold.
 pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
-    let expected = "at least 1 (a list must not be empty)";
-    require(name, width as f32, expected, width > 0)
+    let expected = "1 to 65536 (a list must not be empty)";
+    require(
+        name,
+        width as f32,
+        expected,
+        (1..=MAX_WIDTH).contains(&width),
+    )
 }
 
 /// Refuses what is not a finite number above 0.
