@@ -77,10 +77,10 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] = [
 /// The rules: the scene compiles without a warning and everything in it has a name; in every
 /// control step observations, rewards, their terms and the expert's commands are finite and in
 /// range; only the horizon ends an episode; episodes depend on the seed and on nothing else; tables
-/// do not disturb one another; a saved episode continues to the same bits; observations vary, and an
-/// object shows where it moves; placements keep to one quadrant, so variants differ; doing nothing
-/// solves nothing; in the symmetric layout the expert solves each variant, and each mirrors the
-/// identity variant as far as its embodiment does.
+/// do not disturb one another; a saved episode continues to the same bits; observations vary, and
+/// an object shows where it moves; placements keep to one quadrant, so variants differ; doing
+/// nothing solves nothing; in the symmetric layout the expert solves each variant, and each mirrors
+/// the identity variant as far as its embodiment does.
 ///
 /// # Errors
 /// The first [`Flaw`] found.
