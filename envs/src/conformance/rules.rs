@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use symmetry::D2;
+
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::embodiment::Embodiment;
@@ -72,13 +74,13 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] = [
 /// Holds `group` to every rule: all of its variants, with every embodiment, in every layout that it
 /// has. Takes some seconds.
 ///
-/// The rules: the scene compiles without a warning and everything in it has a name; in every control
-/// step observations, rewards, their terms and the expert's commands are finite and in range; only
-/// the horizon ends an episode; episodes depend on the seed and on nothing else; tables do not
-/// disturb one another; a saved episode continues to the same bits; observations vary, and an object
-/// shows where it moves; placements keep to one quadrant, so variants differ; doing nothing solves
-/// nothing; in the symmetric layout the expert solves each variant, and each mirrors the identity
-/// variant as far as its embodiment does.
+/// The rules: the scene compiles without a warning and everything in it has a name; in every
+/// control step observations, rewards, their terms and the expert's commands are finite and in
+/// range; only the horizon ends an episode; episodes depend on the seed and on nothing else; tables
+/// do not disturb one another; a saved episode continues to the same bits; observations vary, and
+/// an object shows where it moves; placements keep to one quadrant, so variants differ; doing
+/// nothing solves nothing; in the symmetric layout the expert solves each variant, and each mirrors
+/// the identity variant as far as its embodiment does.
 ///
 /// # Errors
 /// The first [`Flaw`] found.
@@ -193,12 +195,12 @@ fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
 }
 
 fn determinism(case: &Case) -> Finding {
-    let fresh = |seed| run(&mut case.started(seed)?, &mut case.random_actions(7), 50);
+    let fresh = |seed| run(&mut case.started(seed)?, &mut case.random_actions(7), 25);
     let first = fresh(1)?;
     let mut used = case.started(5)?;
     run(&mut used, &mut case.random_actions(8), 37)?;
     case.reset(&mut used, 1)?;
-    let again = run(&mut used, &mut case.random_actions(7), 50)?;
+    let again = run(&mut used, &mut case.random_actions(7), 25)?;
     let finding = if fresh(1)? != first {
         "two episodes of one seed differ"
     } else if again != first {
@@ -280,6 +282,9 @@ fn solution(case: &Case) -> Finding {
 }
 
 fn mirror(case: &Case) -> Finding {
+    if case.element == D2::Identity {
+        return Ok(None); // its own twin
+    }
     let row = symmetry(&case.scene, case.element, 1)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }
