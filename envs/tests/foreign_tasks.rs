@@ -67,7 +67,7 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
     let objectless = TaskGroup::of(Box::leak(Box::new(objectless)));
     let refused = [
         (generous(), "called `push-block` already"),
-        (objectless, "`object`"),
+        (objectless, "MuJoCo cannot load"),
     ];
     for (refused, says) in refused {
         let message = env.set_tasks(refused, &D2::ALL).unwrap_err().to_string();
