@@ -133,6 +133,22 @@ fn maps_without_values_are_refused() {
 }
 
 #[test]
+fn more_output_channels_than_a_type_holds_are_refused() {
+    let half = FieldType::MAX_DIM / 2;
+    let map = |channels| Shape::vector(Group::C2.trivial(channels));
+    let refused = [
+        message(Concat::new(map(half), map(half + 1))),
+        message(SpatialSoftArgmax::new(map(half + 1), 1.0)),
+    ];
+    for message in refused {
+        let expected = "got the number of output channels 1677721";
+        assert!(message.contains(expected), "{message}");
+    }
+    Concat::new(map(half), map(half)).unwrap();
+    SpatialSoftArgmax::new(map(half), 1.0).unwrap();
+}
+
+#[test]
 fn sizes_that_no_memory_holds_are_refused() {
     let large = 1 << 40;
     let (many, one) = (Group::C1.trivial(FieldType::MAX_DIM), Group::C1.trivial(1));
