@@ -78,7 +78,7 @@ fn errors_name_the_layer_what_was_got_and_what_was_expected() {
         ),
         (
             "FieldNorm",
-            "got the fixed statistics [], expected a finite mean",
+            "got the fixed statistics [], expected a mean and a variance of at least 0",
             message(FieldNorm::new(odd, Statistics::Fixed(vec![]))),
         ),
     ];

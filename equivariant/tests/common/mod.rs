@@ -64,7 +64,10 @@ pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
     // only trivial channels, those of C1 included, have a mean
     let trivial = mixed.multiplicity(Irrep::Trivial);
     let mean = |f| if f < trivial { 0.7 } else { 0.0 };
-    let fixed_mixed = Statistics::Fixed((0..6).map(|f| [mean(f), 0.5 + f as f64]).collect());
+    // the mixed type is regular under one of the flips
+    let fields = mixed.regular_fields().unwrap_or(mixed.dim());
+    let moments = (0..fields).map(|f| [mean(f), 0.5 + f as f64]);
+    let fixed_mixed = Statistics::Fixed(moments.collect());
     vec![
         (
             "4x4/2",
