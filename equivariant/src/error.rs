@@ -4,7 +4,7 @@ use symmetry::{FieldType, Group};
 use thiserror::Error;
 
 use crate::shape::{LARGEST, Shape};
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// A layer that would not be exact, or does not fit its neighbours.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -171,11 +171,12 @@ impl LayerError {
     }
 
     /// Refuses maps without values, and those that no memory holds with `padding` on all sides.
-    pub(crate) fn check_map(
-        layer: &'static str,
-        shape: Shape,
-        padding: usize,
-    ) -> Result<(), LayerError> {
+    ///
+    /// `layer` is the name that the error gives and `padding` is in pixels on each side.
+    ///
+    /// # Errors
+    /// [`EmptyMap`](LayerError::EmptyMap) and [`TooLarge`](LayerError::TooLarge).
+    pub fn check_map(layer: &'static str, shape: Shape, padding: usize) -> Result<(), LayerError> {
         match shape.padded_len(padding) {
             None => Err(LayerError::TooLarge {
                 layer,

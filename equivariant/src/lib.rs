@@ -40,42 +40,40 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-mod check;
 mod chunks;
 mod conv;
 mod error;
 mod init;
-mod interchange;
 mod layers;
 mod matrix;
 mod real;
-mod scalar;
 mod scratch;
 mod shape;
 mod simd;
 mod steerable;
+mod window;
 
-pub use check::{equivariance_error, equivariance_error_of};
 pub use chunks::Chunks;
 pub use error::LayerError;
-pub use interchange::{InterchangeError, load, save};
 pub use layers::average_pool::AveragePool;
+pub use layers::check::{equivariance_error, equivariance_error_of};
 pub use layers::concat::Concat;
 pub use layers::field_norm::{FieldNorm, Statistics};
 pub use layers::group_max_pool::GroupMaxPool;
 pub use layers::group_mean_pool::GroupMeanPool;
+pub use layers::interchange::{InterchangeError, load, save};
 pub use layers::layer::{Layer, Signature};
 pub use layers::linear::Linear;
 pub use layers::max_pool::MaxPool;
 pub use layers::r2_conv::R2Conv;
 pub use layers::relu::Relu;
+pub use layers::scalar::Scalar;
 pub use layers::sequential::Sequential;
 pub use layers::soft_argmax::SpatialSoftArgmax;
 pub use real::Real;
-pub use scalar::Scalar;
 pub use scratch::Scratch;
 pub use shape::Shape;
 pub use steerable::dense::{Dense, Projection};
 pub use steerable::hadamard::hadamard;
-pub use steerable::window::Kernel;
 pub use symmetry::{FieldType, Group};
+pub use window::Kernel;

@@ -13,14 +13,17 @@ const SLACK: usize = LINE / size_of::<f32>();
 ///
 /// [`Layer::scratch`](crate::Layer::scratch) makes one. It starts on a cache line, because a load
 /// that straddles two of them takes twice the time, and what lies in it does not depend on its
-/// address: a clone made between `forward` and `backward` gives the same gradients.
+/// address: a clone made between `forward` and `backward` gives the same gradients. It remembers the
+/// number of samples and the kind of layer that filled it, and `backward` of another layer refuses
+/// it. Two layers with equal descriptions are not told apart.
 pub struct Scratch<T> {
     values: Vec<T>,
     /// The first value on a cache line.
     start: usize,
     len: usize,
-    /// The number of samples that the last `forward` had.
-    filled: usize,
+    /// The number of samples that the last `forward` had, and its layer's mark; zeros where it left
+    /// nothing.
+    filled: (usize, u64),
 }
 
 impl<T: Real> Scratch<T> {
@@ -47,13 +50,13 @@ impl<T> Scratch<T> {
         &mut self.values[self.start..][..len]
     }
 
-    /// The number of samples that the last `forward` had.
-    pub(crate) fn samples(&self) -> usize {
+    /// The number of samples that the last `forward` had, and its layer's mark.
+    pub(crate) fn filled_by(&self) -> (usize, u64) {
         self.filled
     }
 
-    pub(crate) fn set_samples(&mut self, samples: usize) {
-        self.filled = samples;
+    pub(crate) fn set_filled(&mut self, samples: usize, mark: u64) {
+        self.filled = (samples, mark);
     }
 }
 
@@ -64,7 +67,7 @@ impl<T: Clone> Scratch<T> {
             start: values.as_ptr().align_offset(LINE).min(SLACK),
             values,
             len,
-            filled: 0,
+            filled: (0, 0),
         }
     }
 }
@@ -87,10 +90,13 @@ impl<T> fmt::Debug for Scratch<T> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
     fn every_scratch_starts_on_a_cache_line_and_clones_hold_the_same() {
+        let mut starts = BTreeSet::new();
         for len in 0..100 {
             let mut scratch = Scratch::filled(len, 1.0f32);
             for (i, value) in scratch.front(len).iter_mut().enumerate() {
@@ -102,7 +108,9 @@ mod tests {
             assert_eq!(clone.front(len), scratch.front(len));
             assert_eq!(clone.front(len).as_ptr() as usize % LINE, 0);
             assert_eq!(clone.len(), len);
+            starts.extend([scratch.start, clone.start]);
         }
+        assert!(starts.len() > 1, "all at one offset: {starts:?}");
         assert_eq!(
             Scratch::filled(9, 0.0f64).front(9).as_ptr() as usize % LINE,
             0

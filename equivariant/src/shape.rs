@@ -7,8 +7,8 @@ use symmetry::{D2, FieldType, Irrep};
 
 use crate::real::Real;
 
-/// Values that a sample or a layer's parameters may have at most: products of a few such numbers
-/// with channels per block and with samples still fit into `usize`.
+/// Values that a sample or a layer's parameters may have at most. The product of two such numbers,
+/// such as the values of this many samples, is 2^62 and fits into a `usize` of 64 bits.
 pub(crate) const LARGEST: usize = 1 << 31;
 
 /// The shape of one sample: `[height, width, fields.dim()]`, channels last.

@@ -4,5 +4,4 @@ pub(crate) mod blocks;
 pub(crate) mod dense;
 pub(crate) mod hadamard;
 pub(crate) mod taps;
-pub(crate) mod window;
 pub(crate) mod windows;

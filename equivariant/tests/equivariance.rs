@@ -118,6 +118,22 @@ fn the_checker_applies_every_element_of_the_group() {
 }
 
 #[test]
+fn the_checker_refuses_outputs_that_are_not_written() {
+    let shape = Shape::vector(Group::D2.trivial(2));
+    let nothing = |_: &[f64], _: &mut [f64]| {};
+    let error = equivariance_error_of(shape, shape, nothing, 1, &mut rng(0));
+    assert_eq!(error, f64::INFINITY);
+}
+
+#[test]
+#[should_panic(expected = "got 0 trials, expected at least 1")]
+fn the_checker_refuses_no_trials() {
+    let shape = Shape::vector(Group::D2.trivial(2));
+    let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
+    equivariance_error_of(shape, shape, copy, 0, &mut rng(0));
+}
+
+#[test]
 fn the_checker_refuses_what_is_not_finite() {
     let shape = Shape::vector(Group::D2.trivial(2));
     let nan = |_: &[f64], y: &mut [f64]| y.fill(f64::NAN);

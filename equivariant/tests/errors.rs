@@ -78,7 +78,7 @@ fn errors_name_the_layer_what_was_got_and_what_was_expected() {
         ),
         (
             "FieldNorm",
-            "got the fixed statistics [], expected a finite mean",
+            "got the fixed statistics [], expected a mean and a variance of at least 0",
             message(FieldNorm::new(odd, Statistics::Fixed(vec![]))),
         ),
     ];
@@ -130,6 +130,22 @@ fn maps_without_values_are_refused() {
         assert!(message(Linear::new(from, to)).contains("got a map of 1 x 1 x ("));
         assert!(message(R2Conv::new(from, to, one, [2, 3])).contains("got a map of 2 x 3 x ("));
     }
+}
+
+#[test]
+fn more_output_channels_than_a_type_holds_are_refused() {
+    let half = FieldType::MAX_DIM / 2;
+    let map = |channels| Shape::vector(Group::C2.trivial(channels));
+    let refused = [
+        message(Concat::new(map(half), map(half + 1))),
+        message(SpatialSoftArgmax::new(map(half + 1), 1.0)),
+    ];
+    for message in refused {
+        let expected = "got the number of output channels 1677721";
+        assert!(message.contains(expected), "{message}");
+    }
+    Concat::new(map(half), map(half)).unwrap();
+    SpatialSoftArgmax::new(map(half), 1.0).unwrap();
 }
 
 #[test]

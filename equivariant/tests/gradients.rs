@@ -4,6 +4,7 @@ mod common;
 
 use common::{
     forward, largest, largest_deviation, largest_magnitude, layers, normal, params, scratch,
+    unwritten,
 };
 use equivariant::Layer;
 
@@ -18,7 +19,7 @@ struct Gradients {
 
 /// Gradients of `dy . f(x)`.
 fn gradients(layer: &dyn Layer<f64>, params: &[f64], x: &[f64], dy: &[f64]) -> Gradients {
-    let mut y = vec![0.0; dy.len()];
+    let mut y = unwritten(dy.len());
     let mut scratch = scratch(layer, SAMPLES);
     layer.forward(params, x, &mut y, &mut scratch);
     let mut dx = vec![f64::NAN; x.len()];
@@ -93,7 +94,7 @@ fn parameter_gradients_do_not_need_the_input_gradient() {
         let x = normal(SAMPLES * layer.in_shape().len(), 2);
         let dy = normal(SAMPLES * layer.out_shape().len(), 3);
         let expected = gradients(layer, &params, &x, &dy).dparams;
-        let mut y = vec![0.0; dy.len()];
+        let mut y = unwritten(dy.len());
         let mut scratch = scratch(layer, SAMPLES);
         layer.forward(&params, &x, &mut y, &mut scratch);
         let mut dparams = vec![1.0; params.len()];

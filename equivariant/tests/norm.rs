@@ -76,6 +76,10 @@ fn statistics_that_do_not_fit_are_refused() {
         vec![[0.0, 1.0]],
         vec![[0.0, -1.0]; 2],
         vec![[f64::NAN, 1.0]; 2],
+        // infinite, and an inverse deviation of zero, in single precision
+        vec![[1e39, 1.0]; 2],
+        vec![[0.0, 1e100]; 2],
+        vec![[0.0, f64::INFINITY]; 2],
     ] {
         let error = FieldNorm::new(shape, Statistics::Fixed(wrong)).unwrap_err();
         assert!(
@@ -84,6 +88,28 @@ fn statistics_that_do_not_fit_are_refused() {
                 .starts_with("FieldNorm: got the fixed statistics [[")
         );
     }
+}
+
+#[test]
+fn a_mean_of_an_odd_channel_is_refused() {
+    let shape = Shape::vector(FieldType::new(Group::D2, [1, 1, 0, 1]));
+    let with = |means: [f64; 3]| {
+        let moments = means.map(|mean| [mean, 1.0]).to_vec();
+        FieldNorm::new(shape, Statistics::Fixed(moments))
+    };
+    with([0.5, 0.0, 0.0]).unwrap();
+    for odd in [[0.0, 0.5, 0.0], [0.5, 0.0, -0.5]] {
+        let error = with(odd).unwrap_err().to_string();
+        assert!(error.contains("a mean of 0 in odd irreps"), "{error}");
+    }
+}
+
+#[test]
+#[should_panic(expected = "got x of 0 values, expected a multiple of 4 above 0")]
+fn moments_of_no_samples_are_refused() {
+    let shape = Shape::vector(Group::D2.regular(1));
+    let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
+    norm.moments::<f32>(&[]);
 }
 
 #[test]

@@ -5,7 +5,9 @@
 
 mod common;
 
-use common::{conv, largest_deviation, largest_magnitude, network, normal, params, scratch};
+use common::{
+    conv, largest_deviation, largest_magnitude, network, normal, params, scratch, unwritten,
+};
 use equivariant::{Group, Layer, Scalar};
 
 const SAMPLES: usize = 3;
@@ -18,7 +20,7 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] 
         values.map(|&v| T::from_f64(f64::from(v))).collect()
     };
     let [params, x, dy] = operands.map(exact);
-    let (mut y, mut dx) = (vec![T::ZERO; dy.len()], vec![T::ZERO; x.len()]);
+    let (mut y, mut dx) = (unwritten(dy.len()), unwritten(x.len()));
     let mut dparams = vec![T::ZERO; params.len()];
     let mut scratch = scratch(layer, SAMPLES);
     layer.forward(&params, &x, &mut y, &mut scratch);

@@ -1,8 +1,10 @@
 //! What lies in a scratch does not depend on where the scratch lies.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod common;
 
-use common::{layers, normal, params, scratch};
+use common::{layers, normal, params, scratch, unwritten};
 use equivariant::{Layer, Scalar, Scratch};
 
 const SAMPLES: usize = 3;
@@ -12,11 +14,11 @@ fn gradients<T: Scalar>(layer: &dyn Layer<T>, moved: impl Fn(Scratch<T>) -> Scra
     let params = params(layer, 1);
     let x = normal::<T>(SAMPLES * layer.in_shape().len(), 2);
     let dy = normal::<T>(SAMPLES * layer.out_shape().len(), 3);
-    let mut y = vec![T::ZERO; dy.len()];
+    let mut y = unwritten(dy.len());
     let mut scratch = scratch(layer, SAMPLES);
     layer.forward(&params, &x, &mut y, &mut scratch);
     let mut scratch = moved(scratch);
-    let (mut dx, mut dparams) = (vec![T::ZERO; x.len()], vec![T::ZERO; params.len()]);
+    let (mut dx, mut dparams) = (unwritten(x.len()), vec![T::ZERO; params.len()]);
     let dx_too = Some(&mut dx[..]);
     layer.backward(&params, &x, &y, &dy, dx_too, &mut dparams, &mut scratch);
     [dx, dparams].concat()
@@ -56,9 +58,9 @@ fn an_empty_scratch_in_its_place_is_noticed() {
     {
         let len = layer.scratch_len(SAMPLES);
         let lost = || gradients(layer.as_ref(), |_| Scratch::filled(len, 0.0));
-        assert!(
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(lost)).is_err(),
-            "{name}"
-        );
+        let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(lost)).unwrap_err();
+        let message = panic.downcast_ref::<String>().unwrap();
+        let expected = "got a scratch that forward left for 0 samples, expected one for the 3 of x";
+        assert!(message.contains(expected), "{name}: {message}");
     }
 }

@@ -6,8 +6,8 @@ mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use common::{layers, normal, rng};
-use equivariant::{Concat, Group, Layer, Scratch, Shape};
+use common::{boxed, kernel, layers, normal, rng};
+use equivariant::{Concat, Group, Layer, MaxPool, Scratch, Sequential, Shape, SpatialSoftArgmax};
 use proptest::prelude::*;
 
 const SAMPLES: usize = 3;
@@ -61,12 +61,18 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     );
 }
 
-/// Whether the message names the slice, its length and what was expected. A wrong `x` that is whole
-/// samples makes the slices beside it wrong.
+/// Whether the message names the slice, its length and what was expected. A wrong `x` of whole
+/// samples makes the slices beside it wrong, whose messages name it.
 fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
     let named = format!("got {} of {got} values, expected {right}", SLICES[slice]);
     match SLICES[slice] {
-        "x" => message.contains("values, expected ") || message.contains(" samples, expected "),
+        "x" if got.is_multiple_of(right / SAMPLES) => message.ends_with("as its shapes and x say"),
+        "x" => {
+            let each = right / SAMPLES;
+            message.ends_with(&format!(
+                "got x of {got} values, expected a multiple of {each}"
+            ))
+        }
         "scratch" => {
             let named = format!("got a scratch of {got} values, expected at least {right}");
             message.contains(&named) || message.contains("got a scratch that forward left for 0")
@@ -174,6 +180,33 @@ fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
         let message = panic_of(call).unwrap();
         let expected = "got a scratch that forward left for 3 samples, expected one for the 1 of x";
         assert!(message.contains(expected), "{name}: {message}");
+    }
+}
+
+#[test]
+fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
+    let map = Shape::image(4, 4, Group::D2.regular(2));
+    let pool = |window| boxed::<f32, _>(MaxPool::new(map, kernel(window)));
+    let keypoints = |temperature| boxed::<f32, _>(SpatialSoftArgmax::new(map, temperature));
+    let chain = |layer| -> Box<dyn Layer<f32>> { boxed(Sequential::new(vec![layer])) };
+    let pairs = [
+        [keypoints(0.5), keypoints(1.0)],
+        [chain(keypoints(0.5)), chain(keypoints(1.0))],
+        [chain(pool([3, 1, 1])), chain(pool([1, 1, 0]))],
+    ];
+    for [own, foreign] in pairs {
+        let x = normal::<f32>(SAMPLES * map.len(), 1);
+        let mut y = vec![0.0; SAMPLES * own.out_shape().len()];
+        assert_eq!(own.out_shape(), foreign.out_shape());
+        let len = own.scratch_len(SAMPLES).max(foreign.scratch_len(SAMPLES));
+        let mut scratch = Scratch::filled(len, 0.0);
+        own.forward(&[], &x, &mut y, &mut scratch);
+        own.backward(&[], &x, &y, &y, None, &mut [], &mut scratch);
+        foreign.forward(&[], &x, &mut y, &mut scratch);
+        let call = || own.backward(&[], &x, &y, &y, None, &mut [], &mut scratch);
+        let message = panic_of(call).unwrap();
+        let expected = "got a scratch that forward of another layer left";
+        assert!(message.contains(expected), "{own}: {message}");
     }
 }
 

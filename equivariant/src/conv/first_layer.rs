@@ -22,7 +22,7 @@ use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::{G, Lines};
 use crate::simd::patches::{Orbit, Patches};
 use crate::simd::tiles::load_all;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// Output pixels of a tile of a forward pass.
 const TILE: usize = 8;

@@ -8,8 +8,8 @@ use crate::shape::{Shape, product};
 use crate::simd::patches::Patches;
 use crate::steerable::blocks::Blocks;
 use crate::steerable::taps::Taps;
-use crate::steerable::window::Kernel;
 use crate::steerable::windows::Windows;
+use crate::window::Kernel;
 
 /// Output pixels that are worth staging several images together.
 const GROUP_PIXELS: usize = 64;

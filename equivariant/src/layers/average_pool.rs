@@ -4,10 +4,10 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
-use crate::steerable::window::Kernel;
 use crate::steerable::windows::Windows;
+use crate::window::Kernel;
 
 /// The average over a window, channel by channel, of any type; padding counts as zeros.
 #[derive(Clone, Copy, Debug)]

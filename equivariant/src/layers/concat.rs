@@ -6,6 +6,7 @@ use std::ops::Range;
 use symmetry::Irrep;
 
 use crate::error::LayerError;
+use crate::layers::accepted::check_channels;
 use crate::shape::Shape;
 
 /// The direct sum of two maps of one size; within an irrep, the first map's channels come first.
@@ -24,7 +25,7 @@ impl Concat {
     /// The sum of maps of these shapes.
     ///
     /// # Errors
-    /// When heights, widths or groups differ, or a map is empty.
+    /// When heights, widths or groups differ, a map is empty, or the sum is too large.
     pub fn new(first: Shape, second: Shape) -> Result<Concat, LayerError> {
         LayerError::check_groups("Concat", first.fields, second.fields)?;
         let sizes = [first, second].map(|shape| [shape.height, shape.width]);
@@ -37,10 +38,13 @@ impl Concat {
         }
         LayerError::check_map("Concat", first, 0)?;
         LayerError::check_map("Concat", second, 0)?;
+        let dim = first.fields.dim() + second.fields.dim();
+        check_channels("Concat", dim)?;
         let sum = Shape {
             fields: first.fields + second.fields,
             ..first
         };
+        LayerError::check_map("Concat", sum, 0)?;
         Ok(Concat { first, second, sum })
     }
 

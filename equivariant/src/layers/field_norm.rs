@@ -10,7 +10,7 @@ use symmetry::Irrep;
 
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 
 /// Added to every variance.
@@ -73,36 +73,52 @@ impl<T: Scalar> Standard<T> {
     }
 }
 
+/// One over the standard deviation.
+fn inverse(variance: f64) -> f64 {
+    (variance + EPSILON).sqrt().recip()
+}
+
 impl FieldNorm {
     /// The normalisation of maps of this shape.
     ///
     /// # Errors
-    /// When the map is empty, or fixed statistics are not one finite mean and one variance of at
-    /// least 0 per field.
+    /// When the map is empty, or fixed statistics are not one mean and one variance of at least 0
+    /// per field. The mean and the reciprocal of the standard deviation must be usable in single
+    /// precision. A field of an odd irrep must have mean 0: another would not be equivariant.
     pub fn new(shape: Shape, statistics: Statistics) -> Result<FieldNorm, LayerError> {
         LayerError::check_map("FieldNorm", shape, 0)?;
         let (order, fields) = match shape.fields.regular_fields() {
             Some(fields) => (shape.fields.group().order(), fields),
             None => (1, shape.fields.dim()),
         };
-        if let Statistics::Fixed(moments) = &statistics {
-            let valid = |[mean, variance]: &[f64; 2]| {
-                mean.is_finite() && variance.is_finite() && *variance >= 0.0
-            };
-            if moments.len() != fields || !moments.iter().all(valid) {
-                return Err(LayerError::Setting {
-                    layer: "FieldNorm",
-                    setting: "fixed statistics",
-                    got: format!("{moments:?}"),
-                    expected: "a finite mean and a variance of at least 0 for each field",
-                });
-            }
-        }
-        Ok(FieldNorm {
+        let norm = FieldNorm {
             shape,
             order,
             fields,
             statistics,
+        };
+        norm.check_statistics()?;
+        Ok(norm)
+    }
+
+    fn check_statistics(&self) -> Result<(), LayerError> {
+        let Statistics::Fixed(moments) = &self.statistics else {
+            return Ok(());
+        };
+        let mut of_fields = moments.iter().enumerate();
+        let usable = of_fields.all(|(f, &[mean, variance])| {
+            let finite = (mean as f32).is_finite() && (inverse(variance) as f32).is_normal();
+            finite && variance >= 0.0 && (mean == 0.0 || self.centred(f))
+        });
+        if moments.len() == self.fields && usable {
+            return Ok(());
+        }
+        Err(LayerError::Setting {
+            layer: "FieldNorm",
+            setting: "fixed statistics",
+            got: format!("{moments:?}"),
+            expected: "a mean and a variance of at least 0 for each field, finite in single \
+                       precision, as is one over the deviation, and a mean of 0 in odd irreps",
         })
     }
 
@@ -110,12 +126,12 @@ impl FieldNorm {
     /// [`Statistics::Fixed`].
     ///
     /// # Panics
-    /// When `x` is not whole samples.
+    /// When `x` is not whole samples, or none.
     pub fn moments<T: Scalar>(&self, x: &[T]) -> Vec<[f64; 2]> {
         let (got, each) = (x.len(), self.shape.len());
         assert!(
-            got.is_multiple_of(each),
-            "{self}: got x of {got} values, expected a multiple of {each}"
+            got > 0 && got.is_multiple_of(each),
+            "{self}: got x of {got} values, expected a multiple of {each} above 0"
         );
         let blocks = (0..self.fields).step_by(BLOCK);
         let moments = blocks.flat_map(|first| self.measure(x, first));
@@ -172,7 +188,7 @@ impl FieldNorm {
         };
         moments.map(|[mean, variance]| Standard {
             mean: T::from_f64(mean),
-            inverse: T::from_f64((variance + EPSILON).sqrt().recip()),
+            inverse: T::from_f64(inverse(variance)),
         })
     }
 

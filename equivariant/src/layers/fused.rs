@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::conv::chain::{Chain, ChainGradient};
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 
 impl Signature for Chain {

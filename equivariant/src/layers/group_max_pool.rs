@@ -6,8 +6,8 @@ use std::fmt;
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
 use crate::layers::layer::{Layer, Signature};
+use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
-use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
 

@@ -5,7 +5,7 @@ use std::fmt;
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 
 /// The mean over the group of every regular field.

@@ -1,11 +1,13 @@
 //! What a layer is.
 
+use std::any::type_name;
 use std::fmt;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use rand::Rng;
 
 use crate::conv::chain::Fusible;
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
 use crate::shape::{LARGEST, Shape};
 use crate::steerable::dense::Dense;
@@ -50,6 +52,14 @@ pub trait Signature: fmt::Display + Send + Sync {
         None
     }
 
+    /// What tells layers apart whose scratches are kept. Every pass asks for it, so nothing is
+    /// printed here: that allocates.
+    #[doc(hidden)]
+    fn mark(&self) -> u64 {
+        let shapes = (self.in_shape(), self.out_shape());
+        mark_of((type_name::<Self>(), shapes, self.num_params()))
+    }
+
     /// What a sequence may fuse this layer as.
     #[doc(hidden)]
     fn fusible(&self) -> Option<Fusible<'_>> {
@@ -77,8 +87,11 @@ pub trait Layer<T: Scalar>: Signature {
             ("y", y.len(), out_len),
         ];
         check(self, slices);
+        scratch.set_filled(0, 0);
         self.run_forward(params, x, y, front(self, samples, scratch));
-        scratch.set_samples(samples);
+        if self.keeps_scratch() {
+            scratch.set_filled(samples, self.mark());
+        }
     }
 
     /// Adds the gradient in the parameters to `dparams` and, where asked for, writes that in the
@@ -89,8 +102,8 @@ pub trait Layer<T: Scalar>: Signature {
     /// samples left it, or a clone of that.
     ///
     /// # Panics
-    /// When a slice has a wrong length, or the scratch is for fewer samples or, where it is kept,
-    /// was last used for another number of them.
+    /// When a slice has a wrong length, or the scratch is for fewer samples. Where the scratch is
+    /// kept, also when it was last used for another number of samples or by another layer.
     #[expect(
         clippy::too_many_arguments,
         reason = "flat slices, each with one meaning, and no tape that would hide them"
@@ -116,11 +129,9 @@ pub trait Layer<T: Scalar>: Signature {
             ("dparams", dparams.len(), num_params),
         ];
         check(self, slices);
-        assert!(
-            !self.keeps_scratch() || scratch.samples() == samples,
-            "{self}: got a scratch that forward left for {} samples, expected one for the {samples} of x",
-            scratch.samples()
-        );
+        if self.keeps_scratch() {
+            check_filled(self, samples, scratch.filled_by());
+        }
         let scratch = front(self, samples, scratch);
         self.run_backward(params, x, y, dy, dx, dparams, scratch);
     }
@@ -222,6 +233,26 @@ fn check<const N: usize>(
             "{layer}: got {slice} of {got} values, expected {expected}, as its shapes and x say"
         );
     }
+}
+
+/// Refuses a scratch that `forward` of this layer did not leave for these samples.
+fn check_filled(layer: &(impl Signature + ?Sized), samples: usize, (filled, mark): (usize, u64)) {
+    assert!(
+        filled == samples,
+        "{layer}: got a scratch that forward left for {filled} samples, expected one for the \
+         {samples} of x"
+    );
+    assert!(
+        mark == layer.mark(),
+        "{layer}: got a scratch that forward of another layer left, expected one of this layer"
+    );
+}
+
+/// A hash of what tells a layer apart, without allocations.
+pub(crate) fn mark_of(layer: impl Hash) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    layer.hash(&mut hasher);
+    hasher.finish()
 }
 
 /// The part of a scratch that this many samples use.

@@ -7,12 +7,12 @@ use symmetry::{FieldType, Irrep};
 
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::{Shape, product};
 use crate::steerable::blocks::{Blocks, Columns, ColumnsMut};
 use crate::steerable::dense::Dense;
 use crate::steerable::taps::Taps;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// A linear map of vectors, with a bias on the trivial irrep.
 ///

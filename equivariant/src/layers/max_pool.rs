@@ -5,12 +5,12 @@ use std::fmt;
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
 use crate::layers::layer::{Layer, Signature};
+use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
-use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::hadamard::transform_pixels;
-use crate::steerable::window::Kernel;
 use crate::steerable::windows::Windows;
+use crate::window::Kernel;
 
 /// The maximum over a window, for every channel in the regular basis.
 ///

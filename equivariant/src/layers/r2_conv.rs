@@ -12,10 +12,10 @@ use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::dense::Dense;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// A convolution that commutes with the group of its types, with a bias on the trivial irrep.
 ///

@@ -7,7 +7,7 @@ use crate::conv::chain::Fusible;
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
 use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
 

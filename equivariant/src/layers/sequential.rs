@@ -7,8 +7,8 @@ use rand::Rng;
 
 use crate::conv::chain::Chain;
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Signature};
-use crate::scalar::Scalar;
+use crate::layers::layer::{Layer, Signature, mark_of};
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 
@@ -22,6 +22,7 @@ pub struct Sequential<T> {
     layers: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
     stages: Vec<Stage>,
+    mark: u64,
 }
 
 /// Layers that run as one.
@@ -70,9 +71,11 @@ impl<T: Scalar> Sequential<T> {
             end += layer.num_params();
             start..end
         });
+        let descriptions: Vec<String> = layers.iter().map(|layer| layer.description()).collect();
         Ok(Sequential {
             params: params.collect(),
             stages: stages(&layers),
+            mark: mark_of(descriptions),
             layers,
         })
     }
@@ -168,6 +171,10 @@ impl<T: Scalar> Signature for Sequential<T> {
 
     fn keeps_scratch(&self) -> bool {
         true
+    }
+
+    fn mark(&self) -> u64 {
+        self.mark
     }
 }
 

@@ -5,10 +5,10 @@ use std::fmt;
 use symmetry::Irrep;
 
 use crate::error::LayerError;
-use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::accepted::{check_channels, permuted_fields};
+use crate::layers::layer::{Layer, Signature, mark_of};
+use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
-use crate::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::hadamard::transform_pixels;
 use symmetry::FieldType;
@@ -37,12 +37,13 @@ impl SpatialSoftArgmax {
     /// to the maximum.
     ///
     /// # Errors
-    /// When the map is empty, its type is neither regular fields only nor trivial channels only, or
-    /// the temperature or its reciprocal is not a positive, finite and normal number in single
+    /// When the map is empty, its type is neither regular fields only nor trivial channels only, it
+    /// has more than 2^23 channels, or the temperature or its reciprocal is not a positive, finite and normal number in single
     /// precision.
     pub fn new(shape: Shape, temperature: f64) -> Result<SpatialSoftArgmax, LayerError> {
         let (order, fields) = permuted_fields("SpatialSoftArgmax", shape)?;
-        // both are used, the second in either precision
+        check_channels("SpatialSoftArgmax", 2 * shape.fields.dim())?;
+        // the passes use the reciprocal, in either precision
         let usable = [temperature as f32, temperature.recip() as f32];
         if !usable.iter().all(|t| t.is_normal() && *t > 0.0) {
             return Err(LayerError::Setting {
@@ -201,6 +202,10 @@ impl Signature for SpatialSoftArgmax {
 
     fn keeps_scratch(&self) -> bool {
         true
+    }
+
+    fn mark(&self) -> u64 {
+        mark_of(("SpatialSoftArgmax", self.shape, self.temperature.to_bits()))
     }
 }
 

@@ -6,7 +6,7 @@ use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::{head, head_mut};
 use crate::simd::lanes::{LANES, Lanes};
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// Lanes of a group.
 pub(crate) const G: usize = 4;

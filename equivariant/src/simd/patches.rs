@@ -21,7 +21,7 @@ use crate::simd::join::Join;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
 use crate::steerable::taps::Taps;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// The geometry of staged images and of the fold.
 #[derive(Clone, Debug)]

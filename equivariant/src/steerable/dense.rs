@@ -7,7 +7,7 @@ use crate::shape::Shape;
 use crate::steerable::blocks::Blocks;
 use crate::steerable::hadamard::{permuted, transform_pixels};
 use crate::steerable::taps::Taps;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// A layer with weights as an ordinary convolution: a kernel `[C_out, C_in, size, size]` and a bias
 /// `[C_out]`.

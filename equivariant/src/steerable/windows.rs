@@ -4,7 +4,7 @@ use symmetry::{FieldType, Group};
 
 use crate::error::LayerError;
 use crate::shape::Shape;
-use crate::steerable::window::Kernel;
+use crate::window::Kernel;
 
 /// The windows of a convolution or of a pooling.
 #[derive(Clone, Copy, Debug)]

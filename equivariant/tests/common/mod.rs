@@ -8,6 +8,7 @@ use equivariant::{
     MaxPool, R2Conv, Relu, Scalar, Scratch, Sequential, Shape, SpatialSoftArgmax, Statistics,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use symmetry::Irrep;
 
 /// Every kind of layer for every group, by name.
 pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
@@ -60,6 +61,13 @@ pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
     let norm = |fields, statistics| boxed(FieldNorm::new(image(3, 2, fields), statistics));
     let keypoints = |shape, temperature| boxed(SpatialSoftArgmax::new(shape, temperature));
     let fixed = Statistics::Fixed([[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]].to_vec());
+    // only trivial channels, those of C1 included, have a mean
+    let trivial = mixed.multiplicity(Irrep::Trivial);
+    let mean = |f| if f < trivial { 0.7 } else { 0.0 };
+    // the mixed type is regular under one of the flips
+    let fields = mixed.regular_fields().unwrap_or(mixed.dim());
+    let moments = (0..fields).map(|f| [mean(f), 0.5 + f as f64]);
+    let fixed_mixed = Statistics::Fixed(moments.collect());
     vec![
         (
             "4x4/2",
@@ -85,6 +93,7 @@ pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
         ("norm of samples", norm(regular(3), Statistics::Sample)),
         ("norm of mixed", norm(mixed, Statistics::Batch)),
         ("fixed norm", norm(regular(3), fixed)),
+        ("fixed norm of mixed", norm(mixed, fixed_mixed)),
         ("soft-argmax", keypoints(image(4, 5, regular(3)), 0.5)),
         (
             "trivial soft-argmax",
@@ -181,6 +190,11 @@ pub fn scratch<T: Scalar>(layer: &(impl Layer<T> + ?Sized), samples: usize) -> S
     Scratch::filled(layer.scratch_len(samples), T::from_f64(f64::NAN))
 }
 
+/// An output of NaN: layers must write all of it and add to none.
+pub fn unwritten<T: Scalar>(len: usize) -> Vec<T> {
+    vec![T::from_f64(f64::NAN); len]
+}
+
 /// The largest absolute difference between two slices of one length; NaN where a value or a
 /// difference is not a number, so that every comparison with a tolerance fails.
 pub fn largest_deviation<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
@@ -202,7 +216,7 @@ pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
 
 pub fn forward<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
-    let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
+    let mut y = unwritten(samples * layer.out_shape().len());
     layer.forward(params, x, &mut y, &mut scratch(layer, samples));
     y
 }

@@ -4,7 +4,7 @@ use rand::Rng;
 
 use crate::init::fill_normal;
 use crate::layers::layer::Layer;
-use crate::scalar::Scalar;
+use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 
 /// The largest relative error of f(g x) = g f(x) over the elements of the group.
@@ -15,7 +15,7 @@ use crate::shape::Shape;
 /// output that is not finite gives infinity.
 ///
 /// # Panics
-/// When the types of the two shapes belong to different groups.
+/// When the types of the two shapes belong to different groups, or there are no trials.
 pub fn equivariance_error_of<T: Scalar>(
     in_shape: Shape,
     out_shape: Shape,
@@ -28,7 +28,13 @@ pub fn equivariance_error_of<T: Scalar>(
         group, out_group,
         "input and output belong to different groups"
     );
+    assert!(trials > 0, "got 0 trials, expected at least 1");
     let mut worst: f64 = 0.0;
+    // what f leaves unwritten is not finite
+    let mut f = |x: &[T], y: &mut [T]| {
+        y.fill(T::from_f64(f64::NAN));
+        f(x, y);
+    };
     let mut x = vec![T::ZERO; in_shape.len()];
     let mut y = vec![T::ZERO; out_shape.len()];
     let mut y_of_gx = y.clone();
