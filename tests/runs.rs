@@ -72,10 +72,11 @@ fn smoke() -> Experiment {
     Budget::Smoke.experiment(Method::Covers)
 }
 
-/// A run over all four groups with visits of 2 rollouts, evaluated after each visit and after every
+/// A run over three groups with visits of 2 rollouts, evaluated after each visit and after every
 /// third rollout.
 fn experiment(seed: u64, threads: usize) -> Experiment {
     let mut experiment = smoke().with_seed(seed).with_threads(threads);
+    experiment.schedule.groups.truncate(3);
     experiment.evaluation.visit_rounds = 1;
     experiment.evaluation.every = Some(3);
     experiment
@@ -123,8 +124,8 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
-    let evaluated = [2, 3, 4, 6, 8];
-    assert_eq!(lines(&reference[2]), 1 + 16 * evaluated.len());
+    let evaluated = [2, 3, 4, 6];
+    assert_eq!(lines(&reference[2]), 1 + 12 * evaluated.len());
     let mut run = start(&scratch.0, experiment(3, 2));
     // checkpoints are written after 3 and 6 rollouts: the rows behind are written twice
     for _ in 0..5 {
@@ -164,9 +165,10 @@ fn small(method: Method) -> Experiment {
 }
 
 #[test]
-fn every_method_runs_its_smoke_budget() {
+fn every_other_method_runs_its_smoke_budget() {
     let scratch = Scratch::new("methods");
-    for method in Method::ALL {
+    // the runs of `covers` are those of the other tests
+    for method in Method::ALL.into_iter().skip(1) {
         let (summary, _) = finish(start(&scratch.0, small(method)));
         let single = matches!(method, Method::Equi | Method::Cnn);
         assert_eq!(summary.policies == 1, single, "{method:?}");
@@ -279,7 +281,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     };
     assert!(size(packed) < size(folder));
     let scores = command(&["eval", folder, "--episodes", "32", "--json"]);
-    assert!(scores.contains(r#""group":"plate-slide""#), "{scores}");
+    assert!(scores.contains(r#""group":"drawer-close""#), "{scores}");
     assert_eq!(
         command(&["eval", packed, "--episodes", "32", "--json"]),
         scores
@@ -289,12 +291,12 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, few.to_str().unwrap(), "--episodes", "8"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "32"]);
-    assert_eq!(table.lines().count(), 2 + 4, "{table}");
+    assert_eq!(table.lines().count(), 2 + 3, "{table}");
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
     let message = self::command(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 7"), "{message}");
     let table = command(&["eval", packed, "--embodiment", "hand", "--episodes", "32"]);
-    assert_eq!(table.lines().count(), 2 + 4, "{table}");
+    assert_eq!(table.lines().count(), 2 + 3, "{table}");
 }
 
 #[test]
