@@ -112,7 +112,7 @@ fn absolute_folders_do_no_harm_where_every_file_is_given() {
     let main = br#"<mujoco><compiler meshdir="/no/such/folder"/>
         <asset><mesh name="a" file="ball.obj"/><mesh name="b" file="/nor/this/BALL.obj"/></asset>
         <worldbody><geom type="mesh" mesh="a"/><geom type="mesh" mesh="b"/></worldbody></mujoco>"#;
-    let obj = b"# made by file='/home/someone/ball.blend'
+    let obj = b"# made by file='/elsewhere/ball.blend'
 v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
     let model = Model::from_files("main.xml", &[("main.xml", main), ("Ball.obj", obj)]);
     assert_eq!(model.unwrap().as_raw().nmesh, 2);
