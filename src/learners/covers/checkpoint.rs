@@ -307,13 +307,13 @@ impl Arrays<'_> {
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
-        self.expect(
+        self.check_shape(
             images,
             &shape,
             &[&[count, frames], spec.image.as_slice()].concat(),
         )?;
         let (shape, numbers) = self.file.floats(vectors)?;
-        self.expect(vectors, &shape, &[count, frames, spec.vector.len()])?;
+        self.check_shape(vectors, &shape, &[count, frames, spec.vector.len()])?;
         let images = pixels.chunks_exact(k * spec.image_len());
         let vectors = numbers.chunks_exact(k * spec.vector.len());
         let episode = |(images, vectors): (&[u8], &[f32])| {
@@ -332,14 +332,19 @@ impl Arrays<'_> {
     ) -> Result<(), CoversError> {
         let k = self.settings.first_frames;
         let (shape, features) = self.file.floats(name)?;
-        self.expect(name, &shape, &[episodes.len(), k, dim])?;
+        self.check_shape(name, &shape, &[episodes.len(), k, dim])?;
         for (episode, features) in episodes.iter_mut().zip(features.chunks_exact(k * dim)) {
             episode.keep_features(features);
         }
         Ok(())
     }
 
-    fn expect(&self, name: &str, got: &[usize], expected: &[usize]) -> Result<(), CoversError> {
+    fn check_shape(
+        &self,
+        name: &str,
+        got: &[usize],
+        expected: &[usize],
+    ) -> Result<(), CoversError> {
         if got == expected {
             return Ok(());
         }
