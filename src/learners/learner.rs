@@ -95,7 +95,7 @@ pub enum Extent {
     /// What acting and recognising take: policies, and the first frames of at most this many
     /// episodes each. A copy that learns on starts with fresh optimisers.
     Policies {
-        /// Episodes a policy, at least 1.
+        /// Episodes a policy, at least as many as the grouping needs to recognise a group.
         episodes: usize,
     },
 }

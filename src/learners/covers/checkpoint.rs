@@ -80,8 +80,8 @@ impl Covers {
     /// learnt in, with the grouping that the settings name; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments
-    /// or to another grouping; a grouping that needs labels.
+    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments;
+    /// a grouping that needs labels, or one that does not take the saved state of another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
         Checkpoint::read(path)?.open(spec, |settings| settings.grouping.build())
     }
