@@ -98,8 +98,8 @@ impl Covers {
         Checkpoint::read(path)?.open(spec, |_| Ok(grouping))
     }
 
-    /// As [`Covers::load`], in a run of these settings that writes `labels`. A `whole` learner learns
-    /// on to the same bits: a file of [`Extent::Policies`] is refused.
+    /// As [`Covers::load`], in a run of these settings that writes `labels`. A `whole` learner
+    /// learns on to the same bits: a file of [`Extent::Policies`] is refused.
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
