@@ -2,21 +2,22 @@
 //!
 //! `cargo run --release --example continual_stream -- --budget short`
 
-use std::io::{IsTerminal, stderr};
+use std::io::{IsTerminal, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
 use covers::cli::{StreamOptions, run_name};
+use covers::commands::{Outcome, conclude};
 use covers::presets::Method;
-use covers::tables::{rollout_line, summary_table};
-use covers::{CoversError, Run, RunFolder};
+use covers::tables::rollout_line;
+use covers::{CoversError, Event, Run, Stop};
 use envs::TaskRegistry;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 fn main() -> ExitCode {
     let options = StreamOptions::parse();
     match learn(&options) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {
             eprintln!("error: {error}");
             ExitCode::FAILURE
@@ -24,27 +25,23 @@ fn main() -> ExitCode {
     }
 }
 
-fn learn(options: &StreamOptions) -> Result<(), CoversError> {
-    let experiment = options
-        .changes
-        .apply(options.budget.experiment(Method::Covers));
+fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
+    let experiment = options.budget.experiment(Method::Covers);
+    let experiment = options.changes.apply(experiment)?;
     experiment.check(&TaskRegistry::standard())?;
     let name = run_name(options.budget.name(), &experiment);
-    let folder = RunFolder::create(&options.output.runs, &name)?;
+    let folder = options.output.run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_rollouts());
     let mut run = Run::start(experiment, folder)?;
-    while let Some(progress) = run.advance()? {
-        bar.suspend(|| println!("{}", rollout_line(&progress)));
-        bar.inc(1);
+    run.stop_at(Stop::on_signals()?);
+    while let Some(event) = run.advance()? {
+        if let Event::Rollout(progress) = event {
+            bar.suspend(|| println!("{}", rollout_line(&progress)));
+            bar.inc(1);
+        }
     }
     bar.finish_and_clear();
-    let summary = run.summary()?;
-    println!("\n{}", summary_table(&summary));
-    println!("files: {}", run.folder().path().display());
-    if options.output.json {
-        println!("{}", serde_json::json!(summary));
-    }
-    Ok(())
+    conclude(&mut run, options.output.json, &mut stdout())
 }
 
 /// A bar on the terminal; nothing where the output is a file.

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
-use covers::tables::{rollout_line, summary_table};
+use covers::tables::{event_text, summary_table};
 use covers::{CoversError, Experiment, Run, RunFolder};
 use envs::reward::{hamacher, long_tail};
 use envs::{
@@ -149,8 +149,8 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
 }
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {
-    while let Some(progress) = run.advance()? {
-        println!("{}", rollout_line(&progress));
+    while let Some(event) = run.advance()? {
+        println!("{}", event_text(&event));
     }
     println!("\n{}", summary_table(&run.summary()?));
     println!("files: {}", run.folder().path().display());

@@ -8,7 +8,9 @@ use symmetry::Group;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
+use crate::overrides::{self, Override};
 use crate::presets::{Budget, Method};
+use crate::runs::RunFolder;
 
 /// How many threads work.
 #[derive(Clone, Copy, Debug, Args)]
@@ -42,11 +44,18 @@ pub struct Changes {
     /// ordinary networks of equal width (default: the preset's).
     #[arg(long)]
     pub group: Option<Group>,
+    /// Sets any field of the settings, as `covers.ppo.gamma=0.97`; may be given several times, after
+    /// which the last one counts.
+    #[arg(long, value_name = "PATH=VALUE")]
+    pub set: Vec<Override>,
 }
 
 impl Changes {
     /// The experiment with these changes.
-    pub fn apply(&self, mut experiment: Experiment) -> Experiment {
+    ///
+    /// # Errors
+    /// [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    pub fn apply(&self, mut experiment: Experiment) -> Result<Experiment, CoversError> {
         if let Some(seed) = self.seed {
             experiment = experiment.with_seed(seed);
         }
@@ -56,7 +65,8 @@ impl Changes {
         if let Some(group) = self.group {
             experiment = experiment.with_group(group);
         }
-        experiment.with_threads(self.threads.count())
+        let experiment = experiment.with_threads(self.threads.count());
+        overrides::apply(&self.set, experiment)
     }
 }
 
@@ -66,9 +76,34 @@ pub struct Output {
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
-    /// Folder that the run's folder is created in.
+    /// Folder that the run's folder is created in, under a name of its own.
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
+    /// The run's folder itself instead.
+    #[arg(long, conflicts_with = "runs")]
+    pub folder: Option<PathBuf>,
+    /// Remove the run that the folder holds, finished or not.
+    #[arg(long, requires = "folder")]
+    pub overwrite: bool,
+}
+
+impl Output {
+    /// The folder of a run of this name.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`]; [`CoversError::Locked`] where another process works on the run that
+    /// would be overwritten.
+    pub fn run_folder(&self, name: &str) -> Result<RunFolder, CoversError> {
+        let Some(path) = &self.folder else {
+            return RunFolder::create(&self.runs, name);
+        };
+        std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
+        let folder = RunFolder::open(path);
+        if self.overwrite {
+            folder.clear()?;
+        }
+        Ok(folder)
+    }
 }
 
 /// Learns from a stream of table-top tasks that nobody labels.
@@ -116,7 +151,7 @@ impl TrainOptions {
             Some(path) => Experiment::read(path)?,
             None => self.budget.experiment(self.preset),
         };
-        Ok(self.changes.apply(experiment))
+        self.changes.apply(experiment)
     }
 
     /// The name of the run's folder: of the file of settings, or of the method, and of the budget

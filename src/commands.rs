@@ -11,17 +11,16 @@ use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
 use crate::learners::Extent;
-use crate::run::{Run, thread_pool};
-use crate::run_folder::RunFolder;
+use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
-use crate::tables::{rollout_line, score_table, summary_table};
+use crate::tables::{event_text, score_table, summary_table};
 
 /// What `covers` does with learners.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
     /// Learns from a stream; the run's folder receives settings, metrics, scores and checkpoints.
     Train(TrainOptions),
-    /// Goes on from the last checkpoint of an interrupted run.
+    /// Goes on from the newest intact checkpoint of an interrupted run.
     Resume(ResumeOptions),
     /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own
     /// choice.
@@ -79,47 +78,86 @@ pub struct PackOptions {
     pub episodes: usize,
 }
 
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All was done.
+    Done,
+    /// Ctrl-C or SIGTERM came; a checkpoint was written, and `covers resume` goes on.
+    Interrupted,
+}
+
+impl Outcome {
+    /// The process's exit code: 0, or 3 after an interruption.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::Interrupted => 3,
+        }
+    }
+}
+
 impl Command {
     /// Runs the command and prints to `out`.
     ///
     /// # Errors
     /// What any part says, or an `out` that cannot be written to.
-    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+    pub fn run(&self, out: &mut impl Write) -> Result<Outcome, CoversError> {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
                 let mut run = Run::resume(&options.run, Some(options.threads.count()))?;
                 finish(&mut run, options.json, out)
             }
-            Self::Eval(options) => evaluate(options, out),
-            Self::Pack(options) => pack(options, out),
+            Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
+            Self::Pack(options) => pack(options, out).map(|()| Outcome::Done),
         }
     }
 }
 
-fn train(options: &TrainOptions, out: &mut impl Write) -> Result<(), CoversError> {
+fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
-    let name = options.run_name(&experiment);
-    let folder = RunFolder::create(&options.output.runs, &name)?;
+    let folder = options.output.run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
     finish(&mut run, options.output.json, out)
 }
 
-fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<(), CoversError> {
-    while let Some(progress) = run.advance()? {
-        say(out, &rollout_line(&progress))?;
-        if !progress.scores.is_empty() {
-            say(out, &score_table(&progress.scores))?;
+/// Runs to the end, or to a signal, and tells of every step.
+fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
+    run.stop_at(Stop::on_signals()?);
+    let folder = run.folder().path().display();
+    say(out, &format!("{folder}: {}", run.notice()))?;
+    while let Some(event) = run.advance()? {
+        // the scores after the stream stand in the summary
+        if !run.is_finished() {
+            say(out, &event_text(&event))?;
         }
+    }
+    conclude(run, json, out)
+}
+
+/// Tells how a run ended that does not advance: with its figures, or, where it was stopped, with a
+/// checkpoint of this moment and how to go on.
+///
+/// # Errors
+/// What the run says, or an `out` that cannot be written to.
+pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
+    let folder = run.folder().path().display().to_string();
+    if !run.is_finished() {
+        run.save()?;
+        let rollouts = run.ledger().rollouts;
+        let said = format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}");
+        say(out, &said)?;
+        return Ok(Outcome::Interrupted);
     }
     let summary = run.summary()?;
     say(out, &summary_table(&summary))?;
-    say(out, &format!("files: {}", run.folder().path().display()))?;
+    say(out, &format!("files: {folder}"))?;
     if json {
         say(out, &serde_json::json!(summary).to_string())?;
     }
-    Ok(())
+    Ok(Outcome::Done)
 }
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
@@ -129,7 +167,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (mut learner, _) = learner.load(&folder.checkpoint(), &spec, &labels)?;
+    let (mut learner, _) = folder.load_learner(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
@@ -149,11 +187,11 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> 
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (learner, note) = learner.load(&from.checkpoint(), &spec, &labels)?;
+    let (learner, note) = from.load_learner(learner, &spec, &labels)?;
     let to = RunFolder::create_exactly(&options.folder)?;
     to.write_experiment(&experiment)?;
     let episodes = options.episodes;
-    learner.save(&to.checkpoint(), Extent::Policies { episodes }, &note)?;
+    to.save_learner(&*learner, Extent::Policies { episodes }, &note)?;
     say(
         out,
         &format!("{} policies in {}", learner.policies(), to.path().display()),

@@ -64,6 +64,131 @@ pub enum CoversError {
         /// The checkpoint.
         path: PathBuf,
     },
+    /// A checkpoint of a newer version of this crate.
+    #[error(
+        "{} has format {format}, this version of covers reads {known}: resume it with the version \
+         that wrote it", path.display()
+    )]
+    NewerFormat {
+        /// The checkpoint.
+        path: PathBuf,
+        /// Its format.
+        format: u32,
+        /// The newest format that this version reads.
+        known: u32,
+    },
+    /// A number that is none, on its way into a checkpoint.
+    #[error(
+        "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
+         Resume it with a smaller learning rate", path.display()
+    )]
+    NotFinite {
+        /// The checkpoint.
+        path: PathBuf,
+        /// The array.
+        tensor: String,
+        /// The number's place in it.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A setting that does not exist.
+    #[error("there is no setting `{name}`{}", hint(nearest))]
+    UnknownSetting {
+        /// Its path.
+        name: String,
+        /// The setting that is most like it.
+        nearest: Option<String>,
+    },
+    /// Settings that are no JSON.
+    #[error("the settings are no JSON: {source}")]
+    NotJson {
+        /// Where and why.
+        source: serde_json::Error,
+    },
+    /// A setting of the wrong type.
+    #[error("setting `{path}`: {problem}")]
+    WrongSetting {
+        /// Its path.
+        path: String,
+        /// What does not fit.
+        problem: String,
+    },
+    /// An override without a value.
+    #[error("`{text}` sets nothing: expected PATH=VALUE, as covers.ppo.gamma=0.97")]
+    NotAnOverride {
+        /// What was given.
+        text: String,
+    },
+    /// A folder that another process writes to.
+    #[error(
+        "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
+    )]
+    Locked {
+        /// The folder.
+        folder: PathBuf,
+        /// The other process.
+        holder: String,
+    },
+    /// A folder that holds a run already.
+    #[error(
+        "{} holds a run already: go on with `covers resume {}`, or overwrite it with \
+         `--overwrite`", folder.display(), folder.display()
+    )]
+    Occupied {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A folder without a run.
+    #[error(
+        "{} holds no run: there is no experiment.json. Begin one with `covers train`",
+        folder.display()
+    )]
+    NoRun {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A run none of whose checkpoints can be read.
+    #[error(
+        "no checkpoint of {} is intact ({problems}): put one back, or begin anew with \
+         `covers train --config {}/experiment.json`",
+        folder.display(), folder.display()
+    )]
+    NoCheckpoint {
+        /// The folder.
+        folder: PathBuf,
+        /// What is wrong with each.
+        problems: String,
+    },
+    /// A checkpoint of other settings than those asked for.
+    #[error(
+        "{} was written with other settings than those asked for ({differences}): put them back, or \
+         begin a new run with the settings that you want", path.display()
+    )]
+    OtherSettings {
+        /// The checkpoint.
+        path: PathBuf,
+        /// What differs: the value asked for and the checkpoint's.
+        differences: String,
+    },
+    /// A panic in a thread that worked for the run.
+    #[error("a worker panicked: {message}. The last checkpoint stands: `covers resume` goes on")]
+    Panicked {
+        /// What it said.
+        message: String,
+    },
+    /// A run that went on after an error.
+    #[error(
+        "this run ended with an error and may be half changed: go on from its last checkpoint \
+         with `covers resume`"
+    )]
+    Broken,
+    /// The handlers of Ctrl-C and SIGTERM.
+    #[error("cannot listen to signals: {source}")]
+    Signals {
+        /// The reason.
+        source: std::io::Error,
+    },
     /// A file of the run folder.
     #[error("cannot write {}: {source}", path.display())]
     Write {
@@ -108,6 +233,13 @@ impl CoversError {
             path: path.to_owned(),
             source: Box::new(source),
         }
+    }
+}
+
+fn hint(nearest: &Option<String>) -> String {
+    match nearest {
+        Some(nearest) => format!(": did you mean `{nearest}`?"),
+        None => String::new(),
     }
 }
 

@@ -89,8 +89,15 @@ impl Evaluator {
         })
     }
 
-    /// Scores all variants of the groups of the schedule, with `rounds` episodes in each
-    /// environment.
+    /// All variants of the groups of the schedule, in the order in which they are scored.
+    pub fn variants(&self) -> Vec<TaskVariant> {
+        let groups = self.groups.iter();
+        let variants =
+            groups.flat_map(|&group| D2::ALL.map(|element| TaskVariant { group, element }));
+        variants.collect()
+    }
+
+    /// Scores all variants, with `rounds` episodes in each environment.
     ///
     /// # Errors
     /// As [`Evaluator::variant`].
@@ -99,9 +106,7 @@ impl Evaluator {
         learner: &mut dyn Learner,
         rounds: usize,
     ) -> Result<Vec<Score>, CoversError> {
-        let groups = self.groups.clone().into_iter();
-        let variants =
-            groups.flat_map(|group| D2::ALL.map(|element| TaskVariant { group, element }));
+        let variants = self.variants().into_iter();
         variants
             .map(|variant| self.variant(learner, variant, rounds))
             .collect()

@@ -12,6 +12,7 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
+use crate::overrides::typed;
 use crate::schedule::{Schedule, Visit};
 use crate::stream::Stream;
 
@@ -35,8 +36,25 @@ pub struct Experiment {
     pub schedule: Schedule,
     /// How the run is scored.
     pub evaluation: EvaluationPlan,
+    /// When the run leaves checkpoints.
+    pub checkpoints: CheckpointPlan,
+}
+
+/// When a run leaves checkpoints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CheckpointPlan {
     /// Rollouts from one checkpoint to the next, at least 1; the last rollout always leaves one.
-    pub checkpoint_every: usize,
+    pub every: usize,
+    /// Checkpoints kept, at least 1: the newest ones. Where the newest is damaged, a run goes on
+    /// from an older one.
+    pub keep: usize,
+}
+
+impl Default for CheckpointPlan {
+    fn default() -> Self {
+        Self { every: 10, keep: 3 }
+    }
 }
 
 /// How a run is scored; every evaluation shows all four variants of each group.
@@ -77,10 +95,20 @@ impl Experiment {
     /// Reads settings from a JSON file, as a run's folder holds them.
     ///
     /// # Errors
-    /// [`CoversError::Read`] names the file and what is wrong in it.
+    /// [`CoversError::Read`] names the file and what is wrong in it: for an unknown field the
+    /// nearest known one, too.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-        serde_json::from_str(&text).map_err(|error| CoversError::read(path, error))
+        Self::parse(&text).map_err(|error| CoversError::read(path, error))
+    }
+
+    /// Reads settings from JSON.
+    ///
+    /// # Errors
+    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    pub fn parse(text: &str) -> Result<Self, CoversError> {
+        let tree = serde_json::from_str(text).map_err(|source| CoversError::NotJson { source })?;
+        typed(tree)
     }
 
     /// The same run with another seed.
@@ -116,7 +144,8 @@ impl Experiment {
         for (name, value) in [
             ("evaluation.rounds", self.evaluation.rounds),
             ("evaluation.every", self.evaluation.every.unwrap_or(1)),
-            ("checkpoint_every", self.checkpoint_every),
+            ("checkpoints.every", self.checkpoints.every),
+            ("checkpoints.keep", self.checkpoints.keep),
         ] {
             if value == 0 {
                 return Err(CoversError::Setting {
@@ -207,12 +236,13 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 11] = [
+        let cases: [Spoil; 12] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
             |e| e.evaluation.every = Some(0),
             |e| e.evaluation.every = Some(3),
-            |e| e.checkpoint_every = 0,
+            |e| e.checkpoints.every = 0,
+            |e| e.checkpoints.keep = 0,
             |e| e.envs.threads = 0,
             |e| e.envs.num_envs *= 2,
             |e| e.envs.camera.size = 44,

@@ -20,31 +20,28 @@ struct Readme;
 pub mod check;
 pub mod cli;
 pub mod commands;
+mod disk;
 mod error;
 pub mod evaluation;
 mod experiment;
 mod groupings;
 mod learners;
-mod ledger;
-mod logs;
+mod overrides;
 pub mod presets;
-mod progress;
-mod run;
-mod run_folder;
+mod runs;
 pub mod schedule;
 pub mod sheet;
 mod stream;
 pub mod tables;
 
+pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
-pub use experiment::{EvaluationPlan, Experiment};
+pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Single};
 pub use learners::{
     Covers, CoversSettings, Embedding, Extent, Handover, Learner, LearnerSettings, Metric, Metrics,
     NewPolicy, Seconds, Turn,
 };
-pub use ledger::Ledger;
-pub use progress::Progress;
-pub use run::{Run, Summary};
-pub use run_folder::RunFolder;
+pub use overrides::Override;
+pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};
 pub use stream::Stream;

@@ -1,11 +1,14 @@
 //! The `covers` command.
+//!
+//! Exit codes: 0 where all was done and every check held, 1 for an error or a check that failed, 2 for
+//! wrong options, 3 where a signal stopped a run that can be resumed.
 
 use std::io::stdout;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use covers::check::Check;
-use covers::commands::Command;
+use covers::commands::{Command, Outcome};
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
@@ -26,12 +29,11 @@ enum Subcommands {
 
 fn main() -> ExitCode {
     let result = match Options::parse().command {
-        Subcommands::Learner(command) => command.run(&mut stdout()).map(|()| true),
-        Subcommands::Check(check) => check.run(&mut stdout()),
+        Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
+        Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),
     };
     match result {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
+        Ok(code) => ExitCode::from(code),
         Err(error) => {
             eprintln!("error: {error}");
             ExitCode::FAILURE

@@ -4,7 +4,7 @@ use clap::ValueEnum;
 use envs::{TaskGroup, VecEnvSettings};
 use symmetry::{D2, Group};
 
-use crate::experiment::{EvaluationPlan, Experiment};
+use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 use crate::groupings::GroupingSettings;
 use crate::learners::{CoversSettings, LearnerSettings};
 use crate::schedule::Schedule;
@@ -118,7 +118,10 @@ impl Budget {
             envs,
             schedule: self.schedule(),
             evaluation: self.evaluation(),
-            checkpoint_every: if self == Self::Smoke { 3 } else { 10 },
+            checkpoints: CheckpointPlan {
+                every: if self == Self::Smoke { 3 } else { 10 },
+                ..CheckpointPlan::default()
+            },
         }
     }
 

@@ -3,8 +3,15 @@
 use std::fmt::Write;
 
 use crate::evaluation::{Score, by_group};
-use crate::progress::Progress;
-use crate::run::Summary;
+use crate::runs::{Event, Progress, Summary};
+
+/// What is told of one step of a run.
+pub fn event_text(event: &Event) -> String {
+    match event {
+        Event::Rollout(progress) => rollout_line(progress),
+        Event::Evaluation(evaluation) => score_table(&evaluation.scores),
+    }
+}
 
 /// The line of one rollout: decisions, true group, assigned policy (`new`, or `2nd` where it took a
 /// second rollout to recall it), mean reward, success, W1 to each policy that was compared.

@@ -489,28 +489,6 @@ fn a_turn_logs_the_same_names_whatever_happens() {
 }
 
 #[test]
-fn a_checkpoint_with_a_number_that_is_none_is_refused_by_name() {
-    let path = std::env::temp_dir().join(format!("covers-nan-{}", std::process::id()));
-    let (covers, _) = after(settings(), &[0]);
-    covers.save(&path, Extent::Everything, "").unwrap();
-    let mut bytes = std::fs::read(&path).unwrap();
-    // arrays of numbers come first, behind the header and its length
-    let header = u64::from_le_bytes(bytes[..8].try_into().unwrap());
-    let first = 8 + usize::try_from(header).unwrap();
-    bytes[first..first + 4].copy_from_slice(&f32::NAN.to_le_bytes());
-    std::fs::write(&path, bytes).unwrap();
-    let message = Covers::load(&path, &Bars::new().spec)
-        .err()
-        .unwrap()
-        .to_string();
-    std::fs::remove_file(path).unwrap();
-    assert!(
-        message.contains("policy.0.") && message.contains("NaN"),
-        "{message}"
-    );
-}
-
-#[test]
 fn a_saved_learner_goes_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
     for embedding in [Embedding::Afresh, Embedding::AtArrival] {

@@ -10,6 +10,13 @@ use std::sync::OnceLock;
 use crate::error::ModelError;
 use crate::raw;
 
+/// The version of the MuJoCo library that this process runs, as `2.2.2`.
+pub fn version() -> String {
+    // SAFETY: `mj_version` takes nothing and reads a constant.
+    let version = unsafe { raw::mj_version() };
+    format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
+}
+
 /// Installs the error handlers and compares versions, once per process.
 pub(crate) fn ready() -> Result<(), ModelError> {
     static READY: OnceLock<Result<(), ModelError>> = OnceLock::new();

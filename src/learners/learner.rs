@@ -6,6 +6,7 @@ use cluster::Evidence;
 use rand_chacha::ChaCha8Rng;
 use rl::{RolloutStats, VectorEnv};
 
+use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
 
 use super::metrics::Metrics;
@@ -45,12 +46,22 @@ pub trait Learner: Send {
     /// The number of policies, at least 1.
     fn policies(&self) -> usize;
 
-    /// Writes the learner to a file, with a note of the caller's. The file appears whole or not at
-    /// all; [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
+    /// The bytes of a file that holds the learner and a note of the caller's; equal learners give
+    /// equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
-    /// [`CoversError::Write`].
-    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError>;
+    /// [`CoversError::NotFinite`] for a learner with a number that is none; [`CoversError::Setting`]
+    /// for an extent of too few episodes.
+    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError>;
+
+    /// Writes that file. It appears whole or not at all, also after a power cut;
+    /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
+    ///
+    /// # Errors
+    /// As [`encode`](Learner::encode), and [`CoversError::Write`].
+    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
+        replace(&LocalDisk, path, &self.encode(path, extent, note)?)
+    }
 }
 
 /// What one call of [`Learner::learn`] did.

@@ -1,13 +1,37 @@
-//! Checkpoints: named arrays and one header of JSON in a safetensors file.
+//! Checkpoints: named arrays, one header of JSON and a checksum in a safetensors file.
 
+use std::ops::Range;
 use std::path::Path;
 
 use safetensors::SafeTensorError;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
-use serde::Serialize;
+use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorView};
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
+
+/// The format of files, counted up with every change that older versions could not read.
+pub(super) const FORMAT: u32 = 3;
+/// The key of the header.
+const KEY: &str = "covers";
+/// The array that holds the checksum.
+const CHECKSUM: &str = "checksum";
+/// Bytes of a safetensors file before its header: the header's length.
+const LENGTH_BYTES: usize = 8;
+
+/// The header as it is written.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Envelope<H> {
+    format: u32,
+    header: H,
+}
+
+/// The part of the header that every version can read.
+#[derive(Deserialize)]
+struct Format {
+    format: u32,
+}
 
 /// One array of a file.
 pub(super) struct Tensor {
@@ -28,6 +52,24 @@ impl Tensor {
         }
     }
 
+    /// Refuses numbers that are none.
+    fn check(&self, path: &Path) -> Result<(), CoversError> {
+        if self.dtype != Dtype::F32 {
+            return Ok(());
+        }
+        let (numbers, _) = self.bytes.as_chunks::<4>();
+        let mut values = numbers.iter().map(|b| f32::from_le_bytes(*b)).enumerate();
+        match values.find(|(_, value)| !value.is_finite()) {
+            None => Ok(()),
+            Some((index, value)) => Err(CoversError::NotFinite {
+                path: path.to_owned(),
+                tensor: self.name.clone(),
+                index,
+                value,
+            }),
+        }
+    }
+
     /// An array of bytes.
     pub fn bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
         Self {
@@ -39,35 +81,98 @@ impl Tensor {
     }
 }
 
-/// Writes a header under `key` and arrays. The file appears whole or not at all, and equal contents
-/// give equal bytes.
-pub(super) fn write(
+/// The bytes of a file with a header and arrays. Equal contents give equal bytes.
+///
+/// # Errors
+/// [`CoversError::NotFinite`], [`CoversError::Write`] for the file at `path`, which is not touched.
+pub(super) fn encode(
     path: &Path,
-    key: &str,
     header: &impl Serialize,
     tensors: &[Tensor],
-) -> Result<(), CoversError> {
-    let header = serde_json::to_string(header).map_err(|e| CoversError::write(path, e))?;
-    let bytes = encode(tensors, key, header).map_err(|e| CoversError::write(path, e))?;
-    replace(path, &bytes).map_err(|error| CoversError::write(path, error))
+) -> Result<Vec<u8>, CoversError> {
+    tensors.iter().try_for_each(|tensor| tensor.check(path))?;
+    let envelope = Envelope {
+        format: FORMAT,
+        header,
+    };
+    let header = serde_json::to_string(&envelope).map_err(|e| CoversError::write(path, e))?;
+    let bytes = serialize(tensors, header).map_err(|error| CoversError::write(path, error))?;
+    seal(bytes).map_err(|error| CoversError::write(path, error))
 }
 
 /// There is one key of metadata, since the order of several could vary.
-fn encode(tensors: &[Tensor], key: &str, header: String) -> Result<Vec<u8>, SafeTensorError> {
-    let mut views = Vec::with_capacity(tensors.len());
-    for tensor in tensors {
+fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
+    let space = Tensor::bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
+    let mut views = Vec::with_capacity(tensors.len() + 1);
+    for tensor in tensors.iter().chain([&space]) {
         let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes)?;
         views.push((&tensor.name, view));
     }
-    let metadata = [(key.to_owned(), header)].into_iter().collect();
+    let metadata = [(KEY.to_owned(), header)].into_iter().collect();
     safetensors::serialize(views, Some(metadata))
 }
 
-/// Writes a file beside `path` and renames it: an interruption leaves the old one.
-fn replace(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let partial = path.with_extension("partial");
-    std::fs::write(&partial, bytes)?;
-    std::fs::rename(partial, path)
+/// Fills the space of the checksum in.
+fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
+    let (length, metadata) = SafeTensors::read_metadata(&bytes)?;
+    let Some(range) = checksum_range(length, &metadata) else {
+        return Err(SafeTensorError::TensorNotFound(CHECKSUM.to_owned()));
+    };
+    let checksum = checksum(&bytes, range.clone());
+    bytes[range].copy_from_slice(&checksum.to_le_bytes());
+    Ok(bytes)
+}
+
+/// Where the checksum stands in a file with a header of this length.
+fn checksum_range(length: usize, metadata: &Metadata) -> Option<Range<usize>> {
+    let (from, to) = metadata.info(CHECKSUM)?.data_offsets;
+    let start = length + LENGTH_BYTES;
+    (to - from == 4).then_some(start + from..start + to)
+}
+
+/// The CRC-32 (IEEE 802.3) of the whole file, with zeros in the place of the checksum itself: it
+/// tells of every flipped bit and of every run of up to 32 damaged ones.
+fn checksum(bytes: &[u8], place: Range<usize>) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(&bytes[..place.start]);
+    hasher.update(&[0; 4]);
+    hasher.update(&bytes[place.end..]);
+    hasher.finalize()
+}
+
+fn check_checksum(
+    path: &Path,
+    bytes: &[u8],
+    length: usize,
+    metadata: &Metadata,
+) -> Result<(), CoversError> {
+    let damaged = |problem| Err(CoversError::damaged(path, problem));
+    let Some(place) = checksum_range(length, metadata) else {
+        return damaged(format!(
+            "it holds no `{CHECKSUM}`: this is no checkpoint of covers"
+        ));
+    };
+    let found = checksum(bytes, place.clone());
+    let (written, _) = bytes[place].as_chunks::<4>();
+    match written {
+        [written] if u32::from_le_bytes(*written) == found => Ok(()),
+        _ => damaged("its checksum is wrong: it was damaged after it was written".to_owned()),
+    }
+}
+
+fn check_format(path: &Path, format: u32) -> Result<(), CoversError> {
+    match format {
+        FORMAT => Ok(()),
+        newer if newer > FORMAT => Err(CoversError::NewerFormat {
+            path: path.to_owned(),
+            format: newer,
+            known: FORMAT,
+        }),
+        older => {
+            let problem = format!("its format is {older}, expected {FORMAT}");
+            Err(CoversError::damaged(path, problem))
+        }
+    }
 }
 
 /// The arrays of an open file.
@@ -77,18 +182,22 @@ pub(super) struct TensorFile<'a> {
 }
 
 impl<'a> TensorFile<'a> {
-    /// Opens the bytes of the file at `path`, whose header stands under `key`.
+    /// Opens the bytes of the file at `path`. No byte is believed before the checksum was found to
+    /// be right.
     pub fn open<H: DeserializeOwned>(
         path: &'a Path,
         bytes: &'a [u8],
-        key: &str,
     ) -> Result<(H, Self), CoversError> {
         let read = |error: SafeTensorError| CoversError::read(path, error);
-        let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(read)?;
-        let header = metadata.metadata().as_ref().and_then(|m| m.get(key));
+        let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(read)?;
+        check_checksum(path, bytes, length, &metadata)?;
+        let header = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
         let header = header
-            .ok_or_else(|| CoversError::damaged(path, format!("there is no metadata `{key}`")))?;
-        let header = serde_json::from_str(header).map_err(|e| CoversError::read(path, e))?;
+            .ok_or_else(|| CoversError::damaged(path, format!("there is no metadata `{KEY}`")))?;
+        let read_json = |error| CoversError::read(path, error);
+        let Format { format } = serde_json::from_str(header).map_err(read_json)?;
+        check_format(path, format)?;
+        let Envelope { header, .. } = serde_json::from_str(header).map_err(read_json)?;
         let file = SafeTensors::deserialize(bytes).map_err(read)?;
         Ok((header, Self { path, file }))
     }
@@ -124,5 +233,55 @@ impl<'a> TensorFile<'a> {
         }
         let problem = format!("`{name}` is {:?}, expected {dtype:?}", tensor.dtype());
         Err(self.damaged(problem))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sealed() -> Vec<u8> {
+        let tensors = [
+            Tensor::floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
+            Tensor::bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
+        ];
+        encode(Path::new("file"), &"a note", &tensors).unwrap()
+    }
+
+    fn open(bytes: &[u8]) -> Result<String, CoversError> {
+        TensorFile::open(Path::new("file"), bytes).map(|(header, _)| header)
+    }
+
+    #[test]
+    fn every_flipped_bit_and_every_cut_is_noticed() {
+        let whole = sealed();
+        assert_eq!(open(&whole).unwrap(), "a note");
+        for bit in 0..8 * whole.len() {
+            let mut flipped = whole.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            assert!(open(&flipped).is_err(), "bit {bit}");
+        }
+        for length in 0..whole.len() {
+            assert!(open(&whole[..length]).is_err(), "{length} bytes");
+        }
+    }
+
+    #[test]
+    fn a_newer_format_is_named() {
+        let text = serde_json::json!({ "format": FORMAT + 1, "news": true });
+        let bytes = seal(serialize(&[], text.to_string()).unwrap()).unwrap();
+        let message = open(&bytes).unwrap_err().to_string();
+        assert!(message.contains("has format 4"), "{message}");
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_not_written() {
+        let tensors = [Tensor::floats(
+            "weights".to_owned(),
+            vec![2],
+            &[1.0, f32::NAN],
+        )];
+        let error = encode(Path::new("file"), &"", &tensors).unwrap_err();
+        assert!(error.to_string().contains("`weights`[1] is NaN"), "{error}");
     }
 }

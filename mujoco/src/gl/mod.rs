@@ -12,7 +12,7 @@ mod osmesa;
 use std::env;
 use std::ffi::{CStr, c_char, c_void};
 use std::mem;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::backend::Backend;
 use crate::error::{ContextError, RenderError};
@@ -118,7 +118,14 @@ impl GlContext {
     /// Lets MuJoCo draw in this context, which is current.
     fn prepare(&self) -> Result<(), ContextError> {
         self.require_features()?;
+        DRAWN_BY.get_or_init(|| self.description());
         self.context.publish()
+    }
+
+    /// The backend, and what stands behind it as OpenGL names it.
+    fn description(&self) -> String {
+        let names = [GL_RENDERER, GL_VERSION].map(|name| self.string(name).unwrap_or_default());
+        format!("{}: {}, OpenGL {}", self.backend, names[0], names[1])
     }
 
     /// MuJoCo would end the process for want of these.
@@ -156,7 +163,18 @@ impl GlContext {
     }
 }
 
+const GL_RENDERER: u32 = 0x1F01;
+const GL_VERSION: u32 = 0x1F02;
 const GL_EXTENSIONS: u32 = 0x1F03;
+
+/// The description of the process's first context.
+static DRAWN_BY: OnceLock<String> = OnceLock::new();
+
+/// What draws in this process, as OpenGL names it (backend, renderer, version); none before the
+/// first [`Renderer`](crate::Renderer) was made.
+pub fn opengl() -> Option<&'static str> {
+    DRAWN_BY.get().map(String::as_str)
+}
 
 /// The library that MuJoCo got OpenGL from; locked while a context is made, so that two threads
 /// cannot choose two libraries. MuJoCo fills its global table of OpenGL functions later, under a

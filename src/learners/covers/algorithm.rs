@@ -119,8 +119,8 @@ impl Learner for Covers {
         self.members.len()
     }
 
-    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
-        self.write(path, extent, note)
+    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError> {
+        self.to_bytes(path, extent, note)
     }
 }
 

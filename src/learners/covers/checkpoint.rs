@@ -12,15 +12,13 @@ use serde_json::Value;
 use crate::error::CoversError;
 use crate::groupings::{Grouping, Labels};
 use crate::learners::learner::Extent;
-use crate::learners::tensor_file::{Tensor, TensorFile, write};
+use crate::learners::tensor_file::{Tensor, TensorFile, encode};
+use crate::overrides::same;
 
 use super::collection::Covers;
 use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
 use super::settings::{CoversSettings, Embedding};
-
-/// The key of the header.
-const KEY: &str = "covers 2";
 
 /// What is not an array.
 #[derive(Serialize, Deserialize)]
@@ -44,8 +42,13 @@ struct MemberHeader {
 }
 
 impl Covers {
-    /// Writes the learner to a file, with a note of the caller's.
-    pub(super) fn write(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
+    /// The bytes of the learner's file, with a note of the caller's.
+    pub(super) fn to_bytes(
+        &self,
+        path: &Path,
+        extent: Extent,
+        note: &str,
+    ) -> Result<Vec<u8>, CoversError> {
         let header = Header {
             settings: Cow::Borrowed(&self.settings),
             grouping: self.grouping.state(),
@@ -59,7 +62,7 @@ impl Covers {
         let tensors: Vec<Tensor> = members
             .flat_map(|(index, member)| member.tensors(index, &self.spec, extent))
             .collect();
-        write(path, KEY, &header, &tensors)
+        encode(path, &header, &tensors)
     }
 
     /// Refuses to keep so few frames that a copy could not recognise anything.
@@ -109,7 +112,7 @@ impl Covers {
     ) -> Result<(Self, String), CoversError> {
         let checkpoint = Checkpoint::read(path)?;
         let header = checkpoint.header()?;
-        checkpoint.check_settings(&header, settings)?;
+        same(path, settings, &*header.settings)?;
         if whole && header.members.iter().any(|m| m.counters.is_none()) {
             let path = path.to_owned();
             return Err(CoversError::PoliciesOnly { path });
@@ -131,22 +134,7 @@ impl<'a> Checkpoint<'a> {
     }
 
     fn header(&self) -> Result<Header<'static>, CoversError> {
-        Ok(TensorFile::open(self.path, &self.bytes, KEY)?.0)
-    }
-
-    /// Refuses a learner of other settings than its run's.
-    fn check_settings(
-        &self,
-        header: &Header<'_>,
-        expected: &CoversSettings,
-    ) -> Result<(), CoversError> {
-        if *header.settings == *expected {
-            return Ok(());
-        }
-        let problem = "its learner has other settings than the run's experiment.json; \
-                       start a new run with the settings that you want"
-            .to_owned();
-        Err(CoversError::damaged(self.path, problem))
+        Ok(TensorFile::open(self.path, &self.bytes)?.0)
     }
 
     /// The learner and the note. What does not fit is an error that names the file.
@@ -155,7 +143,7 @@ impl<'a> Checkpoint<'a> {
         spec: &EnvSpec,
         grouping: impl FnOnce(&CoversSettings) -> Result<Box<dyn Grouping>, CoversError>,
     ) -> Result<(Covers, String), CoversError> {
-        let (header, file): (Header<'static>, _) = TensorFile::open(self.path, &self.bytes, KEY)?;
+        let (header, file): (Header<'static>, _) = TensorFile::open(self.path, &self.bytes)?;
         let mut grouping = grouping(&header.settings)?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;

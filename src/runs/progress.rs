@@ -1,4 +1,4 @@
-//! One rollout as it is logged.
+//! What a run reports: rollouts and evaluations.
 
 use envs::TaskGroup;
 
@@ -26,6 +26,24 @@ pub struct Progress {
     pub seconds: f64,
     /// Those of them in which the environments worked (physics and pictures).
     pub environment_seconds: f64,
-    /// Scores of all variants, where an evaluation was due after this rollout.
+}
+
+/// An evaluation as it is logged.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// Index of the last rollout before it.
+    pub rollout: usize,
+    /// Decisions taken so far while learning.
+    pub decisions: usize,
+    /// Scores of all variants.
     pub scores: Vec<Score>,
+}
+
+/// One step of a run.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The learner learnt from a rollout.
+    Rollout(Progress),
+    /// All variants were scored.
+    Evaluation(Evaluation),
 }

@@ -20,7 +20,9 @@ pub struct Ledger {
     pub right_returns: usize,
     /// Failures of single environments, see [`crate::Stream::failures`].
     pub failures: usize,
-    /// Seconds of learning on the wall clock, without evaluations.
+    /// Seconds of learning on the wall clock, without evaluations. A checkpoint leaves them out:
+    /// equal runs give equal checkpoints.
+    #[serde(skip)]
     pub seconds: f64,
 }
 

@@ -1,0 +1,123 @@
+//! What a run asks of the file system: few operations, so that tests can fail any of them and replay
+//! a power cut between any two.
+
+use std::fmt::Debug;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::error::CoversError;
+
+/// The operations by which a run changes its folder.
+///
+/// Bytes of [`write`](Disk::write) survive a power cut, and so do those of [`append`](Disk::append)
+/// once [`sync`](Disk::sync) was called. Names survive once [`sync_folder`](Disk::sync_folder) was
+/// called on their folder: the rules of POSIX.
+pub trait Disk: Debug + Send + Sync {
+    /// Creates a file or empties it, writes `bytes` and brings them to the disk.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
+
+    /// Adds bytes to the end of a file, which is created where it does not exist.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
+
+    /// Brings the bytes of a file to the disk.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn sync(&self, path: &Path) -> io::Result<()>;
+
+    /// Gives a file another name; a file of that name is replaced.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
+
+    /// Removes a file.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn remove(&self, path: &Path) -> io::Result<()>;
+
+    /// Creates a folder; its parent must exist.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn create_folder(&self, path: &Path) -> io::Result<()>;
+
+    /// Brings the names in a folder to the disk.
+    ///
+    /// # Errors
+    /// What the file system says.
+    fn sync_folder(&self, path: &Path) -> io::Result<()>;
+}
+
+/// The file system of this machine.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LocalDisk;
+
+impl Disk for LocalDisk {
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        let mut file = File::create(path)?;
+        file.write_all(bytes)?;
+        file.sync_all()
+    }
+
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        let mut file = OpenOptions::new().append(true).create(true).open(path)?;
+        file.write_all(bytes)
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        File::open(path)?.sync_all()
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        fs::rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        fs::remove_file(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        fs::create_dir(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        File::open(path)?.sync_all()
+    }
+}
+
+/// The ending of files that are not whole yet.
+pub(crate) const PARTIAL: &str = "partial";
+
+/// Puts a file in the place of `path`: it appears whole or not at all, also after a power cut.
+///
+/// # Errors
+/// [`CoversError::Write`]; the old file is then still there.
+pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), CoversError> {
+    let partial = path.with_added_extension(PARTIAL);
+    let written = disk
+        .write(&partial, bytes)
+        .and_then(|()| disk.rename(&partial, path))
+        .and_then(|()| disk.sync_folder(folder_of(path)));
+    if written.is_err() {
+        // a full disk needs the room; that this fails, too, is no news
+        let _ = disk.remove(&partial);
+    }
+    written.map_err(|error| CoversError::write(path, error))
+}
+
+/// The folder that a file or a folder is in.
+pub(crate) fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if parent != Path::new("") => parent,
+        _ => Path::new("."),
+    }
+}

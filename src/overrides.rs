@@ -1,0 +1,263 @@
+//! Settings by name: `--set covers.ppo.gamma=0.97`, and errors that name the nearest setting there
+//! is.
+
+use std::path::Path;
+use std::str::FromStr;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+
+/// Where a path is looked up when the experiment itself has no such field.
+const LEARNER: &str = "learner";
+
+/// One setting with its new value, as `--set PATH=VALUE` names it.
+///
+/// The path follows the fields of `experiment.json`, separated by dots; the elements of a list are
+/// numbered from 0, and a leading `learner.` may be left out. The value is JSON; a word needs no
+/// quotes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Override {
+    path: String,
+    value: Value,
+}
+
+impl FromStr for Override {
+    type Err = CoversError;
+
+    fn from_str(text: &str) -> Result<Self, CoversError> {
+        let (path, value) = text
+            .split_once('=')
+            .ok_or_else(|| CoversError::NotAnOverride {
+                text: text.to_owned(),
+            })?;
+        let word = || Value::String(value.to_owned());
+        Ok(Self {
+            path: path.trim().to_owned(),
+            value: serde_json::from_str(value).unwrap_or_else(|_| word()),
+        })
+    }
+}
+
+/// The experiment with these settings, the last one last.
+///
+/// # Errors
+/// [`CoversError::UnknownSetting`] for a path that leads nowhere, [`CoversError::WrongSetting`] for
+/// a value of another type.
+pub fn apply(overrides: &[Override], experiment: Experiment) -> Result<Experiment, CoversError> {
+    if overrides.is_empty() {
+        return Ok(experiment);
+    }
+    let mut tree = tree(&experiment)?;
+    for change in overrides {
+        let unknown = || CoversError::UnknownSetting {
+            name: change.path.clone(),
+            nearest: nearest_path(&tree, &change.path),
+        };
+        let inside = |path: &str| lookup(&tree, path).is_some();
+        let path = match [change.path.clone(), format!("{LEARNER}.{}", change.path)] {
+            [path, _] if inside(&path) => path,
+            [_, path] if inside(&path) => path,
+            _ => return Err(unknown()),
+        };
+        // found above
+        if let Some(place) = tree.pointer_mut(&pointer(&path)) {
+            *place = change.value.clone();
+        }
+        // each alone, so that the error names the right one
+        typed::<Experiment>(tree.clone())?;
+    }
+    typed(tree)
+}
+
+/// Refuses a checkpoint that was written with other settings than those that are asked for.
+///
+/// # Errors
+/// [`CoversError::OtherSettings`] names the fields that differ.
+pub(crate) fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), CoversError> {
+    let differences = differences(asked, written)?;
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(CoversError::OtherSettings {
+        path: path.to_owned(),
+        differences,
+    })
+}
+
+/// The fields in which two values differ, each with the value in one and in the other.
+fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
+    let mut differing = Vec::new();
+    compare(&tree(one)?, &tree(other)?, "", &mut differing);
+    Ok(differing.join("; "))
+}
+
+fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) {
+    let (ours, theirs) = (children(one), children(other));
+    let same_names = ours
+        .iter()
+        .map(|(name, _)| name)
+        .eq(theirs.iter().map(|(name, _)| name));
+    if !ours.is_empty() && same_names {
+        for ((name, a), (_, b)) in ours.iter().zip(&theirs) {
+            compare(a, b, &join(path, name), differing);
+        }
+    } else if one != other {
+        differing.push(format!("`{path}` {one} and {other}"));
+    }
+}
+
+/// Reads a value; what does not fit is named with its path and the nearest name that fits.
+///
+/// # Errors
+/// [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+pub(crate) fn typed<T: DeserializeOwned>(tree: Value) -> Result<T, CoversError> {
+    serde_path_to_error::deserialize(tree).map_err(|error| {
+        let path = error.path().to_string();
+        let problem = error.inner().to_string();
+        // serde lists what it expected between backquotes, the unknown name first
+        let mut quoted = problem.split('`').skip(1).step_by(2);
+        match (problem.starts_with("unknown field"), quoted.next()) {
+            (true, Some(name)) => CoversError::UnknownSetting {
+                name: path,
+                nearest: nearest(quoted, name).map(str::to_owned),
+            },
+            _ => CoversError::WrongSetting { path, problem },
+        }
+    })
+}
+
+fn tree(settings: &impl Serialize) -> Result<Value, CoversError> {
+    // by way of text, in which an f32 has as few digits as it needs
+    let text = serde_json::to_string(settings);
+    let tree = text.and_then(|text| serde_json::from_str(&text));
+    tree.map_err(|error| CoversError::WrongSetting {
+        path: "settings".to_owned(),
+        problem: error.to_string(),
+    })
+}
+
+fn lookup<'a>(tree: &'a Value, path: &str) -> Option<&'a Value> {
+    tree.pointer(&pointer(path))
+}
+
+/// The JSON pointer (RFC 6901) of a path of dots.
+fn pointer(path: &str) -> String {
+    let escaped = path.replace('~', "~0").replace('/', "~1");
+    format!("/{}", escaped.replace('.', "/"))
+}
+
+/// The path in the tree that is most like `wanted`: one that ends with it, or else the nearest by
+/// edits.
+fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
+    let mut all = Vec::new();
+    paths(tree, "", &mut all);
+    let all: Vec<&str> = all
+        .iter()
+        .map(|path| path.strip_prefix("learner.").unwrap_or(path))
+        .collect();
+    let ending = format!(".{wanted}");
+    let ends = all.iter().find(|path| path.ends_with(&ending)).copied();
+    ends.or_else(|| nearest(all.into_iter(), wanted))
+        .map(str::to_owned)
+}
+
+fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
+    names.min_by_key(|name| strsim::osa_distance(name, wanted))
+}
+
+fn paths(tree: &Value, path: &str, all: &mut Vec<String>) {
+    for (name, child) in children(tree) {
+        let path = join(path, &name);
+        paths(child, &path, all);
+        all.push(path);
+    }
+}
+
+fn children(tree: &Value) -> Vec<(String, &Value)> {
+    match tree {
+        Value::Object(fields) => fields.iter().map(|(name, v)| (name.clone(), v)).collect(),
+        Value::Array(items) => {
+            let numbered = items.iter().enumerate();
+            numbered.map(|(index, v)| (index.to_string(), v)).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+fn join(path: &str, name: &str) -> String {
+    if path.is_empty() {
+        name.to_owned()
+    } else {
+        format!("{path}.{name}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::learners::LearnerSettings;
+    use crate::presets::{Budget, Method};
+
+    fn smoke() -> Experiment {
+        Budget::Smoke.experiment(Method::Covers)
+    }
+
+    fn set(texts: &[&str]) -> Result<Experiment, CoversError> {
+        let overrides: Result<Vec<Override>, _> = texts.iter().map(|text| text.parse()).collect();
+        apply(&overrides?, smoke())
+    }
+
+    #[test]
+    fn any_field_can_be_set() {
+        let changed = set(&[
+            "covers.ppo.gamma=0.97",
+            "learner.covers.seed=7",
+            "evaluation.every=5",
+            "evaluation.visit_rounds=1",
+            "schedule.groups.0.rollouts=9",
+            "covers.grouping=oracle",
+        ])
+        .unwrap();
+        let LearnerSettings::Covers(covers) = &changed.learner;
+        assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
+        assert_eq!(changed.evaluation.every, Some(5));
+        assert_eq!(changed.schedule.groups[0].rollouts, 9);
+        let list = differences(&smoke(), &changed).unwrap();
+        assert!(
+            list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"),
+            "{list}"
+        );
+        assert_eq!(list.split("; ").count(), 6, "{list}");
+    }
+
+    #[test]
+    fn unknown_fields_name_the_nearest_known_one() {
+        for (text, nearest) in [
+            ("covers.ppo.gama=0.9", "covers.ppo.gamma"),
+            ("gamma=0.9", "covers.ppo.gamma"),
+            ("evaluation.round=2", "evaluation.rounds"),
+            ("schedule.groups.9.rollouts=9", "schedule.groups.0.rollouts"),
+        ] {
+            let message = set(&[text]).unwrap_err().to_string();
+            let asked = format!("did you mean `{nearest}`?");
+            assert!(message.contains(&asked), "{message}");
+        }
+        let text = serde_json::to_string(&smoke()).unwrap();
+        let wrong = serde_json::from_str(&text.replace("\"gamma\"", "\"gama\"")).unwrap();
+        let message = typed::<Experiment>(wrong).unwrap_err().to_string();
+        assert!(message.contains("learner.covers.ppo.gama"), "{message}");
+        assert!(message.contains("did you mean `gamma`?"), "{message}");
+    }
+
+    #[test]
+    fn values_of_other_types_are_refused_with_their_path() {
+        let message = set(&["covers.ppo.gamma=much"]).unwrap_err().to_string();
+        assert!(message.contains("learner.covers.ppo.gamma"), "{message}");
+        let message = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
+        assert!(message.contains("PATH=VALUE"), "{message}");
+    }
+}

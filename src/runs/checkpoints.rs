@@ -1,0 +1,122 @@
+//! The checkpoints of a run: the newest few, each durable before an older one goes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::disk::replace;
+use crate::error::CoversError;
+
+use super::folder::RunFolder;
+
+/// Digits of the number of rollouts in a file's name: enough for the longest run.
+const DIGITS: usize = 6;
+const ENDING: &str = "safetensors";
+
+/// What was read from the newest checkpoint that is intact.
+#[derive(Debug)]
+pub(crate) struct Found<T> {
+    /// What was read.
+    pub value: T,
+    /// Where.
+    pub path: PathBuf,
+    /// Why not from a newer one: each that was passed over, and its error.
+    pub passed_over: Vec<String>,
+}
+
+/// Writes the checkpoint of a run with this many rollouts and removes all but the `keep` newest.
+pub(crate) fn save(
+    folder: &RunFolder,
+    rollouts: usize,
+    bytes: &[u8],
+    keep: usize,
+) -> Result<(), CoversError> {
+    replace(folder.disk(), &path(folder, rollouts), bytes)?;
+    for (_, old) in list(folder)?.iter().skip(keep) {
+        let removed = folder.disk().remove(old);
+        removed.map_err(|error| CoversError::write(old, error))?;
+    }
+    Ok(())
+}
+
+/// Where the checkpoint after this many rollouts is.
+pub(crate) fn path(folder: &RunFolder, rollouts: usize) -> PathBuf {
+    let name = format!("{rollouts:0DIGITS$}.{ENDING}");
+    folder.checkpoints().join(name)
+}
+
+/// The checkpoints of a folder with their numbers of rollouts, the newest first; links are passed
+/// over, since they may lead out of the folder.
+pub(crate) fn list(folder: &RunFolder) -> Result<Vec<(usize, PathBuf)>, CoversError> {
+    let path = folder.checkpoints();
+    if !path.exists() {
+        return Ok(Vec::new());
+    }
+    let read = |error| CoversError::read(&path, error);
+    let mut found = Vec::new();
+    for entry in fs::read_dir(&path).map_err(read)? {
+        let entry = entry.map_err(read)?;
+        let is_file = entry.file_type().map_err(read)?.is_file();
+        if let (Some(rollouts), true) = (rollouts_of(&entry.path()), is_file) {
+            found.push((rollouts, entry.path()));
+        }
+    }
+    found.sort_unstable_by(|a, b| b.cmp(a));
+    Ok(found)
+}
+
+/// The number of rollouts in a checkpoint's name.
+fn rollouts_of(path: &Path) -> Option<usize> {
+    let digits = path.file_name()?.to_str()?.strip_suffix(".safetensors")?;
+    let plain = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
+    plain.then(|| digits.parse().ok())?
+}
+
+/// Reads the newest checkpoint that can be read; none where there are no checkpoints. One of a newer
+/// version of this crate is an error: its work would be lost.
+pub(crate) fn newest<T>(
+    folder: &RunFolder,
+    read: impl Fn(&Path) -> Result<T, CoversError>,
+) -> Result<Option<Found<T>>, CoversError> {
+    let mut passed_over = Vec::new();
+    for (_, path) in list(folder)? {
+        match read(&path) {
+            Ok(value) => {
+                return Ok(Some(Found {
+                    value,
+                    path,
+                    passed_over,
+                }));
+            }
+            Err(error @ CoversError::Read { .. }) => passed_over.push(error.to_string()),
+            Err(error) => return Err(error),
+        }
+    }
+    if passed_over.is_empty() {
+        return Ok(None);
+    }
+    Err(CoversError::NoCheckpoint {
+        folder: folder.path().to_owned(),
+        problems: passed_over.join("; "),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_numbers_of_rollouts_and_nothing_else() {
+        let number = |name: &str| rollouts_of(Path::new(name));
+        assert_eq!(number("checkpoints/000120.safetensors"), Some(120));
+        assert_eq!(number("1234567.safetensors"), Some(1_234_567));
+        for other in [
+            "120.safetensors",
+            "+00120.safetensors",
+            "000120.safetensors.partial",
+            "99999999999999999999999.safetensors",
+            "000120",
+        ] {
+            assert_eq!(number(other), None, "{other}");
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as
+//! safetensors.
+
+use std::fs::{create_dir, create_dir_all};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use rl::EnvSpec;
+
+use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::groupings::Labels;
+use crate::learners::{Extent, Learner, LearnerSettings};
+use crate::sheet::Picture;
+
+use super::checkpoints;
+use super::lock::Lock;
+
+/// The file of a run's settings.
+const EXPERIMENT: &str = "experiment.json";
+/// The files of a run beside its settings and checkpoints.
+const FILES: [&str; 7] = [
+    "contact_sheet.png",
+    "evaluation.csv",
+    "log.txt",
+    "metrics.csv",
+    "provenance.jsonl",
+    "summary.json",
+    "timings.csv",
+];
+
+/// A folder that one run alone writes to.
+#[derive(Clone, Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    disk: Arc<dyn Disk>,
+}
+
+impl RunFolder {
+    /// Creates `parent/name`, or `parent/name-2`, `-3`, ... where that exists: no run overwrites
+    /// another.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn create(parent: &Path, name: &str) -> Result<Self, CoversError> {
+        create_dir_all(parent).map_err(|error| CoversError::write(parent, error))?;
+        let mut attempt = 1;
+        loop {
+            let suffix = if attempt == 1 {
+                String::new()
+            } else {
+                format!("-{attempt}")
+            };
+            let path = parent.join(format!("{name}{suffix}"));
+            match create_dir(&path) {
+                Ok(()) => return Ok(Self::open(&path)),
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => attempt += 1,
+                Err(error) => return Err(CoversError::write(&path, error)),
+            }
+        }
+    }
+
+    /// Where the folder is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Creates exactly this folder, which must not exist.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn create_exactly(path: &Path) -> Result<Self, CoversError> {
+        create_dir(path).map_err(|error| CoversError::write(path, error))?;
+        Ok(Self::open(path))
+    }
+
+    /// Names a folder that an earlier run wrote.
+    pub fn open(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            disk: Arc::new(LocalDisk),
+        }
+    }
+
+    /// The same folder, changed by way of `disk`.
+    pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
+        self.disk = disk;
+        self
+    }
+
+    /// Removes the files of the run that is there, so that another can begin; other files stay.
+    ///
+    /// # Errors
+    /// [`CoversError::Locked`] where a process works on that run, [`CoversError::Write`].
+    pub fn clear(&self) -> Result<(), CoversError> {
+        if !self.holds_run() {
+            return Ok(());
+        }
+        let _lock = Lock::take(&self.path)?;
+        let checkpoints = checkpoints::list(self)?.into_iter();
+        let others = FILES
+            .iter()
+            .chain([&EXPERIMENT])
+            .map(|name| self.file(name));
+        for path in checkpoints.map(|(_, path)| path).chain(others) {
+            match self.disk.remove(&path) {
+                Err(error) if error.kind() != ErrorKind::NotFound => {
+                    return Err(CoversError::write(&path, error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a run began here.
+    pub fn holds_run(&self) -> bool {
+        self.file(EXPERIMENT).exists()
+    }
+
+    /// Reads the run's settings.
+    ///
+    /// # Errors
+    /// [`CoversError::NoRun`], [`CoversError::Read`].
+    pub fn experiment(&self) -> Result<Experiment, CoversError> {
+        if !self.holds_run() {
+            return Err(CoversError::NoRun {
+                folder: self.path.clone(),
+            });
+        }
+        Experiment::read(&self.file(EXPERIMENT))
+    }
+
+    /// Writes the run's settings.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), CoversError> {
+        let path = self.file(EXPERIMENT);
+        let text = serde_json::to_string_pretty(experiment);
+        let text = text.map_err(|error| CoversError::write(&path, error))? + "\n";
+        self.replace(EXPERIMENT, text.as_bytes())
+    }
+
+    /// The folder of checkpoints.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.path.join("checkpoints")
+    }
+
+    /// The learner of the newest intact checkpoint, for acting and recognising, and its note.
+    ///
+    /// # Errors
+    /// As [`LearnerSettings::load`], and [`CoversError::NoCheckpoint`].
+    pub fn load_learner(
+        &self,
+        learner: &LearnerSettings,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+        let found = checkpoints::newest(self, |path| learner.load(path, spec, labels))?;
+        let none = || CoversError::NoCheckpoint {
+            folder: self.path.clone(),
+            problems: "there is none yet".to_owned(),
+        };
+        found.map(|found| found.value).ok_or_else(none)
+    }
+
+    /// Writes the only checkpoint of a folder that no run works on.
+    ///
+    /// # Errors
+    /// As [`Learner::save`].
+    pub fn save_learner(
+        &self,
+        learner: &dyn Learner,
+        extent: Extent,
+        note: &str,
+    ) -> Result<(), CoversError> {
+        self.prepare()?;
+        let path = checkpoints::path(self, 0);
+        learner.save(&path, extent, note)
+    }
+
+    pub(crate) fn disk(&self) -> &dyn Disk {
+        &*self.disk
+    }
+
+    pub(crate) fn shared_disk(&self) -> Arc<dyn Disk> {
+        Arc::clone(&self.disk)
+    }
+
+    /// A file of the folder.
+    pub(crate) fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Writes a file; it appears whole or not at all.
+    pub(crate) fn replace(&self, name: &str, bytes: &[u8]) -> Result<(), CoversError> {
+        replace(self.disk(), &self.file(name), bytes)
+    }
+
+    /// Adds a line to a file. It comes to the disk with the next checkpoint.
+    pub(crate) fn append(&self, name: &str, line: &str) -> Result<(), CoversError> {
+        let path = self.file(name);
+        let added = self.disk.append(&path, line.as_bytes());
+        added.map_err(|error| CoversError::write(&path, error))
+    }
+
+    /// Makes the folder of checkpoints and removes what a process left there that was interrupted
+    /// while it wrote.
+    pub(crate) fn prepare(&self) -> Result<(), CoversError> {
+        let path = self.checkpoints();
+        let write = |error| CoversError::write(&path, error);
+        match self.disk.create_folder(&path) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(write(error)),
+            _ => [&self.path, folder_of(&self.path)]
+                .into_iter()
+                .try_for_each(|folder| self.disk.sync_folder(folder))
+                .map_err(write)?,
+        }
+        for folder in [&path, &self.path] {
+            for entry in std::fs::read_dir(folder).map_err(write)? {
+                let entry = entry.map_err(write)?.path();
+                if entry.extension().is_some_and(|ending| ending == PARTIAL) {
+                    self.disk.remove(&entry).map_err(write)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes a picture.
+    pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), CoversError> {
+        let bytes = encode_png(picture);
+        let bytes = bytes.map_err(|error| CoversError::write(&self.file(name), error))?;
+        self.replace(name, &bytes)
+    }
+}
+
+fn encode_png(picture: &Picture) -> Result<Vec<u8>, png::EncodingError> {
+    let mut bytes = Vec::new();
+    let (width, height) = (picture.width as u32, picture.height as u32);
+    let mut encoder = png::Encoder::new(&mut bytes, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&picture.rgb)?;
+    writer.finish()?;
+    Ok(bytes)
+}

@@ -1,0 +1,22 @@
+//! Runs: a learner on a stream, with files that survive whatever happens to the process.
+
+mod checkpoints;
+mod folder;
+mod ledger;
+mod lock;
+mod logs;
+mod opening;
+mod progress;
+mod provenance;
+mod run;
+mod stop;
+mod summary;
+mod table;
+
+pub use folder::RunFolder;
+pub use ledger::Ledger;
+pub use progress::{Evaluation, Event, Progress};
+pub use provenance::Provenance;
+pub use run::{Run, thread_pool};
+pub use stop::Stop;
+pub use summary::Summary;

@@ -1,0 +1,452 @@
+//! One run over a stream, from the first rollout to the final scores; it can stop anywhere and go
+//! on later.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::time::Instant;
+
+use envs::TaskRegistry;
+use rayon::ThreadPool;
+
+use crate::error::CoversError;
+use crate::evaluation::{Evaluator, Score, by_group};
+use crate::experiment::Experiment;
+use crate::groupings::Labels;
+use crate::learners::{Extent, Learner, Turn};
+use crate::schedule::Visit;
+use crate::stream::Stream;
+
+use super::checkpoints;
+use super::folder::RunFolder;
+use super::ledger::Ledger;
+use super::lock::Lock;
+use super::logs::Logs;
+use super::opening::{self, Note, Opened};
+use super::progress::{Evaluation, Event, Progress};
+use super::provenance::Provenance;
+use super::stop::Stop;
+use super::summary::Summary;
+
+/// A run in progress. Nobody else can write to its folder meanwhile.
+pub struct Run {
+    experiment: Experiment,
+    folder: RunFolder,
+    _lock: Lock,
+    logs: Logs,
+    pool: ThreadPool,
+    tasks: TaskRegistry,
+    visits: Vec<Visit>,
+    stream: Stream,
+    evaluator: Evaluator,
+    learner: Box<dyn Learner>,
+    labels: Labels,
+    ledger: Ledger,
+    /// Rounds of the evaluation that is due after the last rollout; 0 for none.
+    due: usize,
+    last_scores: Vec<Score>,
+    /// Rollouts and rounds due in the newest checkpoint.
+    saved: Option<(usize, usize)>,
+    /// Whether an error left the learner in between.
+    broken: bool,
+    stop: Stop,
+    notice: String,
+}
+
+impl Run {
+    /// Begins a run over the paper's task groups that writes its files to `folder`.
+    ///
+    /// # Errors
+    /// A setting out of range; [`CoversError::Occupied`] and [`CoversError::Locked`]; what the
+    /// environments or the file system say.
+    pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, CoversError> {
+        Self::start_with(experiment, TaskRegistry::standard(), folder)
+    }
+
+    /// Begins a run over groups of `tasks`.
+    ///
+    /// # Errors
+    /// As [`Run::start`], and a group that `tasks` does not hold.
+    pub fn start_with(
+        experiment: Experiment,
+        tasks: TaskRegistry,
+        folder: RunFolder,
+    ) -> Result<Self, CoversError> {
+        Self::assemble(opening::start(experiment, tasks, folder)?)
+    }
+
+    /// Goes on from the newest intact checkpoint of the run in `folder`, to the same files byte for
+    /// byte, timings aside; from the beginning where there is no checkpoint yet.
+    /// [`Run::notice`] says which it was.
+    ///
+    /// # Errors
+    /// [`CoversError::NoRun`], [`CoversError::NoCheckpoint`], [`CoversError::NewerFormat`],
+    /// [`CoversError::OtherSettings`], [`CoversError::Locked`];
+    /// [`CoversError::PoliciesOnly`] where it is a packed one; what the environments say.
+    pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, CoversError> {
+        Self::resume_with(RunFolder::open(folder), threads, TaskRegistry::standard())
+    }
+
+    /// As [`Run::resume`], for a run over groups of `tasks`.
+    ///
+    /// # Errors
+    /// As there, and a group that `tasks` does not hold.
+    pub fn resume_with(
+        folder: RunFolder,
+        threads: Option<usize>,
+        tasks: TaskRegistry,
+    ) -> Result<Self, CoversError> {
+        Self::assemble(opening::resume(folder, threads, tasks)?)
+    }
+
+    fn assemble(opened: Opened) -> Result<Self, CoversError> {
+        let Opened {
+            experiment,
+            tasks,
+            folder,
+            labels,
+            note,
+            ..
+        } = opened;
+        let (envs, schedule) = (experiment.envs, experiment.schedule.clone());
+        let seed = experiment.evaluation_seed();
+        let Note {
+            mut ledger,
+            due,
+            rows,
+        } = note;
+        // environments before threads: the first model of a process tunes software rendering
+        let stream = Stream::new(envs, &schedule.resolve(&tasks)?)?;
+        let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels.clone())?;
+        let pool = thread_pool(envs.threads)?;
+        // last: where anything else fails, no rows are cut off
+        folder.prepare()?;
+        let logs = Logs::open(&folder, ledger.rollouts, rows)?;
+        ledger.seconds = logs.seconds();
+        let run = Self {
+            visits: experiment.visits(),
+            saved: (ledger.rollouts > 0).then_some((ledger.rollouts, due)),
+            experiment,
+            pool,
+            tasks,
+            stream,
+            evaluator,
+            logs,
+            folder,
+            _lock: opened.lock,
+            learner: opened.learner,
+            labels,
+            ledger,
+            due,
+            last_scores: Vec::new(),
+            broken: false,
+            stop: Stop::default(),
+            notice: opened.notice,
+        };
+        if !run.is_finished() {
+            run.sign()?;
+        }
+        Ok(run)
+    }
+
+    /// Notes who works on the run.
+    fn sign(&self) -> Result<(), CoversError> {
+        let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
+        let (rollouts, threads) = (self.ledger.rollouts, self.experiment.envs.threads);
+        let provenance = Provenance::here(rollouts, threads, renderer);
+        let line = provenance.line();
+        let line = line.map_err(|error| CoversError::write(self.folder.path(), error))?;
+        self.folder.append(Provenance::FILE, &line)?;
+        self.log(&self.notice)
+    }
+
+    fn log(&self, line: &str) -> Result<(), CoversError> {
+        self.folder.append("log.txt", &format!("{line}\n"))
+    }
+
+    /// The run stops at `stop`'s wish.
+    pub fn stop_at(&mut self, stop: Stop) {
+        self.stop = stop;
+    }
+
+    /// How the run began: anew, or from which checkpoint, and why not from a newer one.
+    pub fn notice(&self) -> &str {
+        &self.notice
+    }
+
+    /// The settings.
+    pub fn experiment(&self) -> &Experiment {
+        &self.experiment
+    }
+
+    /// Where the files are.
+    pub fn folder(&self) -> &RunFolder {
+        &self.folder
+    }
+
+    /// The books so far.
+    pub fn ledger(&self) -> &Ledger {
+        &self.ledger
+    }
+
+    /// Whether nothing is left to do.
+    pub fn is_finished(&self) -> bool {
+        self.due == 0 && locate(&self.visits, self.ledger.rollouts).is_none()
+    }
+
+    /// Learns from one more rollout, or evaluates where that is due, and saves where that is due.
+    /// None where nothing is left to do, or where a [stop](Run::stop_at) is wished for: then
+    /// [`Run::save`] keeps what was learnt.
+    ///
+    /// # Errors
+    /// What any part says; [`CoversError::Panicked`], and [`CoversError::Broken`] after an error.
+    /// Files written so far stay, and the last checkpoint can be resumed.
+    pub fn advance(&mut self) -> Result<Option<Event>, CoversError> {
+        if self.broken {
+            return Err(CoversError::Broken);
+        }
+        let event = self.step();
+        if let Err(error) = &event {
+            self.broken = true;
+            // the error itself counts more than that it could not be noted
+            let _ = self.log(&format!("error: {error}"));
+        }
+        event
+    }
+
+    fn step(&mut self) -> Result<Option<Event>, CoversError> {
+        if self.stop.requested() {
+            return Ok(None);
+        }
+        let event = match (self.due, locate(&self.visits, self.ledger.rollouts)) {
+            (0, None) => return Ok(None),
+            (0, Some((index, nth))) => {
+                let progress = self.learn(index)?;
+                let last_of_visit = nth + 1 == self.visits[index].rollouts;
+                let last = last_of_visit && index + 1 == self.visits.len();
+                self.due = self.evaluation_rounds(last_of_visit, last);
+                Event::Rollout(progress)
+            }
+            (rounds, _) => match self.score(rounds)? {
+                Some(evaluation) => Event::Evaluation(evaluation),
+                None => return Ok(None),
+            },
+        };
+        let every = self.experiment.checkpoints.every;
+        let rollouts = self.ledger.rollouts;
+        let last = locate(&self.visits, rollouts).is_none();
+        // before an evaluation, which may take minutes, and after it
+        if last || rollouts.is_multiple_of(every) {
+            self.save()?;
+        }
+        Ok(Some(event))
+    }
+
+    /// Rounds of the evaluation that is due after this rollout; 0 for none.
+    fn evaluation_rounds(&self, last_of_visit: bool, last: bool) -> usize {
+        let plan = &self.experiment.evaluation;
+        match (last, last_of_visit) {
+            (true, _) => plan.rounds,
+            (false, true) => plan.visit_rounds,
+            (false, false) => plan.within_visit(self.ledger.rollouts),
+        }
+    }
+
+    /// One turn of the learner in the visit of this index.
+    fn learn(&mut self, index: usize) -> Result<Progress, CoversError> {
+        let clock = Instant::now();
+        let (visit, rollout) = (&self.visits[index], self.ledger.rollouts);
+        let group = self.tasks.get(&visit.group)?;
+        let returns = self.visits[..index].iter().any(|v| v.group == visit.group);
+        let (learner, stream) = (&mut self.learner, &mut self.stream);
+        stream.switch_to(group, &visit.variants)?;
+        stream.reseed(self.experiment.environment_seed(rollout))?;
+        self.labels.set(group.name());
+        let (failures, environment_seconds) = (stream.failures(), stream.seconds());
+        let turn: Turn = guarded(&self.pool, || learner.learn(stream))?;
+        let seconds = clock.elapsed().as_secs_f64();
+        let ledger = &mut self.ledger;
+        ledger.record(group.name(), returns, turn.policy);
+        ledger.decisions += turn.decisions;
+        ledger.failures += stream.failures() - failures;
+        ledger.seconds += seconds;
+        let reward = turn.rollout.mean_return();
+        let progress = Progress {
+            rollout,
+            decisions: ledger.decisions,
+            group,
+            reward: reward.map(|sum| sum * stream.reward_scale()),
+            success: turn.rollout.success_rate(),
+            turn,
+            seconds,
+            environment_seconds: stream.seconds() - environment_seconds,
+        };
+        self.logs.write_rollout(&progress)?;
+        Ok(progress)
+    }
+
+    /// The evaluation that is due; none where a stop was wished for.
+    fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, CoversError> {
+        let Some(scores) = self.evaluate_until(&self.stop.clone(), rounds)? else {
+            return Ok(None);
+        };
+        let evaluation = Evaluation {
+            rollout: self.ledger.rollouts - 1,
+            decisions: self.ledger.decisions,
+            scores,
+        };
+        self.logs.write_scores(&evaluation)?;
+        self.last_scores.clone_from(&evaluation.scores);
+        self.due = 0;
+        Ok(Some(evaluation))
+    }
+
+    /// Scores all variants of all groups now, with `rounds` episodes in each environment.
+    ///
+    /// # Errors
+    /// What the evaluation says.
+    pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
+        let scores = self.evaluate_until(&Stop::default(), rounds)?;
+        Ok(scores.unwrap_or_default())
+    }
+
+    fn evaluate_until(
+        &mut self,
+        stop: &Stop,
+        rounds: usize,
+    ) -> Result<Option<Vec<Score>>, CoversError> {
+        let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
+        let mut scores = Vec::new();
+        for variant in evaluator.variants() {
+            if stop.requested() {
+                return Ok(None);
+            }
+            scores.push(guarded(&self.pool, || {
+                evaluator.variant(learner, variant, rounds)
+            })?);
+        }
+        Ok(Some(scores))
+    }
+
+    /// Writes a checkpoint, unless the newest is of this very moment.
+    ///
+    /// # Errors
+    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older checkpoints
+    /// are then still there.
+    pub fn save(&mut self) -> Result<(), CoversError> {
+        if self.broken {
+            return Err(CoversError::Broken);
+        }
+        let (rollouts, due) = (self.ledger.rollouts, self.due);
+        if self.saved == Some((rollouts, due)) {
+            return Ok(());
+        }
+        let path = checkpoints::path(&self.folder, rollouts);
+        let note = Note {
+            ledger: self.ledger.clone(),
+            due,
+            rows: self.logs.rows(),
+        };
+        let note = note.sign(&self.experiment);
+        let note = note.map_err(|error| CoversError::write(&path, error))?;
+        let bytes = self.learner.encode(&path, Extent::Everything, &note)?;
+        self.logs.sync()?;
+        checkpoints::save(
+            &self.folder,
+            rollouts,
+            &bytes,
+            self.experiment.checkpoints.keep,
+        )?;
+        self.saved = Some((rollouts, due));
+        Ok(())
+    }
+
+    /// The figures of the run. Scores are those of the last evaluation; where there was none since
+    /// the start or the resumption, all variants are scored now. Those of a finished run are written
+    /// to `summary.json`, too.
+    ///
+    /// # Errors
+    /// What the evaluation says.
+    pub fn summary(&mut self) -> Result<Summary, CoversError> {
+        if self.last_scores.is_empty() {
+            self.last_scores = self.evaluate(self.experiment.evaluation.rounds)?;
+        }
+        let ledger = &self.ledger;
+        let summary = Summary {
+            decisions: ledger.decisions,
+            seconds: ledger.seconds,
+            decisions_per_second: ledger.decisions as f64 / ledger.seconds,
+            policies: self.learner.policies(),
+            failures: ledger.failures,
+            assignment_accuracy: ledger.accuracy(),
+            return_accuracy: ledger.return_accuracy(),
+            groups: by_group(&self.last_scores),
+            variants: self.last_scores.clone(),
+        };
+        if self.is_finished() {
+            let text = serde_json::to_string_pretty(&summary);
+            let text = text.map_err(|error| CoversError::write(self.folder.path(), error))?;
+            self.folder.replace("summary.json", text.as_bytes())?;
+        }
+        Ok(summary)
+    }
+}
+
+/// Works on the threads of `pool`. A panic, wherever it happened, is an error.
+fn guarded<T: Send>(
+    pool: &ThreadPool,
+    work: impl FnOnce() -> Result<T, CoversError> + Send,
+) -> Result<T, CoversError> {
+    let result = catch_unwind(AssertUnwindSafe(|| pool.install(work)));
+    result.unwrap_or_else(|panic| {
+        Err(CoversError::Panicked {
+            message: message_of(&*panic),
+        })
+    })
+}
+
+fn message_of(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "without a message".to_owned())
+}
+
+/// The threads that networks run on.
+pub fn thread_pool(threads: usize) -> Result<ThreadPool, CoversError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|source| CoversError::Threads { threads, source })
+}
+
+/// The visit that a rollout belongs to, and its number within the visit; none behind the last.
+fn locate(visits: &[Visit], rollout: usize) -> Option<(usize, usize)> {
+    let mut before = 0;
+    for (index, visit) in visits.iter().enumerate() {
+        if rollout < before + visit.rollouts {
+            return Some((index, rollout - before));
+        }
+        before += visit.rollouts;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_any_worker_is_an_error_with_its_message() {
+        use rayon::prelude::*;
+        let pool = thread_pool(2).unwrap();
+        let work = || {
+            (0..8)
+                .into_par_iter()
+                .for_each(|i| assert!(i != 5, "item {i} fell over"));
+            Ok(())
+        };
+        let message = guarded(&pool, work).unwrap_err().to_string();
+        assert!(message.contains("item 5 fell over"), "{message}");
+        assert!(guarded(&pool, || Ok(7)).is_ok_and(|seven| seven == 7));
+    }
+}

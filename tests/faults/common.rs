@@ -1,0 +1,116 @@
+//! Small runs, and what of their files must be equal.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use covers::presets::{Budget, Method};
+use covers::{CoversSettings, Experiment, LearnerSettings, Run, RunFolder};
+use envs::{Camera, Embodiment};
+
+/// A folder of one test's own, gone when it ends.
+pub struct Scratch(pub PathBuf);
+
+impl Scratch {
+    pub fn new(name: &str) -> Self {
+        static NEXT: AtomicUsize = AtomicUsize::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let name = format!("covers-faults-{name}-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    /// A run's folder in it.
+    pub fn run(&self, name: &str) -> RunFolder {
+        RunFolder::create(&self.0, name).unwrap()
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+/// Whether the whole programme runs, and not the short one of the test suite.
+pub fn full() -> bool {
+    std::env::var("COVERS_FAULTS").is_ok_and(|value| value == "full")
+}
+
+/// Two groups, two rollouts each, a checkpoint after every rollout; the paper's method with small
+/// pictures.
+pub fn tiny(method: Method) -> Experiment {
+    let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
+    experiment.schedule.groups.truncate(2);
+    experiment.checkpoints.every = 1;
+    // without an arm: quicker
+    experiment.envs.embodiment = Embodiment::Hand;
+    if method == Method::Paper {
+        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+        settings.network = CoversSettings::default().network;
+        experiment.envs.camera.size = Camera::default().size;
+    }
+    experiment
+}
+
+/// What equal runs write: metrics, scores, and the last checkpoint, which holds the final weights.
+pub type Bytes = BTreeMap<PathBuf, Vec<u8>>;
+
+pub fn bytes(folder: &Path) -> Bytes {
+    let newest = newest(folder).strip_prefix(folder).unwrap().to_owned();
+    let files = [
+        PathBuf::from("metrics.csv"),
+        PathBuf::from("evaluation.csv"),
+        newest,
+    ];
+    let read = |file: PathBuf| (file.clone(), fs::read(folder.join(file)).unwrap());
+    files.into_iter().map(read).collect()
+}
+
+/// The newest checkpoint.
+pub fn newest(folder: &Path) -> PathBuf {
+    checkpoints(folder).pop().unwrap()
+}
+
+/// All checkpoints, the oldest first.
+pub fn checkpoints(folder: &Path) -> Vec<PathBuf> {
+    let files = fs::read_dir(folder.join("checkpoints")).unwrap();
+    let mut files: Vec<PathBuf> = files.map(|file| file.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+pub fn finish(mut run: Run) -> Bytes {
+    while run.advance().unwrap().is_some() {}
+    assert!(run.is_finished());
+    bytes(run.folder().path())
+}
+
+/// What a run that nothing happens to writes.
+pub fn reference(experiment: &Experiment) -> Bytes {
+    let scratch = Scratch::new("reference");
+    finish(Run::start(experiment.clone(), scratch.run("run")).unwrap())
+}
+
+/// What [`tiny`] writes with COVERS.
+pub fn expected() -> &'static Bytes {
+    static EXPECTED: OnceLock<Bytes> = OnceLock::new();
+    EXPECTED.get_or_init(|| reference(&tiny(Method::Covers)))
+}
+
+/// Learns from this many rollouts and drops the run as a crash would.
+pub fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
+    while run.ledger().rollouts < rollouts {
+        run.advance().unwrap();
+    }
+    run.folder().path().to_owned()
+}
+
+pub fn assert_same(got: &Bytes, expected: &Bytes) {
+    for (file, bytes) in expected {
+        assert!(got.get(file) == Some(bytes), "{} differs", file.display());
+    }
+}

@@ -1,0 +1,139 @@
+//! Numbers that are none and threads that panic: a named error before a checkpoint is poisoned, or a
+//! failure of one environment alone.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use covers::presets::Method;
+use covers::{CoversError, Event, Experiment, Run};
+use envs::tasks::DrawerClose;
+use envs::{
+    EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
+    TaskRegistry,
+};
+use rand_chacha::ChaCha8Rng;
+
+use crate::common::{Scratch, checkpoints, tiny};
+
+/// Drawer Close, until its reward was asked for this many times; then the fault.
+struct Faulty {
+    name: &'static str,
+    asked: AtomicUsize,
+    after: usize,
+    fault: fn() -> f64,
+}
+
+impl Faulty {
+    const fn new(name: &'static str, after: usize, fault: fn() -> f64) -> Self {
+        let asked = AtomicUsize::new(0);
+        Self {
+            name,
+            asked,
+            after,
+            fault,
+        }
+    }
+}
+
+impl Task for Faulty {
+    fn name(&self) -> &str {
+        self.name
+    }
+
+    fn parts(&self) -> Parts<'_> {
+        DrawerClose.parts()
+    }
+
+    fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
+        DrawerClose.place(rng)
+    }
+
+    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+        let mut reward = DrawerClose.reward(start, now, finger);
+        if self.asked.fetch_add(1, Ordering::Relaxed) == self.after {
+            reward.reward = (self.fault)();
+        }
+        reward
+    }
+
+    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        DrawerClose.expert(placement, now)
+    }
+}
+
+/// One group of a task that fails after about two and a half rollouts.
+fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
+    let mut tasks = TaskRegistry::standard();
+    tasks.register(TaskGroup::of(task)).unwrap();
+    let mut experiment = tiny(Method::Covers);
+    experiment.schedule.groups.truncate(1);
+    experiment.schedule.groups[0].group = task.name.to_owned();
+    experiment.schedule.groups[0].rollouts = 4;
+    Run::start_with(experiment, tasks, scratch.run("run")).unwrap()
+}
+
+/// Rewards asked for in a rollout: one a control step, ten a decision, 80 decisions.
+const ROLLOUT: usize = 800;
+
+#[test]
+fn a_reward_that_is_no_number_is_an_error_and_no_checkpoint_holds_it() {
+    static TASK: Faulty = Faulty::new("no-number", 5 * ROLLOUT / 2, || f64::NAN);
+    let scratch = Scratch::new("reward");
+    let mut run = run_of(&scratch, &TASK);
+    let error = loop {
+        match run.advance() {
+            Ok(event) => assert!(event.is_some()),
+            Err(error) => break error,
+        }
+    };
+    assert!(error.to_string().contains("NaN"), "{error}");
+    let (folder, learnt) = (run.folder().path().to_owned(), run.ledger().rollouts);
+    assert!(matches!(run.save().unwrap_err(), CoversError::Broken));
+    assert_eq!(
+        checkpoints(&folder).len(),
+        learnt,
+        "one after each rollout before"
+    );
+    let log = std::fs::read_to_string(folder.join("log.txt")).unwrap();
+    assert!(log.contains("NaN"), "{log}");
+}
+
+#[test]
+fn a_panic_in_a_task_is_a_failure_of_its_environment_alone() {
+    static TASK: Faulty = Faulty::new("panic", 3 * ROLLOUT / 2, || panic!("the task fell over"));
+    let scratch = Scratch::new("panic");
+    let mut run = run_of(&scratch, &TASK);
+    while run.advance().unwrap().is_some() {}
+    assert!(run.is_finished());
+    assert_eq!(run.ledger().failures, 1);
+}
+
+fn diverging() -> Experiment {
+    let mut experiment = tiny(Method::Covers);
+    let covers::LearnerSettings::Covers(settings) = &mut experiment.learner;
+    settings.ppo.head_learning_rate = 1e30;
+    settings.ppo.encoder_learning_rate = 1e30;
+    experiment
+}
+
+#[test]
+fn a_gradient_that_overflows_is_an_error_and_no_checkpoint_holds_it() {
+    let scratch = Scratch::new("gradient");
+    let mut run = Run::start(diverging(), scratch.run("run")).unwrap();
+    let mut rollouts = 0;
+    let error = loop {
+        match run.advance() {
+            Ok(Some(Event::Rollout(_))) => rollouts += 1,
+            Ok(_) => panic!("it must not end"),
+            Err(error) => break error,
+        }
+    };
+    let message = error.to_string();
+    let named = ["NaN", "inf"].iter().any(|value| message.contains(value));
+    assert!(named, "{message}");
+    let folder = run.folder().path().to_owned();
+    drop(run);
+    if rollouts > 0 {
+        let resumed = Run::resume(&folder, Some(1)).unwrap();
+        assert!(resumed.ledger().rollouts <= rollouts);
+    }
+}

@@ -1,0 +1,146 @@
+//! Two processes on one folder, runs that are over, files that disappear, and clocks.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use covers::presets::Method;
+use covers::{CoversError, Provenance, Run};
+
+use crate::common::{Scratch, assert_same, crash_after, expected, finish, tiny};
+
+#[test]
+fn a_second_writer_is_refused_and_told_of_the_first() {
+    let scratch = Scratch::new("writers");
+    let mut run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+    run.advance().unwrap();
+    let folder = run.folder().clone();
+    // a lock is the process's own, so another one must ask
+    let program = env!("CARGO_BIN_EXE_covers");
+    let path = folder.path().to_str().unwrap();
+    for arguments in [
+        vec!["resume", path],
+        vec!["train", "--budget", "smoke", "--folder", path],
+        vec![
+            "train",
+            "--budget",
+            "smoke",
+            "--folder",
+            path,
+            "--overwrite",
+        ],
+    ] {
+        let output = std::process::Command::new(program)
+            .args(&arguments)
+            .output();
+        let output = output.unwrap();
+        let message = String::from_utf8(output.stderr).unwrap();
+        let process = format!("process {}", std::process::id());
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(
+            message.contains(&process) && message.contains(path),
+            "{message}"
+        );
+    }
+    drop(run);
+    finish(Run::resume(folder.path(), None).unwrap());
+}
+
+#[test]
+fn a_finished_run_is_overwritten_only_when_told() {
+    let scratch = Scratch::new("finished");
+    let experiment = tiny(Method::Covers);
+    let folder = scratch.run("run");
+    let expected = finish(Run::start(experiment.clone(), folder.clone()).unwrap());
+    let error = Run::start(experiment.clone(), folder.clone())
+        .err()
+        .unwrap();
+    assert!(matches!(error, CoversError::Occupied { .. }), "{error}");
+    assert!(error.to_string().contains("covers resume"), "{error}");
+    // what has ended stays as it is
+    let lines = Provenance::read(folder.path()).unwrap().len();
+    assert_same(
+        &finish(Run::resume(folder.path(), None).unwrap()),
+        &expected,
+    );
+    assert_eq!(Provenance::read(folder.path()).unwrap().len(), lines);
+    fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    folder.clear().unwrap();
+    assert!(!folder.holds_run());
+    let other = finish(Run::start(experiment.with_seed(9), folder.clone()).unwrap());
+    assert!(other[Path::new("metrics.csv")] != expected[Path::new("metrics.csv")]);
+    let notes = fs::read_to_string(folder.path().join("notes.txt")).unwrap();
+    assert_eq!(notes, "mine");
+}
+
+#[test]
+fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
+    let scratch = Scratch::new("removed");
+    let experiment = tiny(Method::Covers);
+    let mut run = Run::start(experiment, scratch.run("run")).unwrap();
+    run.advance().unwrap();
+    for file in ["metrics.csv", "evaluation.csv", "timings.csv", "log.txt"] {
+        fs::remove_file(run.folder().path().join(file)).unwrap();
+    }
+    assert_same(&finish(run), expected());
+}
+
+#[test]
+fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
+    let scratch = Scratch::new("rows");
+    let experiment = tiny(Method::Covers);
+    let run = Run::start(experiment, scratch.run("run")).unwrap();
+    let folder = crash_after(3, run);
+    let metrics = folder.join("metrics.csv");
+    let whole = fs::read(&metrics).unwrap();
+    fs::write(&metrics, &whole[..whole.len() / 2]).unwrap();
+    fs::remove_file(folder.join("timings.csv")).unwrap();
+    assert_same(&finish(Run::resume(&folder, Some(1)).unwrap()), expected());
+}
+
+#[test]
+fn provenance_says_who_worked_on_a_run() {
+    let scratch = Scratch::new("provenance");
+    let folder = crash_after(
+        2,
+        Run::start(tiny(Method::Covers), scratch.run("run")).unwrap(),
+    );
+    finish(Run::resume(&folder, Some(1)).unwrap());
+    let [first, second] = &Provenance::read(&folder).unwrap()[..] else {
+        panic!("two processes worked on the run");
+    };
+    assert_eq!((first.rollouts, second.rollouts), (0, 2));
+    assert_eq!((first.threads, second.threads), (2, 1));
+    assert_eq!(first.mujoco, "2.2.2");
+    assert!(first.renderer.contains("OpenGL"), "{}", first.renderer);
+    assert!(!first.command.is_empty() && first.version == env!("CARGO_PKG_VERSION"));
+    assert_eq!(first.commit.is_some(), first.clean.is_some());
+}
+
+/// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that is
+/// set back changes nothing but the date in the provenance.
+#[test]
+fn the_machines_clock_is_read_in_one_place_alone() {
+    fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                sources(&path, found);
+            } else if fs::read_to_string(&path).is_ok_and(|text| text.contains("SystemTime::now")) {
+                found.push(path);
+            }
+        }
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    for folder in [
+        "src",
+        "cluster/src",
+        "envs/src",
+        "equivariant/src",
+        "mujoco/src",
+        "rl/src",
+    ] {
+        sources(&root.join(folder), &mut found);
+    }
+    assert_eq!(found, [root.join("src/runs/provenance.rs")]);
+}
