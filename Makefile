@@ -11,7 +11,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test deps
+.PHONY: stream test faults deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -28,6 +28,10 @@ test: deps
 	$(EXAMPLES)/own_task --budget smoke
 	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
 	  --target-dir $(TARGET)
+
+# Kills, signals, damaged files, failing disks and power cuts: minutes.
+faults: deps
+	COVERS_FAULTS=full cargo test --locked --test faults -- --nocapture
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \
