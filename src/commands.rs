@@ -13,6 +13,7 @@ use crate::groupings::Labels;
 use crate::learners::Extent;
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
+use crate::sweep::{self, Plan};
 use crate::tables::{event_text, score_table, summary_table};
 
 /// What `covers` does with learners.
@@ -22,6 +23,8 @@ pub enum Command {
     Train(TrainOptions),
     /// Goes on from the newest intact checkpoint of an interrupted run.
     Resume(ResumeOptions),
+    /// Runs methods times seeds; any number of workers may share the work.
+    Sweep(SweepOptions),
     /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own
     /// choice.
     Eval(EvalOptions),
@@ -41,6 +44,28 @@ pub struct ResumeOptions {
     /// Print the summary as one JSON object in the last line.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which runs to do.
+#[derive(Clone, Debug, Args)]
+pub struct SweepOptions {
+    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, and settings to `set`.
+    pub plan: PathBuf,
+    /// Folder that the runs' folders are in, which is all that workers share.
+    #[arg(long, default_value = "runs")]
+    pub runs: PathBuf,
+    /// Worker threads of each run; results do not depend on them.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: u16,
+    /// Do this job alone, counted from 0.
+    #[arg(long)]
+    pub job: Option<usize>,
+    /// Do nothing; print a Slurm script that does the plan as an array of jobs.
+    #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
+    pub slurm: bool,
+    /// Do nothing; print a Kubernetes job that does the plan in containers of this image.
+    #[arg(long, value_name = "IMAGE", conflicts_with = "job")]
+    pub kubernetes: Option<String>,
 }
 
 /// What to score.
@@ -109,6 +134,7 @@ impl Command {
                 let mut run = Run::resume(&options.run, Some(options.threads.count()))?;
                 finish(&mut run, options.json, out)
             }
+            Self::Sweep(options) => sweep(options, out),
             Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
             Self::Pack(options) => pack(options, out).map(|()| Outcome::Done),
         }
@@ -121,6 +147,38 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
     let folder = options.output.run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
     finish(&mut run, options.output.json, out)
+}
+
+fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
+    let jobs = Plan::read(&options.plan)?.jobs()?;
+    let absolute =
+        |path: &Path| std::path::absolute(path).map_err(|error| CoversError::read(path, error));
+    let (plan, runs) = (absolute(&options.plan)?, absolute(&options.runs)?);
+    if options.slurm {
+        let program = std::env::current_exe();
+        let program = program.map_err(|error| CoversError::read(Path::new("covers"), error))?;
+        say(out, &sweep::slurm(&program, &plan, &runs, jobs.len()))?;
+        return Ok(Outcome::Done);
+    }
+    if let Some(image) = &options.kubernetes {
+        say(out, &sweep::kubernetes(image, &plan, &runs, jobs.len()))?;
+        return Ok(Outcome::Done);
+    }
+    let chosen = match options.job {
+        None => &jobs[..],
+        Some(job) => jobs.get(job..=job).ok_or_else(|| CoversError::Setting {
+            name: "job",
+            value: job.to_string(),
+            expected: "the number of a job of the plan, counted from 0",
+        })?,
+    };
+    let threads = usize::from(options.threads);
+    let stopped = sweep::work(chosen, &runs, threads, &Stop::on_signals()?, out)?;
+    Ok(if stopped {
+        Outcome::Interrupted
+    } else {
+        Outcome::Done
+    })
 }
 
 /// Runs to the end, or to a signal, and tells of every step.

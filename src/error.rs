@@ -183,6 +183,12 @@ pub enum CoversError {
          with `covers resume`"
     )]
     Broken,
+    /// Jobs of a sweep that failed.
+    #[error("these jobs failed, each for the reason told above: {}", failed.join(", "))]
+    Jobs {
+        /// Their names.
+        failed: Vec<String>,
+    },
     /// The handlers of Ctrl-C and SIGTERM.
     #[error("cannot listen to signals: {source}")]
     Signals {

@@ -32,6 +32,7 @@ mod runs;
 pub mod schedule;
 pub mod sheet;
 mod stream;
+pub mod sweep;
 pub mod tables;
 
 pub use disk::{Disk, LocalDisk};

@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use envs::{TaskGroup, VecEnvSettings};
+use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
 use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
@@ -13,7 +14,8 @@ use crate::schedule::Schedule;
 const PAPER_PICTURES: usize = 128;
 
 /// The methods of the paper's table, each one value of configuration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// COVERS: D2-equivariant policies, grouped by distances.
     Covers,
@@ -79,7 +81,8 @@ impl Method {
 }
 
 /// How long a run may take.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Budget {
     /// Seconds; shows that every part works. Nothing is learnt.
     Smoke,

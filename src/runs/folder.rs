@@ -20,6 +20,8 @@ use super::lock::Lock;
 
 /// The file of a run's settings.
 const EXPERIMENT: &str = "experiment.json";
+/// The file that a finished run leaves.
+pub(crate) const SUMMARY: &str = "summary.json";
 /// The files of a run beside its settings and checkpoints.
 const FILES: [&str; 7] = [
     "contact_sheet.png",
@@ -27,7 +29,7 @@ const FILES: [&str; 7] = [
     "log.txt",
     "metrics.csv",
     "provenance.jsonl",
-    "summary.json",
+    SUMMARY,
     "timings.csv",
 ];
 
@@ -118,6 +120,11 @@ impl RunFolder {
     /// Whether a run began here.
     pub fn holds_run(&self) -> bool {
         self.file(EXPERIMENT).exists()
+    }
+
+    /// Whether the run that began here ended.
+    pub fn is_finished(&self) -> bool {
+        self.holds_run() && self.file(SUMMARY).exists()
     }
 
     /// Reads the run's settings.

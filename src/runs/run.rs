@@ -18,7 +18,7 @@ use crate::schedule::Visit;
 use crate::stream::Stream;
 
 use super::checkpoints;
-use super::folder::RunFolder;
+use super::folder::{RunFolder, SUMMARY};
 use super::ledger::Ledger;
 use super::lock::Lock;
 use super::logs::Logs;
@@ -386,7 +386,7 @@ impl Run {
         if self.is_finished() {
             let text = serde_json::to_string_pretty(&summary);
             let text = text.map_err(|error| CoversError::write(self.folder.path(), error))?;
-            self.folder.replace("summary.json", text.as_bytes())?;
+            self.folder.replace(SUMMARY, text.as_bytes())?;
         }
         Ok(summary)
     }

@@ -13,4 +13,5 @@ mod failures;
 mod kills;
 mod power;
 mod signals;
+mod sweeps;
 mod writers;
