@@ -31,13 +31,13 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     experiment.check(&TaskRegistry::standard())?;
     let name = run_name(options.budget.name(), &experiment);
     let folder = options.output.run_folder(&name)?;
-    let bar = progress_bar(experiment.schedule.total_rollouts());
+    let bar = progress_bar(experiment.schedule.total_decisions());
     let mut run = Run::start(experiment, folder)?;
     run.stop_at(Stop::on_signals()?);
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = event {
             bar.suspend(|| println!("{}", rollout_line(&progress)));
-            bar.inc(1);
+            bar.set_position(progress.decisions as u64);
         }
     }
     bar.finish_and_clear();
@@ -45,14 +45,14 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
 }
 
 /// A bar on the terminal; nothing where the output is a file.
-fn progress_bar(rollouts: usize) -> ProgressBar {
+fn progress_bar(decisions: usize) -> ProgressBar {
     let target = if stderr().is_terminal() {
         ProgressDrawTarget::stderr()
     } else {
         ProgressDrawTarget::hidden()
     };
-    let template = "{wide_bar} rollout {pos}/{len}, {eta} left";
+    let template = "{wide_bar} decision {pos} of {len}, {eta} left";
     let style =
         ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::with_draw_target(Some(rollouts as u64), target).with_style(style)
+    ProgressBar::with_draw_target(Some(decisions as u64), target).with_style(style)
 }

@@ -140,11 +140,13 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
         Length::Smoke => (Budget::Smoke, 1, 1, 1),
         Length::Short => (Budget::Short, 2, 3, 12),
     };
-    let others = TaskGroup::STANDARD.map(|group| (group, others));
-    let visits = [others.as_slice(), &[(group, own)]].concat();
+    let experiment = budget.experiment(Method::Covers);
+    let rollout = experiment.learner.rollout_steps();
+    let others = TaskGroup::STANDARD.map(|group| (group, others * rollout));
+    let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
     Experiment {
         schedule: Schedule::shuffled(cycles, &visits),
-        ..budget.experiment(Method::Covers)
+        ..experiment
     }
 }
 

@@ -225,7 +225,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (mut learner, _) = folder.load_learner(learner, &spec, &labels)?;
+    let mut learner = folder.load_learner(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
@@ -245,11 +245,11 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> 
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (learner, note) = from.load_learner(learner, &spec, &labels)?;
+    let learner = from.load_learner(learner, &spec, &labels)?;
     let to = RunFolder::create_exactly(&options.folder)?;
     to.write_experiment(&experiment)?;
     let episodes = options.episodes;
-    to.save_learner(&*learner, Extent::Policies { episodes }, &note)?;
+    to.save_learner(&*learner, Extent::Policies { episodes })?;
     say(
         out,
         &format!("{} policies in {}", learner.policies(), to.path().display()),

@@ -13,8 +13,9 @@ use crate::error::CoversError;
 use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
 use crate::overrides::typed;
-use crate::schedule::{Schedule, Visit};
+use crate::schedule::Schedule;
 use crate::stream::Stream;
+use crate::timetable::Timetable;
 
 /// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
 /// the same seed.
@@ -181,16 +182,14 @@ impl Experiment {
     }
 
     /// The visits of the stream, drawn from the run's seed.
-    pub(crate) fn visits(&self) -> Vec<Visit> {
-        self.schedule.visits(&mut self.stream_rng(SCHEDULE))
+    pub(crate) fn timetable(&self) -> Timetable {
+        let (rollout, rng) = (self.learner.rollout_steps(), &mut self.stream_rng(SCHEDULE));
+        Timetable::new(self.schedule.visits(rollout, rng))
     }
 
-    /// The seed of the environments in one rollout: an interrupted run needs to know nothing but
-    /// the number of the next.
-    pub(crate) fn environment_seed(&self, rollout: usize) -> u64 {
-        let mut rng = self.stream_rng(ENVIRONMENTS);
-        rng.set_word_pos(BLOCK * rollout as u128);
-        rng.random()
+    /// The seeds of the environments.
+    pub(crate) fn environment_seeds(&self) -> Seeds {
+        Seeds(self.stream_rng(ENVIRONMENTS))
     }
 
     /// The seed of evaluation episodes.
@@ -202,6 +201,19 @@ impl Experiment {
         let mut rng = ChaCha8Rng::seed_from_u64(self.learner.seed());
         rng.set_stream(stream);
         rng
+    }
+}
+
+/// Seeds by number: an interrupted run needs to know nothing but the number of the next.
+#[derive(Clone, Debug)]
+pub(crate) struct Seeds(ChaCha8Rng);
+
+impl Seeds {
+    /// The seed of this number.
+    pub fn nth(&self, number: usize) -> u64 {
+        let mut rng = self.0.clone();
+        rng.set_word_pos(BLOCK * number as u128);
+        rng.random()
     }
 }
 
@@ -218,7 +230,8 @@ mod tests {
     fn no_two_purposes_share_a_random_stream() {
         let experiment = smoke().with_seed(7);
         let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
-        let seeds = (0..20).map(|rollout| experiment.environment_seed(rollout));
+        let seeds = experiment.environment_seeds();
+        let seeds = (0..20).map(|number| seeds.nth(number));
         let seeds = seeds.chain([experiment.evaluation_seed()]);
         let slots = seeds.flat_map(|seed| (0..20).map(move |stream| (seed, stream)));
         let slots = slots.map(|(seed, stream)| {

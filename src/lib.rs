@@ -34,6 +34,8 @@ pub mod sheet;
 mod stream;
 pub mod sweep;
 pub mod tables;
+mod timetable;
+mod world;
 
 pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;

@@ -218,14 +218,14 @@ mod tests {
             "learner.covers.seed=7",
             "evaluation.every=5",
             "evaluation.visit_rounds=1",
-            "schedule.groups.0.rollouts=9",
+            "schedule.groups.0.decisions=9",
             "covers.grouping=oracle",
         ])
         .unwrap();
         let LearnerSettings::Covers(covers) = &changed.learner;
         assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
         assert_eq!(changed.evaluation.every, Some(5));
-        assert_eq!(changed.schedule.groups[0].rollouts, 9);
+        assert_eq!(changed.schedule.groups[0].decisions, 9);
         let list = differences(&smoke(), &changed).unwrap();
         assert!(
             list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"),
@@ -240,7 +240,10 @@ mod tests {
             ("covers.ppo.gama=0.9", "covers.ppo.gamma"),
             ("gamma=0.9", "covers.ppo.gamma"),
             ("evaluation.round=2", "evaluation.rounds"),
-            ("schedule.groups.9.rollouts=9", "schedule.groups.0.rollouts"),
+            (
+                "schedule.groups.9.decisions=9",
+                "schedule.groups.0.decisions",
+            ),
         ] {
             let message = set(&[text]).unwrap_err().to_string();
             let asked = format!("did you mean `{nearest}`?");

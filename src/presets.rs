@@ -116,10 +116,11 @@ impl Budget {
             learner.rollout_steps = 8 * 10;
             learner.ppo.epochs = 1;
         }
+        let rollout = learner.rollout_steps;
         Experiment {
             learner: LearnerSettings::Covers(learner),
             envs,
-            schedule: self.schedule(),
+            schedule: self.schedule(rollout),
             evaluation: self.evaluation(),
             checkpoints: CheckpointPlan {
                 every: if self == Self::Smoke { 3 } else { 10 },
@@ -128,14 +129,16 @@ impl Budget {
         }
     }
 
-    fn schedule(self) -> Schedule {
+    /// The stream of learners with rollouts of this many decisions.
+    fn schedule(self, rollout: usize) -> Schedule {
         let (cycles, rollouts) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [10, 5, 14, 5]),
             Self::Full => (3, [8, 36, 12, 40]),
             Self::ZeroShot => (2, [8, 36, 12, 40]),
         };
-        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(rollouts).collect();
+        let decisions = rollouts.map(|rollouts| rollouts * rollout);
+        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
         let mut schedule = Schedule::shuffled(cycles, &visits);
         if self == Self::ZeroShot {
             for plan in &mut schedule.groups {

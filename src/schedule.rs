@@ -8,8 +8,8 @@ use symmetry::D2;
 
 use crate::error::CoversError;
 
-/// Rollouts of the longest stream, a thousand times the full one's.
-pub const MAX_ROLLOUTS: usize = 288_000;
+/// Decisions of the longest stream, a thousand times the full one's.
+pub const MAX_DECISIONS: usize = 288_000_000;
 
 /// The stream's plan: nothing of it is told to the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +21,21 @@ pub struct Schedule {
     pub cycles: usize,
     /// Who comes after whom.
     pub order: Order,
+    /// What a visit's decisions are counted by.
+    pub clock: Clock,
+}
+
+/// What a visit's decisions are counted by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// The world's own clock, which counts every decision, also of rollouts that a learner throws
+    /// away. When a visit is over, the next group comes at the end of the running episodes, whatever
+    /// the learner does: a rollout may straddle a change. All learners see the same stream.
+    #[default]
+    World,
+    /// The learner's turns: each counts as one rollout's decisions, and groups change between them.
+    Turns,
 }
 
 /// How one group appears in the stream.
@@ -29,8 +44,8 @@ pub struct Schedule {
 pub struct GroupPlan {
     /// The group's name.
     pub group: String,
-    /// Rollouts of a visit, at least 1; the mean number with [`Order::Switching`].
-    pub rollouts: usize,
+    /// Decisions of a visit, at least 1; the mean number with [`Order::Switching`].
+    pub decisions: usize,
     /// Variants that episodes are drawn from; the others are held out and appear in evaluations
     /// alone.
     pub variants: Vec<D2>,
@@ -44,8 +59,8 @@ pub enum Order {
     Fixed,
     /// Every cycle in an order of its own; no group follows itself.
     Shuffled,
-    /// No cycles: after each rollout the group gives way with a probability of 1 in `rollouts`, to
-    /// any other with equal probability. The stream is as long as it would be with cycles.
+    /// No cycles: after as many decisions as a rollout has, the group gives way to any other with
+    /// equal probability, so often that its visits last `decisions` on average. The stream is as long as it would be with cycles.
     Switching,
 }
 
@@ -56,26 +71,28 @@ pub struct Visit {
     pub group: String,
     /// Variants that episodes are drawn from.
     pub variants: Vec<D2>,
-    /// Rollouts until the next visit.
-    pub rollouts: usize,
+    /// Decisions until the next visit.
+    pub decisions: usize,
 }
 
 impl Schedule {
-    /// All variants of these groups, shuffled; each comes with the rollouts of one visit.
+    /// All variants of these groups, shuffled, on the world's clock; each comes with the decisions of
+    /// one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
-        let groups = visits.iter().map(|(group, rollouts)| GroupPlan {
+        let groups = visits.iter().map(|(group, decisions)| GroupPlan {
             group: group.name().to_owned(),
-            rollouts: *rollouts,
+            decisions: *decisions,
             variants: D2::ALL.to_vec(),
         });
         Self {
             groups: groups.collect(),
             cycles,
             order: Order::Shuffled,
+            clock: Clock::default(),
         }
     }
 
-    /// Refuses a plan without groups, cycles, rollouts or variants, and one that names a group or a
+    /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or a
     /// variant twice.
     ///
     /// # Errors
@@ -90,7 +107,7 @@ impl Schedule {
         for (index, plan) in self.groups.iter().enumerate() {
             plan.check(&self.groups[..index])?;
         }
-        if self.checked_rollouts().is_none() {
+        if self.checked_decisions().is_none() {
             return refuse(
                 "schedule.cycles",
                 &self.cycles.to_string(),
@@ -104,17 +121,17 @@ impl Schedule {
         Ok(())
     }
 
-    /// Rollouts of the whole stream, at most [`MAX_ROLLOUTS`].
-    pub fn total_rollouts(&self) -> usize {
-        self.checked_rollouts().unwrap_or(MAX_ROLLOUTS)
+    /// Decisions of the whole stream, at most [`MAX_DECISIONS`].
+    pub fn total_decisions(&self) -> usize {
+        self.checked_decisions().unwrap_or(MAX_DECISIONS)
     }
 
     /// The same, where it is not too many.
-    fn checked_rollouts(&self) -> Option<usize> {
-        let mut cycle = self.groups.iter().map(|plan| plan.rollouts);
+    fn checked_decisions(&self) -> Option<usize> {
+        let mut cycle = self.groups.iter().map(|plan| plan.decisions);
         let cycle = cycle.try_fold(0, usize::checked_add)?;
         let total = cycle.checked_mul(self.cycles)?;
-        (total <= MAX_ROLLOUTS).then_some(total)
+        (total <= MAX_DECISIONS).then_some(total)
     }
 
     /// The groups by their names.
@@ -133,14 +150,15 @@ impl Schedule {
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of a stream; [`Schedule::check`] it first.
-    pub fn visits(&self, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    /// Draws the visits of a stream whose learner has rollouts of this many decisions;
+    /// [`Schedule::check`] it first.
+    pub fn visits(&self, rollout: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => (0..self.cycles)
                 .flat_map(|_| self.groups.iter().map(GroupPlan::visit))
                 .collect(),
             Order::Shuffled => self.shuffled_visits(rng),
-            Order::Switching => self.switching_visits(rng),
+            Order::Switching => self.switching_visits(rollout, rng),
         }
     }
 
@@ -159,18 +177,19 @@ impl Schedule {
         visits
     }
 
-    fn switching_visits(&self, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    fn switching_visits(&self, rollout: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         let others = self.groups.len() - 1;
         let mut current = rng.random_range(0..=others);
         let mut visits = vec![self.groups[current].empty_visit()];
-        for rollout in 0..self.total_rollouts() {
-            let leaves = rng.random_range(0..self.groups[current].rollouts) == 0;
-            if rollout > 0 && leaves {
+        for nth in 0..self.total_decisions().div_ceil(rollout) {
+            let mean = self.groups[current].decisions.div_ceil(rollout);
+            let leaves = rng.random_range(0..mean) == 0;
+            if nth > 0 && leaves {
                 current = (current + 1 + rng.random_range(0..others)) % self.groups.len();
                 visits.push(self.groups[current].empty_visit());
             }
             if let Some(visit) = visits.last_mut() {
-                visit.rollouts += 1;
+                visit.decisions += rollout;
             }
         }
         visits
@@ -192,8 +211,11 @@ impl GroupPlan {
         if before.iter().any(|other| other.group == *group) {
             return refuse(format!("{group} twice"), "every group at most once");
         }
-        if self.rollouts == 0 {
-            return refuse(format!("0 of {group}"), "at least 1 rollout of every group");
+        if self.decisions == 0 {
+            return refuse(
+                format!("0 of {group}"),
+                "at least 1 decision of every group",
+            );
         }
         if self.variants.is_empty() {
             let expected = "at least one variant of every group";
@@ -210,7 +232,7 @@ impl GroupPlan {
 
     fn visit(&self) -> Visit {
         Visit {
-            rollouts: self.rollouts,
+            decisions: self.decisions,
             ..self.empty_visit()
         }
     }
@@ -219,7 +241,7 @@ impl GroupPlan {
         Visit {
             group: self.group.clone(),
             variants: self.variants.clone(),
-            rollouts: 0,
+            decisions: 0,
         }
     }
 }
@@ -231,13 +253,13 @@ mod tests {
     use super::*;
     use rand::SeedableRng;
 
-    fn shuffled(cycles: usize, rollouts: [usize; 4]) -> Schedule {
-        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(rollouts).collect();
+    fn shuffled(cycles: usize, decisions: [usize; 4]) -> Schedule {
+        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
         Schedule::shuffled(cycles, &visits)
     }
 
     fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
-        schedule.visits(&mut ChaCha8Rng::seed_from_u64(seed))
+        schedule.visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
     fn never_twice_running(visits: &[Visit]) -> bool {
@@ -253,7 +275,7 @@ mod tests {
             for cycle in visits.chunks(4) {
                 let groups: HashSet<_> = cycle.iter().map(|visit| &visit.group).collect();
                 assert_eq!(groups.len(), 4);
-                assert_eq!(cycle.iter().map(|v| v.rollouts).sum::<usize>(), 10);
+                assert_eq!(cycle.iter().map(|v| v.decisions).sum::<usize>(), 10);
             }
         }
     }
@@ -278,13 +300,13 @@ mod tests {
         };
         let visits = visits(&schedule, 1);
         assert!(never_twice_running(&visits));
-        let total: usize = visits.iter().map(|visit| visit.rollouts).sum();
-        assert_eq!(total, schedule.total_rollouts());
+        let total: usize = visits.iter().map(|visit| visit.decisions).sum();
+        assert_eq!(total, schedule.total_decisions());
         for plan in &schedule.groups {
             let of_group = visits.iter().filter(|visit| visit.group == plan.group);
-            let lengths: Vec<usize> = of_group.map(|visit| visit.rollouts).collect();
+            let lengths: Vec<usize> = of_group.map(|visit| visit.decisions).collect();
             let mean = lengths.iter().sum::<usize>() as f64 / lengths.len() as f64;
-            let expected = plan.rollouts as f64;
+            let expected = plan.decisions as f64;
             assert!((mean / expected - 1.0).abs() < 0.15, "{mean} {expected}");
         }
     }
@@ -307,7 +329,7 @@ mod tests {
             (|s| s.groups.clear(), "at least one group"),
             (|s| s.cycles = 0, "`schedule.cycles` is 0"),
             (|s| s.cycles = usize::MAX, "no run is so long"),
-            (|s| s.groups[1].rollouts = 0, "0 of button-press"),
+            (|s| s.groups[1].decisions = 0, "0 of button-press"),
             (|s| s.groups[2].variants.clear(), "none of drawer-close"),
             (
                 |s| s.groups[2].variants.push(D2::FlipX),

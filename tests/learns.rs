@@ -7,12 +7,12 @@ use covers::schedule::Schedule;
 use covers::{Experiment, Run, RunFolder};
 use envs::TaskGroup;
 
-/// Rollouts of Goal Reach, 1000 decisions each.
-const ROLLOUTS: usize = 8;
+/// Decisions in Goal Reach: eight rollouts.
+const DECISIONS: usize = 8000;
 
 fn experiment() -> Experiment {
     Experiment {
-        schedule: Schedule::shuffled(1, &[(TaskGroup::GOAL_REACH, ROLLOUTS)]),
+        schedule: Schedule::shuffled(1, &[(TaskGroup::GOAL_REACH, DECISIONS)]),
         ..Budget::Short.experiment(Method::Covers)
     }
 }

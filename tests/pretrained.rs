@@ -20,7 +20,7 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let (mut learner, _) = folder.load_learner(learner, &spec, &labels).unwrap();
+    let mut learner = folder.load_learner(learner, &spec, &labels).unwrap();
     assert_eq!(learner.policies(), 4);
     let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();

@@ -255,10 +255,10 @@ fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     let folder = RunFolder::open(&crash_after(4, start(&scratch.0, experiment(0, 2))));
     let settings = folder.experiment().unwrap();
     let mut longer = settings.clone();
-    longer.schedule.groups[0].rollouts += 1;
+    longer.schedule.groups[0].decisions += 80;
     let cases = [
         (settings.clone().with_seed(9), "`seed` 9 and 0"),
-        (longer, "`schedule.groups.0.rollouts` 3 and 2"),
+        (longer, "`schedule.groups.0.decisions` 240 and 160"),
     ];
     for (edited, difference) in cases {
         folder.write_experiment(&edited).unwrap();

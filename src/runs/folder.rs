@@ -156,7 +156,7 @@ impl RunFolder {
         self.path.join("checkpoints")
     }
 
-    /// The learner of the newest intact checkpoint, for acting and recognising, and its note.
+    /// The learner of the newest intact checkpoint, for acting and recognising.
     ///
     /// # Errors
     /// As [`LearnerSettings::load`], and [`CoversError::NoCheckpoint`].
@@ -165,28 +165,23 @@ impl RunFolder {
         learner: &LearnerSettings,
         spec: &EnvSpec,
         labels: &Labels,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    ) -> Result<Box<dyn Learner>, CoversError> {
         let found = checkpoints::newest(self, |path| learner.load(path, spec, labels))?;
         let none = || CoversError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.value).ok_or_else(none)
+        found.map(|found| found.value.0).ok_or_else(none)
     }
 
     /// Writes the only checkpoint of a folder that no run works on.
     ///
     /// # Errors
     /// As [`Learner::save`].
-    pub fn save_learner(
-        &self,
-        learner: &dyn Learner,
-        extent: Extent,
-        note: &str,
-    ) -> Result<(), CoversError> {
+    pub fn save_learner(&self, learner: &dyn Learner, extent: Extent) -> Result<(), CoversError> {
         self.prepare()?;
         let path = checkpoints::path(self, 0);
-        learner.save(&path, extent, note)
+        learner.save(&path, extent, "")
     }
 
     pub(crate) fn disk(&self) -> &dyn Disk {

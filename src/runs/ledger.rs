@@ -12,7 +12,9 @@ pub struct Ledger {
     pub rollouts: usize,
     /// Decisions taken while learning.
     pub decisions: usize,
-    /// Rollouts assigned to the first policy that was opened for their group.
+    /// Rollouts within which the stream changed the group: nobody can say which policy is right.
+    pub straddled: usize,
+    /// The other rollouts assigned to the first policy that was opened for their group.
     pub right: usize,
     /// Rollouts of groups that came back.
     pub returns: usize,
@@ -27,11 +29,9 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Books one rollout; `returns` says that its group was visited before.
+    /// Books one rollout of one group; `returns` says that its group was visited before.
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
-        if policy == self.opened_for.len() {
-            self.opened_for.push(group.to_owned());
-        }
+        self.open(group, policy);
         let first = self.opened_for.iter().position(|opened| opened == group);
         let right = usize::from(first == Some(policy));
         self.rollouts += 1;
@@ -42,9 +42,23 @@ impl Ledger {
         }
     }
 
-    /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`.
+    /// Books one rollout that began in this group and ended in another.
+    pub(crate) fn record_straddling(&mut self, group: &str, policy: usize) {
+        self.open(group, policy);
+        self.rollouts += 1;
+        self.straddled += 1;
+    }
+
+    fn open(&mut self, group: &str, policy: usize) {
+        if policy == self.opened_for.len() {
+            self.opened_for.push(group.to_owned());
+        }
+    }
+
+    /// Share of rollouts of one group assigned to the first policy that was opened for it, in
+    /// `[0, 1]`.
     pub fn accuracy(&self) -> f64 {
-        self.right as f64 / self.rollouts.max(1) as f64
+        self.right as f64 / (self.rollouts - self.straddled).max(1) as f64
     }
 
     /// That share among the rollouts of groups that came back; 1 where none did.
@@ -75,6 +89,17 @@ mod tests {
     fn a_policy_for_each_group_is_right() {
         let ledger = ledger(&[(B, false, 0), (B, false, 0), (D, false, 1), (B, true, 0)]);
         assert_eq!((ledger.accuracy(), ledger.return_accuracy()), (1.0, 1.0));
+        assert_eq!(ledger.opened_for, [B, D]);
+    }
+
+    #[test]
+    fn rollouts_of_two_groups_are_counted_and_neither_right_nor_wrong() {
+        let mut ledger = ledger(&[(B, false, 0)]);
+        ledger.record_straddling(D, 1);
+        assert_eq!(
+            (ledger.rollouts, ledger.straddled, ledger.accuracy()),
+            (2, 1, 1.0)
+        );
         assert_eq!(ledger.opened_for, [B, D]);
     }
 

@@ -14,8 +14,7 @@ use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{Extent, Learner, Turn};
-use crate::schedule::Visit;
-use crate::stream::Stream;
+use crate::world::World;
 
 use super::checkpoints;
 use super::folder::{RunFolder, SUMMARY};
@@ -36,8 +35,7 @@ pub struct Run {
     logs: Logs,
     pool: ThreadPool,
     tasks: TaskRegistry,
-    visits: Vec<Visit>,
-    stream: Stream,
+    world: World,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
     labels: Labels,
@@ -116,7 +114,7 @@ impl Run {
             rows,
         } = note;
         // environments before threads: the first model of a process tunes software rendering
-        let stream = Stream::new(envs, &schedule.resolve(&tasks)?)?;
+        let world = World::new(&experiment, &tasks, ledger.decisions)?;
         let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels.clone())?;
         let pool = thread_pool(envs.threads)?;
         // last: where anything else fails, no rows are cut off
@@ -124,12 +122,11 @@ impl Run {
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
         ledger.seconds = logs.seconds();
         let run = Self {
-            visits: experiment.visits(),
             saved: (ledger.rollouts > 0).then_some((ledger.rollouts, due)),
             experiment,
             pool,
             tasks,
-            stream,
+            world,
             evaluator,
             logs,
             folder,
@@ -191,7 +188,12 @@ impl Run {
 
     /// Whether nothing is left to do.
     pub fn is_finished(&self) -> bool {
-        self.due == 0 && locate(&self.visits, self.ledger.rollouts).is_none()
+        self.due == 0 && self.visit().is_none()
+    }
+
+    /// The index of the visit that the next rollout begins in.
+    fn visit(&self) -> Option<usize> {
+        self.world.index(self.ledger.rollouts)
     }
 
     /// Learns from one more rollout, or evaluates where that is due, and saves where that is due.
@@ -218,13 +220,11 @@ impl Run {
         if self.stop.requested() {
             return Ok(None);
         }
-        let event = match (self.due, locate(&self.visits, self.ledger.rollouts)) {
+        let event = match (self.due, self.visit()) {
             (0, None) => return Ok(None),
-            (0, Some((index, nth))) => {
+            (0, Some(index)) => {
                 let progress = self.learn(index)?;
-                let last_of_visit = nth + 1 == self.visits[index].rollouts;
-                let last = last_of_visit && index + 1 == self.visits.len();
-                self.due = self.evaluation_rounds(last_of_visit, last);
+                self.due = self.evaluation_rounds(index);
                 Event::Rollout(progress)
             }
             (rounds, _) => match self.score(rounds)? {
@@ -233,53 +233,57 @@ impl Run {
             },
         };
         let every = self.experiment.checkpoints.every;
-        let rollouts = self.ledger.rollouts;
-        let last = locate(&self.visits, rollouts).is_none();
         // before an evaluation, which may take minutes, and after it
-        if last || rollouts.is_multiple_of(every) {
+        if self.visit().is_none() || self.ledger.rollouts.is_multiple_of(every) {
             self.save()?;
         }
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after this rollout; 0 for none.
-    fn evaluation_rounds(&self, last_of_visit: bool, last: bool) -> usize {
+    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index; 0
+    /// for none.
+    fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
-        match (last, last_of_visit) {
-            (true, _) => plan.rounds,
-            (false, true) => plan.visit_rounds,
-            (false, false) => plan.within_visit(self.ledger.rollouts),
+        match self.visit() {
+            None => plan.rounds,
+            Some(next) if next > index => plan.visit_rounds,
+            Some(_) => plan.within_visit(self.ledger.rollouts),
         }
     }
 
-    /// One turn of the learner in the visit of this index.
+    /// One turn of the learner, which begins in the visit of this index.
     fn learn(&mut self, index: usize) -> Result<Progress, CoversError> {
         let clock = Instant::now();
-        let (visit, rollout) = (&self.visits[index], self.ledger.rollouts);
+        let rollout = self.ledger.rollouts;
+        let (visit, before) = self.world.visit(index);
         let group = self.tasks.get(&visit.group)?;
-        let returns = self.visits[..index].iter().any(|v| v.group == visit.group);
-        let (learner, stream) = (&mut self.learner, &mut self.stream);
-        stream.switch_to(group, &visit.variants)?;
-        stream.reseed(self.experiment.environment_seed(rollout))?;
+        let returns = before.iter().any(|earlier| earlier.group == visit.group);
+        let (learner, world) = (&mut self.learner, &mut self.world);
+        world.begin(rollout, index)?;
         self.labels.set(group.name());
-        let (failures, environment_seconds) = (stream.failures(), stream.seconds());
-        let turn: Turn = guarded(&self.pool, || learner.learn(stream))?;
+        let failures = world.stream().failures();
+        let environment_seconds = world.stream().seconds();
+        let turn: Turn = guarded(&self.pool, || learner.learn(world))?;
         let seconds = clock.elapsed().as_secs_f64();
         let ledger = &mut self.ledger;
-        ledger.record(group.name(), returns, turn.policy);
+        if world.changed_within(turn.decisions) {
+            ledger.record_straddling(group.name(), turn.policy);
+        } else {
+            ledger.record(group.name(), returns, turn.policy);
+        }
         ledger.decisions += turn.decisions;
-        ledger.failures += stream.failures() - failures;
+        ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
         let reward = turn.rollout.mean_return();
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
             group,
-            reward: reward.map(|sum| sum * stream.reward_scale()),
+            reward: reward.map(|sum| sum * world.stream().reward_scale()),
             success: turn.rollout.success_rate(),
             turn,
             seconds,
-            environment_seconds: stream.seconds() - environment_seconds,
+            environment_seconds: world.stream().seconds() - environment_seconds,
         };
         self.logs.write_rollout(&progress)?;
         Ok(progress)
@@ -417,18 +421,6 @@ pub fn thread_pool(threads: usize) -> Result<ThreadPool, CoversError> {
         .num_threads(threads)
         .build()
         .map_err(|source| CoversError::Threads { threads, source })
-}
-
-/// The visit that a rollout belongs to, and its number within the visit; none behind the last.
-fn locate(visits: &[Visit], rollout: usize) -> Option<(usize, usize)> {
-    let mut before = 0;
-    for (index, visit) in visits.iter().enumerate() {
-        if rollout < before + visit.rollouts {
-            return Some((index, rollout - before));
-        }
-        before += visit.rollouts;
-    }
-    None
 }
 
 #[cfg(test)]

@@ -67,7 +67,7 @@ fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
     let mut experiment = tiny(Method::Covers);
     experiment.schedule.groups.truncate(1);
     experiment.schedule.groups[0].group = task.name.to_owned();
-    experiment.schedule.groups[0].rollouts = 4;
+    experiment.schedule.groups[0].decisions = 4 * 80;
     Run::start_with(experiment, tasks, scratch.run("run")).unwrap()
 }
 

@@ -92,7 +92,7 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
         .schedule
         .groups
         .iter_mut()
-        .for_each(|plan| plan.rollouts = 1);
+        .for_each(|plan| plan.decisions = 80);
     let mut process = train(&scratch, &experiment);
     process.wait_for("policy 0");
     // the evaluation after the first visit has begun or is about to

@@ -15,7 +15,7 @@ const PLAN: &str = r#"{
     "seeds": [1000],
     "budget": "smoke",
     "set": ["envs.embodiment=hand", "schedule.cycles=1", "checkpoints.every=1",
-        "schedule.groups=[{\"group\": \"goal-reach\", \"rollouts\": 4, \"variants\": [\"identity\"]}]"]
+        "schedule.groups=[{\"group\": \"goal-reach\", \"decisions\": 320, \"variants\": [\"identity\"]}]"]
 }"#;
 
 fn worker(plan: &Path, runs: &Path) -> Child {
@@ -42,7 +42,7 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
     for job in Plan::read(&plan).unwrap().jobs().unwrap() {
         assert_same(&bytes(&job.folder(&runs)), &reference(&job.experiment));
     }
-    let other = PLAN.replace("rollouts\\\": 4", "rollouts\\\": 5");
+    let other = PLAN.replace("decisions\\\": 320", "decisions\\\": 400");
     assert_ne!(other, PLAN);
     fs::write(&plan, other).unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_covers"))

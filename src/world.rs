@@ -1,0 +1,224 @@
+//! The stream on a clock: it does not wait for the learner.
+
+use envs::TaskRegistry;
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+
+use crate::error::CoversError;
+use crate::experiment::{Experiment, Seeds};
+use crate::schedule::{Clock, Visit};
+use crate::stream::Stream;
+use crate::timetable::Timetable;
+
+/// The stream of one experiment.
+///
+/// On the world's clock, what comes depends on the number of decisions so far and on nothing else:
+/// group, variants and placements are drawn anew from it whenever all episodes end.
+pub(crate) struct World {
+    stream: Stream,
+    tasks: TaskRegistry,
+    timetable: Timetable,
+    seeds: Seeds,
+    clock: Clock,
+    /// Decisions of a rollout, by which turns are counted.
+    rollout: usize,
+    /// Decisions so far.
+    now: usize,
+    /// Index of the visit that runs.
+    running: usize,
+    /// Steps since all episodes began.
+    steps: usize,
+}
+
+impl World {
+    /// The stream of `experiment` after `decisions` decisions.
+    ///
+    /// # Errors
+    /// A group that `tasks` does not hold, or what the environments say.
+    pub fn new(
+        experiment: &Experiment,
+        tasks: &TaskRegistry,
+        decisions: usize,
+    ) -> Result<Self, CoversError> {
+        let groups = experiment.schedule.resolve(tasks)?;
+        Ok(Self {
+            stream: Stream::new(experiment.envs, &groups)?,
+            tasks: tasks.clone(),
+            timetable: experiment.timetable(),
+            seeds: experiment.environment_seeds(),
+            clock: experiment.schedule.clock,
+            rollout: experiment.learner.rollout_steps(),
+            now: decisions,
+            running: 0,
+            steps: 0,
+        })
+    }
+
+    /// The environments.
+    pub fn stream(&self) -> &Stream {
+        &self.stream
+    }
+
+    /// The index of the visit that the turn of this number begins in; none behind the last.
+    pub fn index(&self, turn: usize) -> Option<usize> {
+        self.timetable.index_at(match self.clock {
+            Clock::World => self.now,
+            Clock::Turns => turn * self.rollout,
+        })
+    }
+
+    /// A visit, and those before it.
+    pub fn visit(&self, index: usize) -> (&Visit, &[Visit]) {
+        self.timetable.visit(index)
+    }
+
+    /// Whether the group changed within the last decisions, as many as these.
+    pub fn changed_within(&self, decisions: usize) -> bool {
+        let index = |decision| self.timetable.index_at(decision);
+        let first = index(self.now.saturating_sub(decisions));
+        let last = index(self.now.saturating_sub(1)).or(Some(self.running));
+        self.clock == Clock::World && first != last
+    }
+
+    /// Begins the turn of this number in the visit of this index.
+    ///
+    /// # Errors
+    /// What the environments say.
+    pub fn begin(&mut self, turn: usize, index: usize) -> Result<(), CoversError> {
+        match self.clock {
+            Clock::World => Ok(()),
+            Clock::Turns => self.enter(index, self.seeds.nth(turn)),
+        }
+    }
+
+    fn enter(&mut self, index: usize, seed: u64) -> Result<(), CoversError> {
+        let (visit, _) = self.timetable.visit(index);
+        let group = self.tasks.get(&visit.group)?;
+        self.stream.switch_to(group, &visit.variants)?;
+        self.stream.reseed(seed)?;
+        self.running = index;
+        Ok(())
+    }
+
+    /// Lets in who is due now; a learner that goes on after the last visit stays in it.
+    fn follow_the_clock(&mut self) -> Result<(), CoversError> {
+        self.steps = 0;
+        match self.clock {
+            Clock::World => {
+                let index = self.timetable.index_at(self.now).unwrap_or(self.running);
+                self.enter(index, self.seeds.nth(self.now))
+            }
+            Clock::Turns => Ok(()),
+        }
+    }
+}
+
+impl VectorEnv for World {
+    fn spec(&self) -> &EnvSpec {
+        self.stream.spec()
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        self.stream.horizon()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.follow_the_clock()?;
+        self.stream.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.stream.step(actions, out)?;
+        self.now += self.spec().num_envs;
+        self.steps += 1;
+        let over = Some(self.steps) == self.horizon();
+        if over && self.clock == Clock::World {
+            cut(self.spec().image_len(), out);
+            self.follow_the_clock()?;
+            self.stream.reset(&mut out.observations)?;
+        }
+        Ok(())
+    }
+}
+
+/// Cuts the episodes that still run because a failure made them begin later than the others.
+fn cut(image: usize, out: &mut Transition) {
+    let vector = out.observations.vectors.len() / out.outcomes.len();
+    let (from, to) = (&out.observations, &mut out.final_observations);
+    for (n, outcome) in out.outcomes.iter_mut().enumerate() {
+        if *outcome == Outcome::Running {
+            *outcome = Outcome::Truncated;
+            let (images, vectors) = (n * image..(n + 1) * image, n * vector..(n + 1) * vector);
+            to.images[images.clone()].copy_from_slice(&from.images[images]);
+            to.vectors[vectors.clone()].copy_from_slice(&from.vectors[vectors]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+
+    /// 80 decisions of one group, 120 of the next, and so on: eight environments, episodes of ten
+    /// decisions.
+    fn world(decisions: usize) -> World {
+        let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(1);
+        experiment.schedule.order = crate::schedule::Order::Fixed;
+        experiment.schedule.groups.truncate(2);
+        experiment.schedule.groups[0].decisions = 80;
+        experiment.schedule.groups[1].decisions = 120;
+        World::new(&experiment, &TaskRegistry::standard(), decisions).unwrap()
+    }
+
+    /// The visit that runs after each step, and the last observation.
+    fn walk(world: &mut World, steps: usize, reset_every: usize) -> (Vec<usize>, Observations) {
+        let spec = world.spec().clone();
+        let mut observations = Observations::new(&spec);
+        let mut transition = Transition::new(&spec);
+        let mut running = Vec::new();
+        for step in 0..steps {
+            if step.is_multiple_of(reset_every) {
+                world.reset(&mut observations).unwrap();
+            }
+            world.step(&[0.0; 8 * 4], &mut transition).unwrap();
+            running.push(world.running);
+            observations.clone_from(&transition.observations);
+        }
+        (running, observations)
+    }
+
+    #[test]
+    fn groups_change_at_the_end_of_episodes_whatever_the_learner_resets() {
+        let (often, last) = walk(&mut world(0), 26, 10);
+        let (once, same) = walk(&mut world(0), 26, usize::MAX);
+        assert_eq!(often, once);
+        assert!(last == same, "the same pictures at the same time");
+        let switch = often.iter().position(|&index| index == 1);
+        assert_eq!(switch, Some(9), "after ten steps of eight decisions");
+        assert!(world(0).index(0) == Some(0) && world(200).index(3).is_none());
+    }
+
+    #[test]
+    fn a_stream_that_goes_on_later_shows_the_same() {
+        let (_, whole) = walk(&mut world(0), 20, usize::MAX);
+        let (_, second_half) = walk(&mut world(80), 10, usize::MAX);
+        assert!(whole == second_half);
+    }
+
+    #[test]
+    fn episodes_that_run_late_are_cut() {
+        let mut out = Transition::new(world(0).spec());
+        out.outcomes.fill(Outcome::Truncated);
+        out.outcomes[1] = Outcome::Running;
+        out.observations.images.fill(7);
+        let image = world(0).spec().image_len();
+        cut(image, &mut out);
+        assert!(
+            out.outcomes
+                .iter()
+                .all(|&outcome| outcome == Outcome::Truncated)
+        );
+        let row = |n: usize| out.final_observations.images[n * image];
+        assert_eq!((row(0), row(1)), (0, 7));
+    }
+}
