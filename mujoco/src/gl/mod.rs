@@ -16,7 +16,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::backend::Backend;
 use crate::error::{ContextError, RenderError};
-use context::Context;
+use context::{Context, publish};
 use egl::{EglContext, Platform};
 use osmesa::OsMesaContext;
 
@@ -93,7 +93,7 @@ impl GlContext {
         };
         let previous = context.enter()?;
         let opened = Self { backend, context };
-        match opened.prepare() {
+        match opened.require_features().and_then(|()| publish(library)) {
             Ok(()) => Ok((opened, previous)),
             Err(reason) => {
                 drop(opened);
@@ -113,12 +113,6 @@ impl GlContext {
             backend: self.backend,
             reason,
         })
-    }
-
-    /// Lets MuJoCo draw in this context, which is current.
-    fn prepare(&self) -> Result<(), ContextError> {
-        self.require_features()?;
-        self.context.publish()
     }
 
     /// MuJoCo would end the process for want of these.
