@@ -63,7 +63,7 @@ fn w1(
     y: &[[f32; DIM]],
 ) -> Result<f64, ClusterError> {
     let (a, b) = (Weights::Uniform(x.len()), Weights::Uniform(y.len()));
-    let plan = workspace.solve(x.as_flattened(), a, y.as_flattened(), b, DIM)?;
+    let plan = workspace.solve((x.as_flattened(), a), (y.as_flattened(), b), DIM)?;
     Ok(plan.cost)
 }
 

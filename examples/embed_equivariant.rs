@@ -20,22 +20,22 @@ const GLYPH: usize = 8;
 const MIDDLE: usize = (SIDE - GLYPH) / 2;
 const CLASSES: usize = 4;
 const CHUNK: usize = 16;
-const HALVING: Kernel = Kernel {
-    size: 4,
-    stride: 2,
-    padding: 1,
-};
 
 /// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class
 /// scores.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
+    let halving = Kernel {
+        size: 4,
+        stride: 2,
+        padding: 1,
+    };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let mut shape = Shape::image(SIDE, SIDE, group.trivial(1));
     for channels in [16, 32, 64] {
         let fields = group.regular(channels / group.order());
         let conv = match shape.height {
             4 => R2Conv::flatten(shape, fields)?,
-            size => R2Conv::new(shape.fields, fields, HALVING, [size; 2])?,
+            size => R2Conv::new(shape.fields, fields, halving, [size; 2])?,
         };
         shape = conv.out_shape();
         layers.push(Box::new(conv));

@@ -150,9 +150,8 @@ pub enum CoversError {
     },
     /// A run none of whose checkpoints can be read.
     #[error(
-        "no checkpoint of {} is intact ({problems}): put one back, or begin anew with \
-         `covers train --config {}/experiment.json`",
-        folder.display(), folder.display()
+        "no checkpoint in {} is intact ({problems}): put one back, or begin anew with \
+         `covers train --config` and the run's experiment.json", folder.display()
     )]
     NoCheckpoint {
         /// The folder.

@@ -9,7 +9,6 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::error::CoversError;
-use crate::experiment::Experiment;
 
 /// Where a path is looked up when the experiment itself has no such field.
 const LEARNER: &str = "learner";
@@ -42,16 +41,19 @@ impl FromStr for Override {
     }
 }
 
-/// The experiment with these settings, the last one last.
+/// An experiment, or other settings, with these fields set, the last one last.
 ///
 /// # Errors
 /// [`CoversError::UnknownSetting`] for a path that leads nowhere, [`CoversError::WrongSetting`] for
 /// a value of another type.
-pub fn apply(overrides: &[Override], experiment: Experiment) -> Result<Experiment, CoversError> {
+pub fn apply<T: Serialize + DeserializeOwned>(
+    overrides: &[Override],
+    settings: T,
+) -> Result<T, CoversError> {
     if overrides.is_empty() {
-        return Ok(experiment);
+        return Ok(settings);
     }
-    let mut tree = tree(&experiment)?;
+    let mut tree = tree(&settings)?;
     for change in overrides {
         let unknown = || CoversError::UnknownSetting {
             name: change.path.clone(),
@@ -68,7 +70,7 @@ pub fn apply(overrides: &[Override], experiment: Experiment) -> Result<Experimen
             *place = change.value.clone();
         }
         // each alone, so that the error names the right one
-        typed::<Experiment>(tree.clone())?;
+        typed::<T>(tree.clone())?;
     }
     typed(tree)
 }
@@ -199,6 +201,7 @@ fn join(path: &str, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Experiment;
     use crate::learners::LearnerSettings;
     use crate::presets::{Budget, Method};
 

@@ -28,10 +28,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let start = Instant::now();
         for _ in 0..repeats {
             // the larger cloud first, as the documentation recommends
-            let (a, b) = (Weights::Uniform(n), Weights::Uniform(m));
+            let (x, y) = ((&x[..], Weights::Uniform(n)), (&y[..], Weights::Uniform(m)));
             let plan = match n < m {
-                true => workspace.solve(&y, b, &x, a, dim)?,
-                false => workspace.solve(&x, a, &y, b, dim)?,
+                true => workspace.solve(y, x, dim)?,
+                false => workspace.solve(x, y, dim)?,
             };
             value = plan.cost;
         }

@@ -89,7 +89,7 @@ pub use transport::{
     Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan, Weights, certify,
     transport,
 };
-pub use wasserstein::{Wasserstein, wasserstein1};
+pub use wasserstein::{Cloud, Wasserstein, wasserstein1};
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]

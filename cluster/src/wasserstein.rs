@@ -46,7 +46,8 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64, ClusterErro
 ///
 /// let mut workspace = Wasserstein::new();
 /// let (x, y) = ([0.0, 1.0], [0.0, 3.0]);
-/// let plan = workspace.solve(&x, Weights::Given(&[0.25, 0.75]), &y, Weights::Uniform(2), 1)?;
+/// let (a, b) = (Weights::Given(&[0.25, 0.75]), Weights::Uniform(2));
+/// let plan = workspace.solve((&x, a), (&y, b), 1)?;
 /// // a quarter moves from 1 to 0, a half from 1 to 3
 /// assert_eq!(plan.cost, 0.25 * 1.0 + 0.5 * 2.0);
 /// # Ok::<(), cluster::ClusterError>(())
@@ -63,22 +64,20 @@ impl Wasserstein {
         Self::default()
     }
 
-    /// Transports `x` `[n, dim]` with weights `a` to `y` `[m, dim]` with weights `b`; faster with
-    /// the larger cloud as `x`.
+    /// Transports the cloud `x` `[n, dim]` with its weights to the cloud `y` `[m, dim]` with its
+    /// own; faster with the larger cloud as `x`.
     ///
     /// # Errors
     /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other
     /// than `n` and `m`.
     pub fn solve(
         &mut self,
-        x: &[f32],
-        a: Weights,
-        y: &[f32],
-        b: Weights,
+        x: Cloud,
+        y: Cloud,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        let costs = costs(&mut self.costs, (x, a), (y, b), dim)?;
-        self.solver.solve(costs, a, b)
+        let costs = costs(&mut self.costs, x, y, dim)?;
+        self.solver.solve(costs, x.1, y.1)
     }
 
     /// Does the same from the last solution, as [`Solver::solve_again`] does: for a cloud that has
@@ -88,22 +87,23 @@ impl Wasserstein {
     /// Those of [`solve`](Self::solve).
     pub fn solve_again(
         &mut self,
-        x: &[f32],
-        a: Weights,
-        y: &[f32],
-        b: Weights,
+        x: Cloud,
+        y: Cloud,
         dim: usize,
     ) -> Result<&TransportPlan, ClusterError> {
-        let costs = costs(&mut self.costs, (x, a), (y, b), dim)?;
-        self.solver.solve_again(costs, a, b)
+        let costs = costs(&mut self.costs, x, y, dim)?;
+        self.solver.solve_again(costs, x.1, y.1)
     }
 }
+
+/// The points of a cloud `[n, dim]`, and their weights.
+pub type Cloud<'a> = (&'a [f32], Weights<'a>);
 
 /// Returns the distances between two clouds that have a weight for each point.
 fn costs<'a>(
     costs: &'a mut EuclideanCosts,
-    (x, a): (&[f32], Weights),
-    (y, b): (&[f32], Weights),
+    (x, a): Cloud,
+    (y, b): Cloud,
     dim: usize,
 ) -> Result<&'a [f64], ClusterError> {
     let costs = costs.compute(x, y, dim)?;

@@ -25,8 +25,8 @@ fn clouds_allocate_nothing_in_the_steady_state() {
             let (a, b) = (Weights::Given(&weights), Weights::Uniform(m));
             let count = measure(|| {
                 let plan = match round % 2 {
-                    0 => workspace.solve(&x, a, &y, b, dim),
-                    _ => workspace.solve_again(&x, a, &y, b, dim),
+                    0 => workspace.solve((&x, a), (&y, b), dim),
+                    _ => workspace.solve_again((&x, a), (&y, b), dim),
                 };
                 assert!(plan.unwrap().pivots > 0);
             });

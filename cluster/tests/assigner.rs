@@ -6,10 +6,10 @@
 mod common;
 
 use cluster::{
-    Assigner, AssignerSettings, Assignment, Calibrated, Candidate, ClusterError, Decision, Frames,
-    Judgement, Rule, Verdict,
+    Assigner, Assignment, Calibrated, Candidate, ClusterError, Decision, Frames, Judgement, Rule,
+    Verdict,
 };
-use common::{normal, normals};
+use common::{calibrated, fixed, normal, normals};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -35,9 +35,14 @@ fn frames(rng: &mut ChaCha8Rng, episodes: usize, shift: f32) -> Frames {
 }
 
 fn candidate(rng: &mut ChaCha8Rng, episodes: usize, shift: f32) -> Candidate {
+    sized(rng, [episodes, 20], shift)
+}
+
+/// Episodes of the buffer, which is shifted, and of the rollout.
+fn sized(rng: &mut ChaCha8Rng, [buffer, rollout]: [usize; 2], shift: f32) -> Candidate {
     Candidate {
-        buffer: frames(rng, episodes, shift),
-        rollout: frames(rng, 20, 0.0),
+        buffer: frames(rng, buffer, shift),
+        rollout: frames(rng, rollout, 0.0),
     }
 }
 
@@ -51,18 +56,6 @@ fn scaled(candidate: &Candidate, factor: f32) -> Candidate {
         buffer: scale(&candidate.buffer),
         rollout: scale(&candidate.rollout),
     }
-}
-
-fn calibrated(settings: Calibrated) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Calibrated(settings),
-    })
-}
-
-fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Fixed { threshold },
-    })
 }
 
 fn settle(candidates: &[Candidate], seed: u64) -> Assignment {
@@ -86,10 +79,7 @@ fn the_level_is_exact_for_one_distribution() {
     let decisions = 600;
     let mut tests = Vec::new();
     for seed in 0..decisions {
-        let candidate = Candidate {
-            buffer: frames(&mut rng, 12, 0.0),
-            rollout: frames(&mut rng, 8, 0.0),
-        };
+        let candidate = sized(&mut rng, [12, 8], 0.0);
         let assignment = decide(&[candidate], seed);
         let doubted = assignment.evidence[0].verdict == Verdict::Doubted;
         assert_eq!(doubted, assignment.decision == Decision::Undecided);
@@ -135,10 +125,7 @@ fn doubts_about_a_known_group_are_settled_in_its_favour() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut doubted = 0;
     for seed in 0..200 {
-        let one = Candidate {
-            buffer: frames(&mut rng, 10, 0.0),
-            rollout: frames(&mut rng, 10, 0.0),
-        };
+        let one = sized(&mut rng, [10, 10], 0.0);
         if decide(std::slice::from_ref(&one), seed).decision == Decision::Undecided {
             doubted += 1;
             let both = Candidate {
@@ -155,10 +142,7 @@ fn doubts_about_a_known_group_are_settled_in_its_favour() {
 #[test]
 fn a_small_effect_is_no_new_group() {
     let mut rng = ChaCha8Rng::seed_from_u64(12);
-    let one = Candidate {
-        buffer: frames(&mut rng, 40, 0.4),
-        rollout: frames(&mut rng, 40, 0.0),
-    };
+    let one = sized(&mut rng, [40, 40], 0.4);
     let tolerant = settle(std::slice::from_ref(&one), 1);
     let test = tolerant.evidence[0].test().unwrap();
     assert!(test.tail_p_value <= 1e-4 && test.ratio() < 1.1, "{test:?}");
@@ -362,10 +346,7 @@ fn a_small_buffer_is_taken_only_if_no_tested_one_fits() {
 #[test]
 fn rollouts_and_candidates_that_cannot_be_compared_are_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(9);
-    let short = Candidate {
-        buffer: frames(&mut rng, 20, 0.0),
-        rollout: frames(&mut rng, 7, 0.0),
-    };
+    let short = sized(&mut rng, [20, 7], 0.0);
     let error = Assigner::default().assign(&[short], &mut rng).unwrap_err();
     assert_eq!(
         error,

@@ -1,18 +1,9 @@
 //! Frames and settings that the assigner refuses.
 
-use cluster::{Assigner, AssignerSettings, Calibrated, ClusterError, Frames, Rule};
+mod common;
 
-fn calibrated(settings: Calibrated) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Calibrated(settings),
-    })
-}
-
-fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
-    Assigner::new(AssignerSettings {
-        rule: Rule::Fixed { threshold },
-    })
-}
+use cluster::{Assigner, AssignerSettings, Calibrated, Frames};
+use common::{calibrated, fixed};
 
 #[test]
 fn malformed_frames_are_refused() {
@@ -41,63 +32,35 @@ fn malformed_frames_are_refused() {
 
 #[test]
 fn settings_outside_their_range_are_refused() {
-    let base = Calibrated::default();
-    let cases = [
-        Calibrated {
-            permutations: 19,
-            ..base
-        },
-        Calibrated {
-            min_episodes: 3,
-            ..base
-        },
-        Calibrated {
-            rollout_episodes: 7,
-            ..base
-        },
-        Calibrated {
-            buffer_episodes: 7,
-            ..base
-        },
-        Calibrated {
-            doubt: f64::NAN,
-            ..base
-        },
-        Calibrated { doubt: 1.0, ..base },
+    let wrong: [fn(&mut Calibrated); 11] = [
+        |s| s.permutations = 19,
+        |s| s.min_episodes = 3,
+        |s| s.rollout_episodes = 7,
+        |s| s.buffer_episodes = 7,
+        |s| s.doubt = f64::NAN,
+        |s| s.doubt = 1.0,
         // 100 splits do not resolve it
-        Calibrated {
-            doubt: 0.009,
-            ..base
-        },
-        Calibrated { level: 0.0, ..base },
-        Calibrated {
-            level: 0.03,
-            ..base
-        },
-        Calibrated {
-            min_ratio: 0.9,
-            ..base
-        },
-        Calibrated {
-            min_ratio: f64::INFINITY,
-            ..base
-        },
+        |s| s.doubt = 0.009,
+        |s| s.level = 0.0,
+        |s| s.level = 0.03,
+        |s| s.min_ratio = 0.9,
+        |s| s.min_ratio = f64::INFINITY,
     ];
-    assert!(
-        cases
-            .into_iter()
-            .all(|settings| calibrated(settings).is_err())
-    );
+    for (case, change) in wrong.into_iter().enumerate() {
+        let mut settings = Calibrated::default();
+        change(&mut settings);
+        assert!(calibrated(settings).is_err(), "case {case}");
+    }
     assert!(fixed(f64::INFINITY).is_err());
     let error = fixed(-0.5).unwrap_err().to_string();
     assert_eq!(
         error,
         "threshold is -0.5: expected a finite number, at least 0"
     );
-    assert_eq!(
-        *Assigner::new(AssignerSettings::default())
-            .unwrap()
-            .settings(),
-        AssignerSettings::default()
-    );
+}
+
+#[test]
+fn the_default_settings_are_taken() {
+    let settings = AssignerSettings::default();
+    assert_eq!(*Assigner::new(settings).unwrap().settings(), settings);
 }

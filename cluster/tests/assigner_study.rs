@@ -9,17 +9,9 @@ mod population;
 #[path = "../examples/assigner_study/rules.rs"]
 mod rules;
 
-use population::Scenario;
+use population::MAIN;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-
-const MAIN: Scenario = Scenario {
-    frames: 1,
-    drift: 0.0,
-    apart: 1.0,
-    clusters: 1,
-    rollouts: (1, 5),
-};
 
 fn stream(seed: u64, index: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -16,7 +16,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 fn solved(x: &[f32], a: Weights, y: &[f32], b: Weights, dim: usize) -> Result<f64, ClusterError> {
-    Ok(Wasserstein::new().solve(x, a, y, b, dim)?.cost)
+    Ok(Wasserstein::new().solve((x, a), (y, b), dim)?.cost)
 }
 
 #[test]
@@ -211,8 +211,8 @@ fn a_far_point_costs_no_more_precision_than_the_certificate_admits() {
         x[2 * n..].fill(far);
         y[2 * n..].fill(far);
         let mut workspace = Wasserstein::new();
-        let sides = (Weights::Uniform(n + 1), Weights::Uniform(n + 1));
-        let plan = workspace.solve(&x, sides.0, &y, sides.1, 2).unwrap();
+        let weights = Weights::Uniform(n + 1);
+        let plan = workspace.solve((&x, weights), (&y, weights), 2).unwrap();
         let error = plan.cost - expected;
         let admitted = plan.certificate.gap + plan.certificate.violation + 1e-15;
         assert!(error.abs() <= admitted, "{far:e}: {error:e} {admitted:e}");

@@ -135,8 +135,8 @@ fn weighted_clouds_agree_with_the_recordings_of_pot() {
         let (y, b) = (cloud(problem, "y"), shares(problem, "b"));
         let dim = problem["dim"].as_u64().unwrap() as usize;
         let expected = problem["value"].as_f64().unwrap();
-        let sides = (Weights::Given(&a), Weights::Given(&b));
-        let got = workspace.solve(&x, sides.0, &y, sides.1, dim).unwrap().cost;
+        let (x, y) = ((&x[..], Weights::Given(&a)), (&y[..], Weights::Given(&b)));
+        let got = workspace.solve(x, y, dim).unwrap().cost;
         assert!(
             (got - expected).abs() <= 1e-9 * expected,
             "{}: {got} and {expected}",

@@ -6,7 +6,7 @@
 mod common;
 
 use cluster::{ClusterError, Solver, Weights, certify, transport};
-use common::{random_costs, random_weights, uniform};
+use common::{random_costs, random_weights, transposed, uniform};
 
 #[test]
 fn certifies_random_problems_of_all_shapes() {
@@ -48,11 +48,9 @@ fn solves_a_problem_worked_by_hand() {
 fn transposition_exchanges_the_sides() {
     let (n, m) = (7, 11);
     let cost = random_costs(9, n * m);
-    let transposed: Vec<f64> = (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect();
-    let (a, b) = (
-        uniform(&cost, n, m).unwrap(),
-        uniform(&transposed, m, n).unwrap(),
-    );
+    let transposed = transposed(&cost, n, m);
+    let a = uniform(&cost, n, m).unwrap();
+    let b = uniform(&transposed, m, n).unwrap();
     assert!((a.cost - b.cost).abs() < 1e-12);
     certify(&transposed, Weights::Uniform(m), Weights::Uniform(n), &b).unwrap();
 }
@@ -151,12 +149,9 @@ fn shortlists_and_dense_pricing_find_the_same_value() {
     // 700 sinks are priced through shortlists, 700 sources and fewer sinks are not
     let (n, m) = (300, 700);
     let cost = random_costs(24, n * m);
-    let transposed: Vec<f64> = (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect();
-    let (listed, dense) = (
-        uniform(&cost, n, m).unwrap(),
-        uniform(&transposed, m, n).unwrap(),
-    );
-    assert!((listed.cost - dense.cost).abs() < 1e-12);
+    let listed = uniform(&cost, n, m).unwrap().cost;
+    let dense = uniform(&transposed(&cost, n, m), m, n).unwrap().cost;
+    assert!((listed - dense).abs() < 1e-12);
 }
 
 #[test]

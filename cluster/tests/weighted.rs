@@ -40,7 +40,7 @@ fn plan(x: &Measure, y: &Measure) -> TransportPlan {
     let (from, to) = (x.points.as_flattened(), y.points.as_flattened());
     let mut workspace = Wasserstein::new();
     workspace
-        .solve(from, a, to, b, DIM)
+        .solve((from, a), (to, b), DIM)
         .expect("two measures")
         .clone()
 }

@@ -56,6 +56,23 @@ impl Control {
     }
 }
 
+/// The action of one environment with its components clipped to `[-1, 1]`.
+pub(crate) fn clip<const N: usize>(action: &[f32; N]) -> Result<[f64; N], EnvError> {
+    check_action(action)?;
+    Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
+}
+
+/// Refuses an action of one environment that holds anything but numbers.
+pub(crate) fn check_action(action: &[f32]) -> Result<(), EnvError> {
+    match action.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(component) => Err(EnvError::NonFiniteAction {
+            component,
+            value: action[component],
+        }),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@ use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::control::Control;
+use crate::control::{Control, clip};
 use crate::error::EnvError;
 use crate::scene::{Scene, SceneKey};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
@@ -398,20 +398,4 @@ fn check_placement(placement: &Placement) -> Result<(), EnvError> {
         }
     }
     Ok(())
-}
-
-fn clip(action: &[f32; ACTION_DIM]) -> Result<[f64; ACTION_DIM], EnvError> {
-    check_finite(action)?;
-    Ok(action.map(|value| f64::from(value.clamp(-1.0, 1.0))))
-}
-
-/// Refuses an action of one environment that holds anything but numbers.
-pub(crate) fn check_finite(action: &[f32]) -> Result<(), EnvError> {
-    match action.iter().position(|value| !value.is_finite()) {
-        None => Ok(()),
-        Some(component) => Err(EnvError::NonFiniteAction {
-            component,
-            value: action[component],
-        }),
-    }
 }

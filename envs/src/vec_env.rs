@@ -7,11 +7,12 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::batch::{ObservationsMut, StepMut};
+use crate::control::check_action;
 use crate::error::EnvError;
 use crate::rows::{Command, Failure, Rows, copy_row};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, VECTOR_DIM, check_finite};
+use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
@@ -259,7 +260,7 @@ impl VecEnv {
         let n = self.settings.num_envs;
         check_len("actions", actions.len(), n * ACTION_DIM)?;
         for (index, action) in actions.chunks_exact(ACTION_DIM).enumerate() {
-            check_finite(action).map_err(|error| error.of(index))?;
+            check_action(action).map_err(|error| error.of(index))?;
         }
         self.check_observations(&out.observations)?;
         self.check_observations(&out.final_observations)?;

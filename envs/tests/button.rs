@@ -10,11 +10,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// Travel of the cap from rest to its goal (metres).
-const TRAVEL: f64 = 0.0935;
-/// The way that is left where success begins (metres).
-const SUCCESS: f64 = 0.02;
-
 /// One decision of a press.
 #[derive(Debug)]
 struct Press {
@@ -23,6 +18,11 @@ struct Press {
     reward: f64,
     success: bool,
 }
+
+/// Travel of the cap from rest to its goal (metres).
+const TRAVEL: f64 = 0.0935;
+/// The way that is left where success begins (metres).
+const SUCCESS: f64 = 0.02;
 
 /// Lines the hand up with the button at 4 cm a decision, then pushes by 2 cm a decision; `finger`
 /// is the gripper's action. The decisions in which the cap is off its rest.

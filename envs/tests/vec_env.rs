@@ -16,20 +16,15 @@ use symmetry::D2;
 const N: usize = 3;
 
 fn settings(threads: usize) -> VecEnvSettings {
-    VecEnvSettings {
+    let mut settings = VecEnvSettings {
         num_envs: N,
         threads,
-        camera: Camera {
-            size: 16,
-            ..Camera::default()
-        },
-        control: Control {
-            horizon: 60,
-            ..Control::default()
-        },
         seed: 11,
         ..VecEnvSettings::default()
-    }
+    };
+    settings.camera.size = 16;
+    settings.control.horizon = 60;
+    settings
 }
 
 fn action(step: usize) -> Vec<f32> {

@@ -12,6 +12,7 @@ pub(crate) mod interchange;
 pub(crate) mod layer;
 pub(crate) mod linear;
 pub(crate) mod max_pool;
+mod parameterless;
 pub(crate) mod r2_conv;
 pub(crate) mod relu;
 pub(crate) mod scalar;

@@ -40,12 +40,14 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod backward_pass;
 mod chunks;
 mod conv;
 mod error;
 mod init;
 mod layers;
 mod matrix;
+mod order;
 mod real;
 mod scratch;
 mod shape;
@@ -53,6 +55,7 @@ mod simd;
 mod steerable;
 mod window;
 
+pub use backward_pass::BackwardPass;
 pub use chunks::Chunks;
 pub use error::LayerError;
 pub use layers::average_pool::AveragePool;

@@ -50,65 +50,42 @@ pub trait Real:
     fn product(to: StridedMut<Self>, add: bool, a: Strided<Self>, b: Strided<Self>);
 }
 
-impl Real for f32 {
-    const ZERO: f32 = 0.0;
+macro_rules! real {
+    ($float:ident) => {
+        impl Real for $float {
+            const ZERO: $float = 0.0;
 
-    fn from_f64(value: f64) -> f32 {
-        value as f32
-    }
+            fn from_f64(value: f64) -> $float {
+                value as $float
+            }
 
-    fn to_f64(self) -> f64 {
-        f64::from(self)
-    }
+            fn to_f64(self) -> f64 {
+                self.into()
+            }
 
-    fn exp(self) -> f32 {
-        f32::exp(self)
-    }
+            fn exp(self) -> $float {
+                $float::exp(self)
+            }
 
-    #[inline(always)]
-    fn from_mask(bits: u16) -> f32 {
-        f32::from_bits(bits.into())
-    }
+            #[inline(always)]
+            fn from_mask(bits: u16) -> $float {
+                $float::from_bits(bits.into())
+            }
 
-    #[inline(always)]
-    fn to_mask(self) -> u16 {
-        self.to_bits() as u16
-    }
+            #[inline(always)]
+            fn to_mask(self) -> u16 {
+                self.to_bits() as u16
+            }
 
-    fn product(to: StridedMut<f32>, add: bool, a: Strided<f32>, b: Strided<f32>) {
-        product(to, add, a, b);
-    }
+            fn product(to: StridedMut<$float>, add: bool, a: Strided<$float>, b: Strided<$float>) {
+                product(to, add, a, b);
+            }
+        }
+    };
 }
 
-impl Real for f64 {
-    const ZERO: f64 = 0.0;
-
-    fn from_f64(value: f64) -> f64 {
-        value
-    }
-
-    fn to_f64(self) -> f64 {
-        self
-    }
-
-    fn exp(self) -> f64 {
-        f64::exp(self)
-    }
-
-    #[inline(always)]
-    fn from_mask(bits: u16) -> f64 {
-        f64::from_bits(bits.into())
-    }
-
-    #[inline(always)]
-    fn to_mask(self) -> u16 {
-        self.to_bits() as u16
-    }
-
-    fn product(to: StridedMut<f64>, add: bool, a: Strided<f64>, b: Strided<f64>) {
-        product(to, add, a, b);
-    }
-}
+real!(f32);
+real!(f64);
 
 /// Whether a running maximum moves on to this value; not a number counts as larger than anything.
 #[inline(always)]

@@ -72,6 +72,12 @@ impl<T: Clone> Scratch<T> {
     }
 }
 
+impl<T> fmt::Debug for Scratch<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Scratch({} values)", self.len)
+    }
+}
+
 impl<T: Clone> Clone for Scratch<T> {
     fn clone(&self) -> Scratch<T> {
         let own = &self.values[self.start..][..self.len];
@@ -79,12 +85,6 @@ impl<T: Clone> Clone for Scratch<T> {
         clone.front(self.len).clone_from_slice(own);
         clone.filled = self.filled;
         clone
-    }
-}
-
-impl<T> fmt::Debug for Scratch<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Scratch({} values)", self.len)
     }
 }
 

@@ -20,11 +20,7 @@ pub struct Kernel {
 
 impl fmt::Display for Kernel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Kernel {
-            size,
-            stride,
-            padding,
-        } = self;
-        write!(f, "{size} x {size} stride {stride} padding {padding}")
+        let (size, step, padding) = (self.size, self.stride, self.padding);
+        write!(f, "{size} x {size} stride {step} padding {padding}")
     }
 }

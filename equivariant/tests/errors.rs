@@ -15,77 +15,83 @@ fn message<L>(refused: Result<L, LayerError>) -> String {
     refused.err().unwrap().to_string()
 }
 
-#[test]
-fn errors_name_the_layer_what_was_got_and_what_was_expected() {
-    let (d2, c2) = (Group::D2.regular(2), Group::C2.regular(2));
-    let mixed = Shape::image(4, 4, FieldType::new(Group::D2, [8, 10, 8, 8]));
-    let odd = Shape::image(5, 6, d2);
-    let halving = kernel([2, 2, 0]);
-    let of_type = "got the type `8 reg + 2 x`, expected regular fields only";
-    let of_groups = "got the types `2 reg` of D2 and `C2: 2 reg` of C2, expected one group";
-    let of_size = "D2 flips the height, and a window of 2 pixels, stride 2 and padding 0 leaves a \
-                   remainder there: got (5 + 2 * 0 - 2) mod 2 = 1, expected 0";
-    let of_window = "got a window of 7 pixels, stride 1 and padding 0 on the height of 5, \
-                     expected 1 <= 7 <= 5 + 2 * 0";
-    let large = kernel([7, 1, 0]);
-    let refused = [
-        ("Relu", of_type, message(Relu::new(mixed))),
-        ("GroupMaxPool", of_type, message(GroupMaxPool::new(mixed))),
-        ("GroupMeanPool", of_type, message(GroupMeanPool::new(mixed))),
-        ("MaxPool", of_type, message(MaxPool::new(mixed, halving))),
-        (
-            "SpatialSoftArgmax",
-            of_type,
-            message(SpatialSoftArgmax::new(mixed, 1.0)),
-        ),
-        (
-            "R2Conv",
-            of_groups,
-            message(R2Conv::new(d2, c2, halving, [4, 4])),
-        ),
-        ("Linear", of_groups, message(Linear::new(d2, c2))),
-        (
-            "Concat",
-            of_groups,
-            message(Concat::new(Shape::vector(d2), Shape::vector(c2))),
-        ),
-        (
-            "R2Conv",
-            of_size,
-            message(R2Conv::new(d2, d2, halving, [5, 6])),
-        ),
-        ("MaxPool", of_size, message(MaxPool::new(odd, halving))),
-        (
-            "AveragePool",
-            of_size,
-            message(AveragePool::new(odd, halving)),
-        ),
-        (
-            "R2Conv",
-            of_window,
-            message(R2Conv::new(d2, d2, large, [5, 6])),
-        ),
-        ("MaxPool", of_window, message(MaxPool::new(odd, large))),
-        (
-            "R2Conv::flatten",
-            "got a map of 5 x 6 pixels, expected a square one",
-            message(R2Conv::flatten(odd, d2)),
-        ),
-        (
-            "Concat",
-            "got maps of 5 x 6 and 4 x 4 pixels, expected equal heights and widths",
-            message(Concat::new(odd, mixed)),
-        ),
-        (
-            "FieldNorm",
-            "got the fixed statistics [], expected a mean and a variance of at least 0",
-            message(FieldNorm::new(odd, Statistics::Fixed(vec![]))),
-        ),
-    ];
-    for (layer, reason, message) in refused {
+/// Checks that each layer refuses with its name and the reason.
+fn assert_refused<const N: usize>(reason: &str, refused: [(&str, String); N]) {
+    for (layer, message) in refused {
         let expected = format!("{layer}: {reason}");
         assert!(message.starts_with(&expected), "{message}\n{expected}");
     }
+}
+
+#[test]
+fn types_that_a_layer_does_not_take_are_refused() {
+    let mixed = Shape::image(4, 4, FieldType::new(Group::D2, [8, 10, 8, 8]));
+    let pool = MaxPool::new(mixed, kernel([2, 2, 0]));
+    let keypoints = SpatialSoftArgmax::new(mixed, 1.0);
+    let refused = [
+        ("Relu", message(Relu::new(mixed))),
+        ("GroupMaxPool", message(GroupMaxPool::new(mixed))),
+        ("GroupMeanPool", message(GroupMeanPool::new(mixed))),
+        ("MaxPool", message(pool)),
+        ("SpatialSoftArgmax", message(keypoints)),
+    ];
+    assert_refused(
+        "got the type `8 reg + 2 x`, expected regular fields only",
+        refused,
+    );
+}
+
+#[test]
+fn types_of_two_groups_are_refused() {
+    let (d2, c2) = (Group::D2.regular(2), Group::C2.regular(2));
+    let conv = R2Conv::new(d2, c2, kernel([2, 2, 0]), [4, 4]);
+    let concat = Concat::new(Shape::vector(d2), Shape::vector(c2));
+    let refused = [
+        ("R2Conv", message(conv)),
+        ("Linear", message(Linear::new(d2, c2))),
+        ("Concat", message(concat)),
+    ];
+    let reason = "got the types `2 reg` of D2 and `C2: 2 reg` of C2, expected one group";
+    assert_refused(reason, refused);
+}
+
+#[test]
+fn windows_that_are_inexact_or_do_not_fit_are_refused() {
+    let fields = Group::D2.regular(2);
+    let image = Shape::image(5, 6, fields);
+    let refused = |window| {
+        [
+            (
+                "R2Conv",
+                message(R2Conv::new(fields, fields, window, [5, 6])),
+            ),
+            ("MaxPool", message(MaxPool::new(image, window))),
+            ("AveragePool", message(AveragePool::new(image, window))),
+        ]
+    };
+    let inexact = "D2 flips the height, and a window of 2 pixels, stride 2 and padding 0 leaves a \
+                   remainder there: got (5 + 2 * 0 - 2) mod 2 = 1, expected 0";
+    let too_large = "got a window of 7 pixels, stride 1 and padding 0 on the height of 5, \
+                     expected 1 <= 7 <= 5 + 2 * 0";
+    assert_refused(inexact, refused(kernel([2, 2, 0])));
+    assert_refused(too_large, refused(kernel([7, 1, 0])));
+}
+
+#[test]
+fn maps_and_settings_that_do_not_fit_are_refused() {
+    let fields = Group::D2.regular(2);
+    let [odd, even] = [[5, 6], [4, 4]].map(|[height, width]| Shape::image(height, width, fields));
+    let flatten = ("R2Conv::flatten", message(R2Conv::flatten(odd, fields)));
+    assert_refused(
+        "got a map of 5 x 6 pixels, expected a square one",
+        [flatten],
+    );
+    let concat = ("Concat", message(Concat::new(odd, even)));
+    let sizes = "got maps of 5 x 6 and 4 x 4 pixels, expected equal heights and widths";
+    assert_refused(sizes, [concat]);
+    let norm = message(FieldNorm::new(odd, Statistics::Fixed(vec![])));
+    let statistics = "got the fixed statistics [], expected a mean and a variance of at least 0";
+    assert_refused(statistics, [("FieldNorm", norm)]);
 }
 
 #[test]

@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{kernel, largest_deviation, scratch};
+use common::{kernel, largest_deviation, run};
 use equivariant::{
     AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
     Relu, Shape, SpatialSoftArgmax, Statistics, hadamard,
@@ -46,22 +46,15 @@ fn check(case: &str, layer: &dyn Layer<f64>, params: &[f64]) -> Vec<f64> {
     let (in_shape, out_shape) = (layer.in_shape(), layer.out_shape());
     let of = |part: &str| golden(&format!("{case}.{part}"));
     let (x, dy) = (change(in_shape, of("x")), change(out_shape, of("dy")));
-    let mut scratch = scratch(layer, 2);
-    let (mut y, mut dx) = (vec![f64::NAN; dy.len()], vec![f64::NAN; x.len()]);
-    layer.forward(params, &x, &mut y, &mut scratch);
-    let mut dparams = vec![0.0; params.len()];
-    layer.backward(
-        params,
-        &x,
-        &y,
-        &dy,
-        Some(&mut dx),
-        &mut dparams,
-        &mut scratch,
-    );
+    let [y, dx, dparams] = run(layer, params, &x, &dy);
     assert_close(case, &change(out_shape, y), &of("y"));
     assert_close(case, &change(in_shape, dx), &of("dx"));
     dparams
+}
+
+fn check_keypoints(case: &str, shape: Shape, temperature: f64) {
+    let layer = SpatialSoftArgmax::new(shape, temperature).unwrap();
+    check(case, &layer, &[]);
 }
 
 /// The file's maps of 8 channels as regular fields.
@@ -75,28 +68,18 @@ const WINDOW: [usize; 3] = [3, 2, 1];
 fn layers_of_the_regular_basis_are_those_of_pytorch_for_every_group() {
     for group in Group::ALL {
         let shape = input(group);
+        let window = kernel(WINDOW);
         check("relu", &Relu::new(shape).unwrap(), &[]);
-        check(
-            "max_pool",
-            &MaxPool::new(shape, kernel(WINDOW)).unwrap(),
-            &[],
-        );
-        check(
-            "average_pool",
-            &AveragePool::new(shape, kernel(WINDOW)).unwrap(),
-            &[],
-        );
+        check("max_pool", &MaxPool::new(shape, window).unwrap(), &[]);
+        let average = AveragePool::new(shape, window).unwrap();
+        check("average_pool", &average, &[]);
     }
 }
 
 #[test]
 fn ordinary_layers_of_c1_are_those_of_pytorch() {
     let shape = input(Group::C1);
-    check(
-        "keypoints",
-        &SpatialSoftArgmax::new(shape, 0.5).unwrap(),
-        &[],
-    );
+    check_keypoints("keypoints", shape, 0.5);
     let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
     let params = [golden("norm.gain"), golden("norm.bias")].concat();
     let gradient = check("norm", &norm, &params);
@@ -107,11 +90,7 @@ fn ordinary_layers_of_c1_are_those_of_pytorch() {
 #[test]
 fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
     let shape = input(Group::D2);
-    check(
-        "d2_keypoints",
-        &SpatialSoftArgmax::new(shape, 0.5).unwrap(),
-        &[],
-    );
+    check_keypoints("d2_keypoints", shape, 0.5);
     check("d2_group_max", &GroupMaxPool::new(shape).unwrap(), &[]);
     check("d2_group_mean", &GroupMeanPool::new(shape).unwrap(), &[]);
     let norm = FieldNorm::new(shape, Statistics::Batch).unwrap();
@@ -199,11 +178,7 @@ fn filters_of_escnn_lie_in_the_space_of_steerable_kernels() {
 #[test]
 #[should_panic(expected = "keypoints: ")]
 fn a_comparison_with_other_settings_fails() {
-    check(
-        "keypoints",
-        &SpatialSoftArgmax::new(input(Group::C1), 0.4).unwrap(),
-        &[],
-    );
+    check_keypoints("keypoints", input(Group::C1), 0.4);
 }
 
 #[test]

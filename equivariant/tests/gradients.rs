@@ -3,7 +3,7 @@
 mod common;
 
 use common::{
-    forward, largest, largest_deviation, largest_magnitude, layers, normal, params, scratch,
+    forward, largest, largest_deviation, largest_magnitude, layers, normal, params, run, scratch,
     unwritten,
 };
 use equivariant::Layer;
@@ -12,22 +12,23 @@ const SAMPLES: usize = 3;
 const STEP: f64 = 1e-5;
 const TOLERANCE: f64 = 1e-7;
 
-struct Gradients {
-    dx: Vec<f64>,
-    dparams: Vec<f64>,
+/// A layer with parameters, an input, and the gradient in its output.
+struct Case {
+    name: String,
+    layer: Box<dyn Layer<f64>>,
+    params: Vec<f64>,
+    x: Vec<f64>,
+    dy: Vec<f64>,
 }
 
-/// Gradients of `dy . f(x)`.
-fn gradients(layer: &dyn Layer<f64>, params: &[f64], x: &[f64], dy: &[f64]) -> Gradients {
-    let mut y = unwritten(dy.len());
-    let mut scratch = scratch(layer, SAMPLES);
-    layer.forward(params, x, &mut y, &mut scratch);
-    let mut dx = vec![f64::NAN; x.len()];
-    // one, not zero: gradients must be added
-    let mut dparams = vec![1.0; params.len()];
-    layer.backward(params, x, &y, dy, Some(&mut dx), &mut dparams, &mut scratch);
-    dparams.iter_mut().for_each(|d| *d -= 1.0);
-    Gradients { dx, dparams }
+fn cases() -> impl Iterator<Item = Case> {
+    layers::<f64>().into_iter().map(|(name, layer)| Case {
+        name,
+        params: params(layer.as_ref(), 1),
+        x: normal(SAMPLES * layer.in_shape().len(), 2),
+        dy: normal(SAMPLES * layer.out_shape().len(), 3),
+        layer,
+    })
 }
 
 /// The derivative of `f` along entry `i` of `at`.
@@ -56,12 +57,16 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 #[test]
 fn backward_is_the_derivative_of_forward() {
-    for (name, layer) in layers::<f64>() {
+    for Case {
+        name,
+        layer,
+        params,
+        x,
+        dy,
+    } in cases()
+    {
         let layer = layer.as_ref();
-        let params = params(layer, 1);
-        let x = normal(SAMPLES * layer.in_shape().len(), 2);
-        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
-        let Gradients { dx, dparams } = gradients(layer, &params, &x, &dy);
+        let [_, dx, dparams] = run(layer, &params, &x, &dy);
         let in_x = error(&dx, &x, |x| dot(&dy, &forward(layer, &params, x)));
         assert!(in_x < TOLERANCE, "{name}: error {in_x} in the input");
         let in_params = error(&dparams, &params, |params| {
@@ -88,21 +93,19 @@ fn the_comparison_sees_a_wrong_gradient() {
 
 #[test]
 fn parameter_gradients_do_not_need_the_input_gradient() {
-    for (name, layer) in layers::<f64>() {
-        let layer = layer.as_ref();
-        let params = params(layer, 1);
-        let x = normal(SAMPLES * layer.in_shape().len(), 2);
-        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
-        let expected = gradients(layer, &params, &x, &dy).dparams;
-        let mut y = unwritten(dy.len());
+    for case in cases() {
+        let [params, x, dy] = [&case.params[..], &case.x, &case.dy];
+        let layer = case.layer.as_ref();
+        let [_, _, expected] = run(layer, params, x, dy);
         let mut scratch = scratch(layer, SAMPLES);
-        layer.forward(&params, &x, &mut y, &mut scratch);
+        let mut y = unwritten(dy.len());
+        layer.forward(params, x, &mut y, &mut scratch);
         let mut dparams = vec![1.0; params.len()];
-        layer.backward(&params, &x, &y, &dy, None, &mut dparams, &mut scratch);
+        layer.backward(params, x, &y, dy, None, &mut dparams, &mut scratch);
         dparams.iter_mut().for_each(|d| *d -= 1.0);
         // sums may be in another order
         let error = largest_deviation(&dparams, &expected);
         let scale = largest_magnitude(&expected).max(1.0);
-        assert!(error < 1e-13 * scale, "{name}: {error}");
+        assert!(error < 1e-13 * scale, "{}: {error}", case.name);
     }
 }

@@ -5,9 +5,7 @@
 
 mod common;
 
-use common::{
-    conv, largest_deviation, largest_magnitude, network, normal, params, scratch, unwritten,
-};
+use common::{conv, largest_deviation, largest_magnitude, network, normal, params};
 use equivariant::{Group, Layer, Scalar};
 
 const SAMPLES: usize = 3;
@@ -20,20 +18,8 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, operands: [&[f32]; 3]) -> [Vec<f64>; 3] 
         values.map(|&v| T::from_f64(f64::from(v))).collect()
     };
     let [params, x, dy] = operands.map(exact);
-    let (mut y, mut dx) = (unwritten(dy.len()), unwritten(x.len()));
-    let mut dparams = vec![T::ZERO; params.len()];
-    let mut scratch = scratch(layer, SAMPLES);
-    layer.forward(&params, &x, &mut y, &mut scratch);
-    layer.backward(
-        &params,
-        &x,
-        &y,
-        &dy,
-        Some(&mut dx),
-        &mut dparams,
-        &mut scratch,
-    );
-    [y, dx, dparams].map(|values| values.into_iter().map(T::to_f64).collect())
+    let results = common::run(layer, &params, &x, &dy);
+    results.map(|values| values.into_iter().map(T::to_f64).collect())
 }
 
 /// The largest difference over the largest value, of each result.

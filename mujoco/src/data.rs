@@ -4,7 +4,7 @@ use std::ptr::NonNull;
 use std::slice;
 use std::sync::Arc;
 
-use crate::error::{Quantity, SimError};
+use crate::error::{Quantity, SimError, check_finite, check_length};
 use crate::fields::Field;
 use crate::fields::data::{
     CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS, XPOS, XQUAT,
@@ -376,28 +376,5 @@ impl Drop for Data {
     fn drop(&mut self) {
         // SAFETY: MuJoCo allocated it and nothing refers to it any more.
         unsafe { raw::mj_deleteData(self.raw.as_ptr()) };
-    }
-}
-
-pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
-    if expected == got {
-        Ok(())
-    } else {
-        Err(SimError::Length {
-            what,
-            expected,
-            got,
-        })
-    }
-}
-
-pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
-    match values.iter().position(|value| !value.is_finite()) {
-        None => Ok(()),
-        Some(index) => Err(SimError::NotFinite {
-            what,
-            index,
-            value: values[index],
-        }),
     }
 }

@@ -25,11 +25,7 @@ impl RendererId {
 
 impl fmt::Display for RendererId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self {
-            number,
-            width,
-            height,
-        } = self;
-        write!(f, "renderer {number} ({width} x {height})")
+        let (width, height) = (self.width, self.height);
+        write!(f, "renderer {} ({width} x {height})", self.number)
     }
 }

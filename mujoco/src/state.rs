@@ -1,7 +1,7 @@
 //! Saving and restoring a simulation, which MuJoCo 2.2 has no function for.
 
-use crate::data::{Data, check_finite, check_length};
-use crate::error::{Quantity, SimError};
+use crate::data::Data;
+use crate::error::{Quantity, SimError, check_finite, check_length};
 use crate::fields::data::{
     ACT, CTRL, MOCAP_POS, MOCAP_QUAT, QACC_WARMSTART, QFRC_APPLIED, QPOS, QVEL, USERDATA,
     XFRC_APPLIED,

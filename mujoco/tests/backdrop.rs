@@ -7,14 +7,14 @@ use std::mem;
 use std::sync::Arc;
 
 use khronos_egl as egl;
-use mujoco::{Backdrop, Backend, Data, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{Backdrop, Backend, CameraId, Data, Model, RenderError, RenderOptions, Renderer};
 
 const BACKENDS: [Backend; 1] = [Backend::EglSurfaceless];
-const SCENE: &str = r#"<mujoco><worldbody>
+const SCENE: &str = r#"<worldbody>
     <camera name="top" pos="0 0 2"/>
     <geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>
     <body pos="-.3 0 .4"><joint type="slide" axis="1 0 0"/><geom size=".2" rgba="1 0 0 1"/></body>
-  </worldbody></mujoco>"#;
+  </worldbody>"#;
 
 fn renderer(model: &Arc<Model>, width: usize, height: usize) -> Renderer {
     let options = RenderOptions::default();
@@ -22,7 +22,12 @@ fn renderer(model: &Arc<Model>, width: usize, height: usize) -> Renderer {
 }
 
 fn simulation() -> Data {
-    let mut data = Data::new(Arc::new(Model::from_xml(SCENE).unwrap()));
+    simulation_of(SCENE)
+}
+
+fn simulation_of(scene: &str) -> Data {
+    let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
+    let mut data = Data::new(Arc::new(model));
     data.forward().unwrap();
     data
 }
@@ -32,18 +37,29 @@ fn move_ball(data: &mut Data, x: f64) {
     data.forward().unwrap();
 }
 
+fn top(data: &Data) -> CameraId {
+    data.model().camera("top").unwrap()
+}
+
 /// A renderer with a backdrop that it has drawn.
 fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
     let mut renderer = renderer(data.model(), width, height);
-    let camera = data.model().camera("top").unwrap();
     let mut backdrop = Backdrop::default();
+    let camera = top(data);
     renderer.draw_backdrop(data, camera, &mut backdrop).unwrap();
     (renderer, backdrop)
 }
 
+/// A picture over a backdrop, in memory that holds another one.
+fn over(renderer: &mut Renderer, data: &mut Data, backdrop: &mut Backdrop) -> Vec<u8> {
+    let mut image = vec![7; renderer.image_len()];
+    renderer.render_over(data, backdrop, &mut image).unwrap();
+    image
+}
+
 fn whole(renderer: &mut Renderer, data: &mut Data) -> Vec<u8> {
-    let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
+    let camera = top(data);
     renderer.render(data, camera, &mut image).unwrap();
     image
 }
@@ -83,14 +99,11 @@ fn a_backdrop_may_be_drawn_afresh_by_another_renderer() {
     let mut data = simulation();
     let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
     let mut other = renderer(data.model(), 4, 8);
-    let camera = data.model().camera("top").unwrap();
+    let camera = top(&data);
     other
         .draw_backdrop(&mut data, camera, &mut backdrop)
         .unwrap();
-    let mut out = vec![0; other.image_len()];
-    other
-        .render_over(&mut data, &mut backdrop, &mut out)
-        .unwrap();
+    let out = over(&mut other, &mut data, &mut backdrop);
     assert_eq!(out, whole(&mut other, &mut data));
 }
 
@@ -142,10 +155,7 @@ fn is_opengl_error(result: Result<(), RenderError>) -> bool {
 fn what_an_error_has_spoilt_is_drawn_again() {
     let mut data = simulation();
     let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
-    let mut out = vec![0; renderer.image_len()];
-    renderer
-        .render_over(&mut data, &mut backdrop, &mut out)
-        .unwrap();
+    let mut out = over(&mut renderer, &mut data, &mut backdrop);
     move_ball(&mut data, 0.3);
     let spoilt = Spoilt::new();
     assert!(is_opengl_error(renderer.render_over(
@@ -155,9 +165,7 @@ fn what_an_error_has_spoilt_is_drawn_again() {
     )));
     drop(spoilt);
     // the ball has not moved since
-    renderer
-        .render_over(&mut data, &mut backdrop, &mut out)
-        .unwrap();
+    let out = over(&mut renderer, &mut data, &mut backdrop);
     let expected = whole(&mut renderer, &mut data);
     assert!(expected.iter().any(|byte| *byte > 0));
     assert_eq!(out, expected);
@@ -167,7 +175,7 @@ fn what_an_error_has_spoilt_is_drawn_again() {
 fn a_backdrop_that_an_error_has_spoilt_is_none() {
     let mut data = simulation();
     let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
-    let camera = data.model().camera("top").unwrap();
+    let camera = top(&data);
     let spoilt = Spoilt::new();
     assert!(is_opengl_error(renderer.draw_backdrop(
         &mut data,
@@ -182,17 +190,12 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
 
 /// A picture over a backdrop at several places of what moves, each time beside the whole picture.
 fn check_motion(scene: &str, (width, height): (usize, usize), places: &[f64]) {
-    let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
-    let mut data = Data::new(Arc::new(model));
-    data.forward().unwrap();
+    let mut data = simulation_of(scene);
     let (mut renderer, mut backdrop) = drawn(&mut data, width, height);
     let mut pictures = Vec::new();
     for &x in places {
         move_ball(&mut data, x);
-        let mut out = vec![0; renderer.image_len()];
-        renderer
-            .render_over(&mut data, &mut backdrop, &mut out)
-            .unwrap();
+        let out = over(&mut renderer, &mut data, &mut backdrop);
         let expected = whole(&mut renderer, &mut data);
         assert!(out == expected, "{scene} at {x}");
         assert!(!pictures.contains(&expected), "the motion must show");
@@ -224,21 +227,16 @@ fn a_tendon_that_shortens_is_drawn_again() {
           <geom size=".05" group="3"/><site name="left"/></body></worldbody>
       <tendon><spatial width=".05" rgba="1 0 0 1"><site site="left"/><site site="right"/></spatial>
       </tendon>"#;
-    let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
-    let mut data = Data::new(Arc::new(model));
-    data.forward().unwrap();
+    let mut data = simulation_of(scene);
     let (mut renderer, mut backdrop) = drawn(&mut data, 24, 16);
-    let mut out = vec![0; renderer.image_len()];
     let mut last = Vec::new();
     for shorter in [0.0, 0.25] {
         data.qpos_mut().fill(-shorter);
         data.forward().unwrap();
-        renderer
-            .render_over(&mut data, &mut backdrop, &mut out)
-            .unwrap();
+        let out = over(&mut renderer, &mut data, &mut backdrop);
         assert!(out == whole(&mut renderer, &mut data), "{shorter} shorter");
         assert!(out != last, "the motion must show");
-        last.clone_from(&out);
+        last = out;
     }
 }
 
@@ -246,20 +244,16 @@ fn a_tendon_that_shortens_is_drawn_again() {
 #[test]
 fn rows_of_any_width_are_read() {
     let half = |width: usize| {
-        let scene = r#"<mujoco><visual>
+        let scene = r#"<visual>
             <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual><worldbody>
               <camera name="top" pos="0 0 2"/>
               <geom type="box" size="5 5 .1" pos="-5 0 0" rgba="1 0 0 1"/>
               <geom type="box" size="5 5 .1" pos="5 0 0" rgba="0 1 0 1"/>
               <body pos="0 .5 .4"><joint type="slide" axis="1 0 0"/><geom size=".2" group="3"/></body>
-            </worldbody></mujoco>"#;
-        let mut data = Data::new(Arc::new(Model::from_xml(scene).unwrap()));
-        data.forward().unwrap();
+            </worldbody>"#;
+        let mut data = simulation_of(scene);
         let (mut renderer, mut backdrop) = drawn(&mut data, width, 8);
-        let mut out = vec![7; renderer.image_len()];
-        renderer
-            .render_over(&mut data, &mut backdrop, &mut out)
-            .unwrap();
+        let out = over(&mut renderer, &mut data, &mut backdrop);
         assert_eq!(out, whole(&mut renderer, &mut data));
         out
     };
@@ -300,17 +294,12 @@ fn moving_cameras_lights_and_skins_are_drawn_as_they_are() {
         ),
     ];
     for scene in scenes {
-        let model = Model::from_xml(&format!("<mujoco>{scene}</mujoco>")).unwrap();
-        let mut data = Data::new(Arc::new(model));
-        data.forward().unwrap();
+        let mut data = simulation_of(&scene);
         let (mut renderer, mut backdrop) = drawn(&mut data, 24, 16);
         let before = whole(&mut renderer, &mut data);
         for x in [0.0, 0.3, -0.2] {
             move_ball(&mut data, x);
-            let mut out = vec![0; renderer.image_len()];
-            renderer
-                .render_over(&mut data, &mut backdrop, &mut out)
-                .unwrap();
+            let out = over(&mut renderer, &mut data, &mut backdrop);
             let expected = whole(&mut renderer, &mut data);
             assert_eq!(expected == before, x == 0.0, "the motion must show");
             assert!(out == expected, "{scene} at {x}");

@@ -139,10 +139,8 @@ fn controls_that_are_not_finite_are_refused() {
 #[test]
 fn derived_quantities_lag_until_forward() {
     let mut data = data(CART);
-    let (cart, tip) = (
-        data.model().body("cart").unwrap(),
-        data.model().site("tip").unwrap(),
-    );
+    let cart = data.model().body("cart").unwrap();
+    let tip = data.model().site("tip").unwrap();
     let hull = data.model().geom("hull").unwrap();
     data.forward().unwrap();
     data.qvel_mut()[0] = 1.0;
@@ -159,10 +157,8 @@ fn derived_quantities_lag_until_forward() {
 #[test]
 fn mocap_bodies_are_moved() {
     let mut data = data(CART);
-    let (mocap, body) = (
-        data.model().mocap("target").unwrap(),
-        data.model().body("target").unwrap(),
-    );
+    let mocap = data.model().mocap("target").unwrap();
+    let body = data.model().body("target").unwrap();
     assert_eq!(data.mocap_position(mocap), [1.0, 2.0, 3.0]);
     data.set_mocap_position(mocap, [4.0, 5.0, 6.0]).unwrap();
     data.set_mocap_quat(mocap, [0.0, 2.0, 0.0, 0.0]).unwrap();

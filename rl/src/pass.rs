@@ -314,19 +314,20 @@ mod tests {
         }
     }
 
+    fn load(image: &[u8], vector: &[f32]) {
+        let network = network();
+        network.load(0, image, vector, &mut network.workspace(2));
+    }
+
     #[test]
     #[should_panic(expected = "image: got 1535 values, expected 1536")]
     fn short_images_are_refused() {
-        let network = network();
-        let mut workspace = network.workspace(2);
-        network.load(0, &[0; 1535], &[0.0; 3], &mut workspace);
+        load(&[0; 1535], &[0.0; 3]);
     }
 
     #[test]
     #[should_panic(expected = "vector: got 4 values, expected 3")]
     fn long_vectors_are_refused() {
-        let network = network();
-        let mut workspace = network.workspace(2);
-        network.load(0, &[0; 1536], &[0.0; 4], &mut workspace);
+        load(&[0; 1536], &[0.0; 4]);
     }
 }

@@ -4,13 +4,16 @@
 
 #[path = "common/ages.rs"]
 mod ages;
+#[path = "common/constant.rs"]
+mod constant;
 
 use ages::Ages;
+use constant::Constant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition,
-    VectorEnv, collect, evaluate,
+    BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
+    collect, evaluate,
 };
 
 const ENVS: usize = 3;
@@ -35,48 +38,10 @@ impl VectorEnv for Strict {
     }
 }
 
-/// Does the same everywhere.
-struct Constant(f32);
-
-impl Actor for Constant {
-    type Memory = ();
-
-    fn memory(&self, _: usize) {}
-
-    fn act(
-        &mut self,
-        observations: &Observations,
-        memory: &mut (),
-        _: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.mean_actions(observations, memory, out)
-    }
-
-    fn mean_actions(
-        &mut self,
-        _: &Observations,
-        (): &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        out.fill(self.0);
-        Ok(())
-    }
-}
-
-/// Keeps nothing, and hands out as many actions as it is told to.
+/// Keeps nothing, and hands out the same actions at every step.
 struct Sieve {
     steps: usize,
     actions: Vec<f32>,
-}
-
-impl Sieve {
-    fn new(steps: usize, actions: usize) -> Self {
-        Self {
-            steps,
-            actions: vec![0.0; actions],
-        }
-    }
 }
 
 impl Experience<Constant> for Sieve {
@@ -90,12 +55,11 @@ impl Experience<Constant> for Sieve {
 
     fn decide(
         &mut self,
-        actor: &mut Constant,
-        observations: &Observations,
-        memory: &mut (),
-        rng: &mut ChaCha8Rng,
+        _: &mut Constant,
+        _: &Observations,
+        (): &mut (),
+        _: &mut ChaCha8Rng,
     ) -> Result<&[f32], RlError> {
-        actor.act(observations, memory, rng, &mut self.actions)?;
         Ok(&self.actions)
     }
 
@@ -117,17 +81,22 @@ fn env() -> Strict {
     Strict(Ages::new(&[3; ENVS]))
 }
 
-fn collected(action: f32, sieve: &mut Sieve) -> Result<usize, RlError> {
-    let (mut env, mut actor) = (env(), Constant(action));
+/// Collects with these actions at every step.
+fn collected(steps: usize, actions: &[f32]) -> Result<usize, RlError> {
+    let (mut env, mut actor) = (env(), Constant(0.0, ()));
+    let mut sieve = Sieve {
+        steps,
+        actions: actions.to_vec(),
+    };
     let mut state = RolloutState::reset(&mut env, &actor)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    Ok(collect(&mut env, &mut actor, sieve, &mut state, &mut rng)?.decisions)
+    Ok(collect(&mut env, &mut actor, &mut sieve, &mut state, &mut rng)?.decisions)
 }
 
 #[test]
 fn finite_actions_in_every_environment_are_executed() {
-    assert_eq!(collected(0.5, &mut Sieve::new(4, ENVS)).unwrap(), 4 * ENVS);
-    let stats = evaluate(&mut env(), &mut Constant(0.5), 1).unwrap();
+    assert_eq!(collected(4, &[0.5; ENVS]).unwrap(), 4 * ENVS);
+    let stats = evaluate(&mut env(), &mut Constant(0.5, ()), 1).unwrap();
     assert_eq!(stats.episodes.len(), ENVS);
 }
 
@@ -135,8 +104,8 @@ fn finite_actions_in_every_environment_are_executed() {
 fn actions_that_are_not_numbers_never_reach_the_environment() {
     for action in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let results = [
-            collected(action, &mut Sieve::new(4, ENVS)).map(|_| ()),
-            evaluate(&mut env(), &mut Constant(action), 1).map(|_| ()),
+            collected(4, &[action; ENVS]).map(|_| ()),
+            evaluate(&mut env(), &mut Constant(action, ()), 1).map(|_| ()),
         ];
         for result in results {
             let named =
@@ -149,7 +118,7 @@ fn actions_that_are_not_numbers_never_reach_the_environment() {
 #[test]
 fn too_few_and_too_many_actions_never_reach_the_environment() {
     for len in [0, ENVS - 1, ENVS + 1] {
-        let result = collected(0.5, &mut Sieve::new(4, len));
+        let result = collected(4, &vec![0.5; len]);
         let named = matches!(
             result,
             Err(RlError::Shape { what: "actions", got, expected: ENVS, .. }) if got == len
@@ -160,7 +129,7 @@ fn too_few_and_too_many_actions_never_reach_the_environment() {
 
 #[test]
 fn a_collection_of_no_steps_is_refused() {
-    let result = collected(0.5, &mut Sieve::new(0, ENVS));
+    let result = collected(0, &[0.5; ENVS]);
     let named = matches!(result, Err(RlError::Setting { name: "steps", .. }));
     assert!(named, "{result:?}");
 }

@@ -55,11 +55,9 @@ impl VectorEnv for Scripted {
         self.time = self.time % 3 + 1;
         out.success = vec![self.time == 3; 2];
         out.success_at_end = vec![false, self.time == 3];
-        let over = self.time == 3;
-        out.outcomes.fill(if over {
-            Outcome::Terminated
-        } else {
-            Outcome::Running
+        out.outcomes.fill(match self.time {
+            3 => Outcome::Terminated,
+            _ => Outcome::Running,
         });
         Ok(())
     }

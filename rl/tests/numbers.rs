@@ -6,39 +6,16 @@ mod common;
 #[path = "common/parts.rs"]
 mod parts;
 
-use common::PointReach;
-use parts::{ENVS, Parts, parts, policy, push, rolled_out, spec};
+use parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Algorithm, AlgorithmState, BoxError, EnvSpec, Observations, Outcome, Ppo, PpoSettings, RlError,
-    RolloutBuffer, Transition, VectorEnv, evaluate,
+    ActorCriticPolicy, Algorithm, AlgorithmState, Outcome, Ppo, PpoSettings, RlError,
+    RolloutBuffer, Transition, evaluate,
 };
 
 /// What makes a number wrong.
 type Change<T> = fn(&mut T);
-
-/// An environment whose transitions are changed before they are handed out.
-struct Spoiling {
-    env: PointReach,
-    spoil: Change<Transition>,
-}
-
-impl VectorEnv for Spoiling {
-    fn spec(&self) -> &EnvSpec {
-        self.env.spec()
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        self.env.reset(out)
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
-        self.env.step(actions, out)?;
-        (self.spoil)(out);
-        Ok(())
-    }
-}
 
 /// What a `NotFinite` error names.
 fn not_finite(result: Result<(), RlError>) -> &'static str {
@@ -65,10 +42,7 @@ fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_s
         ),
     ];
     for (spoil, name) in spoils {
-        let mut env = Spoiling {
-            env: PointReach::new(ENVS, 0),
-            spoil,
-        };
+        let mut env = Spoiling::new(spoil);
         assert_eq!(not_finite(rolled_out(&mut env)), name);
         let result = evaluate(&mut env, &mut policy(), 1).map(|_| ());
         assert_eq!(not_finite(result), name);
@@ -77,10 +51,7 @@ fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_s
 
 #[test]
 fn final_observations_of_running_episodes_have_no_meaning() {
-    let mut env = Spoiling {
-        env: PointReach::new(ENVS, 0),
-        spoil: |t| t.final_observations.vectors[5] = f32::NAN,
-    };
+    let mut env = Spoiling::new(|t| t.final_observations.vectors[5] = f32::NAN);
     assert!(rolled_out(&mut env).is_ok());
 }
 
@@ -114,6 +85,24 @@ fn decisions_and_values_that_are_not_numbers_are_refused() {
     assert_eq!(not_finite(result), "a value");
 }
 
+/// A rollout of one step, ready to be learnt from.
+fn one_step() -> RolloutBuffer {
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    push(&mut buffer, &parts()).unwrap();
+    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+    buffer
+}
+
+/// What an update refuses.
+fn refused_update(
+    ppo: &mut Ppo,
+    policy: &mut ActorCriticPolicy,
+    buffer: &RolloutBuffer,
+) -> &'static str {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    not_finite(ppo.update(policy, buffer, &mut rng).map(|_| ()))
+}
+
 /// Rewards that are finite, but whose sum is not.
 #[test]
 fn returns_that_overflow_leave_the_parameters_alone() {
@@ -127,9 +116,7 @@ fn returns_that_overflow_leave_the_parameters_alone() {
     push(&mut buffer, &huge).unwrap();
     buffer.finish(&huge.observations, &[0.0; ENVS]).unwrap();
     let before = policy.params().to_vec();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
-    assert_eq!(not_finite(result), "a return");
+    assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), "a return");
     assert_eq!(
         (policy.params(), ppo.save().counters[0].1),
         (&before[..], 0)
@@ -145,16 +132,15 @@ fn a_gradient_that_overflows_leaves_the_parameters_alone() {
         ..PpoSettings::default()
     };
     let mut ppo = Ppo::new(settings, &policy).unwrap();
-    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    push(&mut buffer, &parts()).unwrap();
-    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+    let buffer = one_step();
     // before the two log_std and the value's bias: the last layer of the critic
     let bias = policy.params().len() - 3;
     policy.params_mut()[bias - 2..bias].fill(1e30);
     let before = policy.params().to_vec();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
-    assert_eq!(not_finite(result), "the norm of the gradient");
+    assert_eq!(
+        refused_update(&mut ppo, &mut policy, &buffer),
+        "the norm of the gradient"
+    );
     assert_eq!(
         (policy.params(), ppo.save().counters[0].1),
         (&before[..], 0)
@@ -251,10 +237,7 @@ fn parameters_that_the_last_step_makes_infinite_are_reported() {
         ..PpoSettings::default()
     };
     let mut ppo = Ppo::new(settings, &policy).unwrap();
-    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    push(&mut buffer, &parts()).unwrap();
-    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let result = ppo.update(&mut policy, &buffer, &mut rng).map(|_| ());
-    assert_eq!(not_finite(result), "a parameter after the update");
+    let buffer = one_step();
+    let what = refused_update(&mut ppo, &mut policy, &buffer);
+    assert_eq!(what, "a parameter after the update");
 }

@@ -7,14 +7,13 @@ mod common;
 mod parts;
 
 use common::PointReach;
-use parts::{ENVS, Parts, parts, policy, push, rolled_out, spec};
+use parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Adam, Assess, BoxError, Decisions, EnvSpec, Features, GaeInputs, Observations, OnPolicy,
-    Outcome, ParamGroup, RlError, RolloutBuffer, RolloutState, Transition, Values, VectorEnv,
-    collect, evaluate, gae,
+    Actor, Adam, Assess, Decisions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup, RlError,
+    RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
 };
 
 fn resize<T: Clone + Default>(values: &mut Vec<T>, change: isize) {
@@ -161,36 +160,15 @@ proptest! {
         array in 5..ARRAYS.len(),
         change in off_by(),
     ) {
-        let mut env = Spoiling { env: PointReach::new(ENVS, 0), array, change };
+        let mut env = Spoiling::new(|out| {
+            let mut all = parts();
+            std::mem::swap(&mut all.transition, out);
+            spoil(&mut all, array, change);
+            std::mem::swap(&mut all.transition, out);
+        });
         let name = ARRAYS[array].split(' ').next_back().unwrap();
         prop_assert!(names(rolled_out(&mut env), name));
         prop_assert!(names(evaluate(&mut env, &mut policy(), 1).map(|_| ()), name));
-    }
-}
-
-/// An environment that changes the length of one array of its transitions.
-struct Spoiling {
-    env: PointReach,
-    array: usize,
-    change: isize,
-}
-
-impl VectorEnv for Spoiling {
-    fn spec(&self) -> &EnvSpec {
-        self.env.spec()
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        self.env.reset(out)
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
-        self.env.step(actions, out)?;
-        let mut all = parts();
-        std::mem::swap(&mut all.transition, out);
-        spoil(&mut all, self.array, self.change);
-        std::mem::swap(&mut all.transition, out);
-        Ok(())
     }
 }
 
@@ -211,7 +189,7 @@ fn a_rollout_of_other_environments_is_refused() {
 }
 
 #[test]
-fn free_functions_name_the_slice_that_does_not_fit() {
+fn gae_names_the_slice_that_does_not_fit() {
     let gae_with = |lens: [usize; 7]| {
         let [rewards, values, finals, last] = [0, 1, 3, 4].map(|i: usize| vec![0.0; lens[i]]);
         let outcomes = vec![Outcome::Running; lens[2]];
@@ -250,6 +228,10 @@ fn free_functions_name_the_slice_that_does_not_fit() {
             }
         }
     }
+}
+
+#[test]
+fn adam_names_the_slice_that_does_not_fit() {
     let step = |params: usize, gradient: usize, first: usize, second: usize, end: usize| {
         panics(move || {
             let mut adam = Adam::new(first, 1e-5);

@@ -2,6 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
+#[path = "common/constant.rs"]
+mod constant;
+
+use constant::Constant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -68,39 +72,16 @@ impl VectorEnv for Walk {
 }
 
 /// Stands still and values a place by a weight of its own.
-#[derive(Clone, Debug, PartialEq)]
-struct Weights(Vec<f32>);
+type Weights = Constant<Vec<f32>>;
 
-impl Actor for Weights {
-    type Memory = ();
-
-    fn memory(&self, _: usize) {}
-
-    fn act(
-        &mut self,
-        observations: &Observations,
-        memory: &mut (),
-        _: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.mean_actions(observations, memory, out)
-    }
-
-    fn mean_actions(
-        &mut self,
-        _: &Observations,
-        (): &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        out.fill(0.0);
-        Ok(())
-    }
+fn no_weights() -> Weights {
+    Constant(0.0, vec![0.0; PLACES])
 }
 
 impl Values for Weights {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         for (value, vector) in out.iter_mut().zip(observations.vectors.chunks(PLACES)) {
-            *value = dot(&self.0, vector);
+            *value = dot(&self.1, vector);
         }
         Ok(())
     }
@@ -221,14 +202,10 @@ impl Algorithm for Regression {
         let mut loss = 0.0;
         for _ in 0..8 {
             let step = &replay.steps[rng.random_range(0..replay.steps.len())];
-            let next = step.next.as_ref().map_or(0.0, |v| dot(&policy.0, v));
-            let error = dot(&policy.0, &step.vector) - step.reward - GAMMA * next;
-            for ((w, v), x) in policy
-                .0
-                .iter_mut()
-                .zip(&mut self.velocity)
-                .zip(&step.vector)
-            {
+            let next = step.next.as_ref().map_or(0.0, |v| dot(&policy.1, v));
+            let error = dot(&policy.1, &step.vector) - step.reward - GAMMA * next;
+            let weights = policy.1.iter_mut().zip(&mut self.velocity);
+            for ((w, v), x) in weights.zip(&step.vector) {
                 *v = 0.5 * *v + error * x;
                 *w -= 0.1 * *v;
             }
@@ -286,14 +263,14 @@ where
 
 #[test]
 fn values_are_learnt_from_a_replay() {
-    let (mut policy, mut replay) = (Weights(vec![0.0; PLACES]), Replay::new(40));
+    let (mut policy, mut replay) = (no_weights(), Replay::new(40));
     let loss = learn(&mut regression(), &mut policy, &mut replay, 300);
     assert_eq!(
         replay.steps.len(),
         40,
         "the ring is full and grows no further"
     );
-    for (weight, truth) in policy.0.iter().zip(TRUTH) {
+    for (weight, truth) in policy.1.iter().zip(TRUTH) {
         assert!((weight - truth).abs() < 1e-3, "{policy:?}");
     }
     assert!(loss < 1e-6, "{loss}");
@@ -301,7 +278,7 @@ fn values_are_learnt_from_a_replay() {
 
 #[test]
 fn a_saved_state_goes_on_alike_and_another_one_is_refused() {
-    let (mut policy, mut replay) = (Weights(vec![0.0; PLACES]), Replay::new(40));
+    let (mut policy, mut replay) = (no_weights(), Replay::new(40));
     let mut algorithm = regression();
     learn(&mut algorithm, &mut policy, &mut replay, 20);
     let (mut twin_policy, mut twin) = (policy.clone(), regression());

@@ -3,10 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::disk::replace;
+use crate::disk::{Disk, replace};
 use crate::error::CoversError;
-
-use super::folder::RunFolder;
 
 /// Digits of the number of rollouts in a file's name: enough for the longest run.
 const DIGITS: usize = 6;
@@ -25,35 +23,34 @@ pub(crate) struct Found<T> {
 
 /// Writes the checkpoint of a run with this many rollouts and removes all but the `keep` newest.
 pub(crate) fn save(
-    folder: &RunFolder,
+    disk: &dyn Disk,
+    folder: &Path,
     rollouts: usize,
     bytes: &[u8],
     keep: usize,
 ) -> Result<(), CoversError> {
-    replace(folder.disk(), &path(folder, rollouts), bytes)?;
+    replace(disk, &path(folder, rollouts), bytes)?;
     for (_, old) in list(folder)?.iter().skip(keep) {
-        let removed = folder.disk().remove(old);
+        let removed = disk.remove(old);
         removed.map_err(|error| CoversError::write(old, error))?;
     }
     Ok(())
 }
 
 /// Where the checkpoint after this many rollouts is.
-pub(crate) fn path(folder: &RunFolder, rollouts: usize) -> PathBuf {
-    let name = format!("{rollouts:0DIGITS$}.{ENDING}");
-    folder.checkpoints().join(name)
+pub(crate) fn path(folder: &Path, rollouts: usize) -> PathBuf {
+    folder.join(format!("{rollouts:0DIGITS$}.{ENDING}"))
 }
 
-/// The checkpoints of a folder with their numbers of rollouts, the newest first; links are passed
+/// The checkpoints in a folder with their numbers of rollouts, the newest first; links are passed
 /// over, since they may lead out of the folder.
-pub(crate) fn list(folder: &RunFolder) -> Result<Vec<(usize, PathBuf)>, CoversError> {
-    let path = folder.checkpoints();
-    if !path.exists() {
+pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, CoversError> {
+    if !folder.exists() {
         return Ok(Vec::new());
     }
-    let read = |error| CoversError::read(&path, error);
+    let read = |error| CoversError::read(folder, error);
     let mut found = Vec::new();
-    for entry in fs::read_dir(&path).map_err(read)? {
+    for entry in fs::read_dir(folder).map_err(read)? {
         let entry = entry.map_err(read)?;
         let is_file = entry.file_type().map_err(read)?.is_file();
         if let (Some(rollouts), true) = (rollouts_of(&entry.path()), is_file) {
@@ -74,7 +71,7 @@ fn rollouts_of(path: &Path) -> Option<usize> {
 /// Reads the newest checkpoint that can be read; none where there are no checkpoints. One of a newer
 /// version of this crate is an error: its work would be lost.
 pub(crate) fn newest<T>(
-    folder: &RunFolder,
+    folder: &Path,
     read: impl Fn(&Path) -> Result<T, CoversError>,
 ) -> Result<Option<Found<T>>, CoversError> {
     let mut passed_over = Vec::new();
@@ -95,7 +92,7 @@ pub(crate) fn newest<T>(
         return Ok(None);
     }
     Err(CoversError::NoCheckpoint {
-        folder: folder.path().to_owned(),
+        folder: folder.to_owned(),
         problems: passed_over.join("; "),
     })
 }

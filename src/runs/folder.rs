@@ -101,7 +101,7 @@ impl RunFolder {
             return Ok(());
         }
         let _lock = Lock::take(&self.path)?;
-        let checkpoints = checkpoints::list(self)?.into_iter();
+        let checkpoints = checkpoints::list(&self.checkpoints())?.into_iter();
         let others = FILES
             .iter()
             .chain([&EXPERIMENT])
@@ -166,7 +166,8 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, CoversError> {
-        let found = checkpoints::newest(self, |path| learner.load(path, spec, labels))?;
+        let found =
+            checkpoints::newest(&self.checkpoints(), |path| learner.load(path, spec, labels))?;
         let none = || CoversError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
@@ -180,7 +181,7 @@ impl RunFolder {
     /// As [`Learner::save`].
     pub fn save_learner(&self, learner: &dyn Learner, extent: Extent) -> Result<(), CoversError> {
         self.prepare()?;
-        let path = checkpoints::path(self, 0);
+        let path = checkpoints::path(&self.checkpoints(), 0);
         learner.save(&path, extent, "")
     }
 

@@ -121,7 +121,7 @@ pub(super) fn resume(
         let signed = signed.map_err(|error| CoversError::read(path, error))?;
         Ok((learner, signed))
     };
-    let Some(found) = newest(&folder, read)? else {
+    let Some(found) = newest(&folder.checkpoints(), read)? else {
         let notice = "there is no checkpoint yet: begun anew".to_owned();
         return begin(experiment, tasks, folder, lock, notice);
     };

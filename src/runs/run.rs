@@ -345,7 +345,7 @@ impl Run {
         if self.saved == Some((rollouts, due)) {
             return Ok(());
         }
-        let path = checkpoints::path(&self.folder, rollouts);
+        let path = checkpoints::path(&self.folder.checkpoints(), rollouts);
         let note = Note {
             ledger: self.ledger.clone(),
             due,
@@ -355,12 +355,8 @@ impl Run {
         let note = note.map_err(|error| CoversError::write(&path, error))?;
         let bytes = self.learner.encode(&path, Extent::Everything, &note)?;
         self.logs.sync()?;
-        checkpoints::save(
-            &self.folder,
-            rollouts,
-            &bytes,
-            self.experiment.checkpoints.keep,
-        )?;
+        let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
+        checkpoints::save(disk, &self.folder.checkpoints(), rollouts, &bytes, keep)?;
         self.saved = Some((rollouts, due));
         Ok(())
     }

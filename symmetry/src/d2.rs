@@ -120,15 +120,16 @@ impl D2 {
     }
 }
 
+/// The product of two elements, or of two irreps, in bits: bits add modulo two.
+pub(crate) fn product(a: usize, b: usize) -> usize {
+    a ^ b
+}
+
 impl Mul for D2 {
     type Output = D2;
 
-    #[expect(
-        clippy::suspicious_arithmetic_impl,
-        reason = "the group product is the xor of bits"
-    )]
     fn mul(self, other: D2) -> D2 {
-        D2::from_bits(self.bits() ^ other.bits())
+        D2::from_bits(product(self.bits(), other.bits()))
     }
 }
 

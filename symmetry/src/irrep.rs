@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Mul;
 
-use crate::d2::D2;
+use crate::d2::{D2, product};
 
 /// An irreducible representation of D2: a sign for each group element.
 ///
@@ -44,13 +44,9 @@ impl Irrep {
 impl Mul for Irrep {
     type Output = Irrep;
 
-    /// The tensor product of two irreps.
-    #[expect(
-        clippy::suspicious_arithmetic_impl,
-        reason = "signs multiply where bits add modulo two"
-    )]
+    /// The tensor product of two irreps: their signs multiply.
     fn mul(self, other: Irrep) -> Irrep {
-        Irrep::ALL[self.index() ^ other.index()]
+        Irrep::ALL[product(self.index(), other.index())]
     }
 }
 

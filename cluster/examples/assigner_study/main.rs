@@ -6,7 +6,7 @@ mod population;
 mod rules;
 
 use cluster::{Calibrated, ClusterError};
-use population::Scenario;
+use population::{MAIN, Scenario};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -14,15 +14,6 @@ use rules::{Answer, NAMES, answers, p_values};
 
 /// Tests whose p-values are compared with their levels.
 const LEVEL_TESTS: usize = 10_000;
-
-/// What a stream of tasks looks like to the learner: one frame an episode.
-const MAIN: Scenario = Scenario {
-    frames: 1,
-    drift: 0.0,
-    apart: 1.0,
-    clusters: 1,
-    rollouts: (1, 5),
-};
 
 /// Scenarios and the decisions about known groups, and as many about new ones, that each is judged
 /// by.

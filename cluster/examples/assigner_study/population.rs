@@ -29,6 +29,15 @@ pub struct Scenario {
     pub rollouts: (usize, usize),
 }
 
+/// What a stream of tasks looks like to the learner: one frame an episode.
+pub const MAIN: Scenario = Scenario {
+    frames: 1,
+    drift: 0.0,
+    apart: 1.0,
+    clusters: 1,
+    rollouts: (1, 5),
+};
+
 /// One decision to make: the candidate's buffer, a rollout, and one more if it is asked for.
 pub struct Case {
     pub buffer: Frames,

@@ -110,8 +110,8 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
         spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim);
     }
     let result = match rng.random::<bool>() {
-        true => workspace.solve(&x, a.weights(), &y, b.weights(), dim),
-        false => workspace.solve_again(&x, a.weights(), &y, b.weights(), dim),
+        true => workspace.solve((&x, a.weights()), (&y, b.weights()), dim),
+        false => workspace.solve_again((&x, a.weights()), (&y, b.weights()), dim),
     };
     let Some(plan) = expected(sound, result)? else {
         return Ok(Outcome::Refused);

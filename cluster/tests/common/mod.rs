@@ -3,7 +3,9 @@
 // each test file uses its part
 #![allow(dead_code)]
 
-use cluster::{ClusterError, TransportPlan, Weights, transport};
+use cluster::{
+    Assigner, AssignerSettings, Calibrated, ClusterError, Rule, TransportPlan, Weights, transport,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -32,7 +34,26 @@ pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
     weights.iter().map(|w| w / sum).collect()
 }
 
+/// Makes an assigner of the calibrated rule.
+pub fn calibrated(settings: Calibrated) -> Result<Assigner, ClusterError> {
+    Assigner::new(AssignerSettings {
+        rule: Rule::Calibrated(settings),
+    })
+}
+
+/// Makes an assigner of the paper's rule.
+pub fn fixed(threshold: f64) -> Result<Assigner, ClusterError> {
+    Assigner::new(AssignerSettings {
+        rule: Rule::Fixed { threshold },
+    })
+}
+
 /// Solves a problem with equal weights.
 pub fn uniform(cost: &[f64], n: usize, m: usize) -> Result<TransportPlan, ClusterError> {
     transport(cost, Weights::Uniform(n), Weights::Uniform(m))
+}
+
+/// The costs `[n, m]` with sources and sinks exchanged.
+pub fn transposed(cost: &[f64], n: usize, m: usize) -> Vec<f64> {
+    (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect()
 }

@@ -57,14 +57,8 @@ fn draw(camera: &Camera, point: DVec3) -> Vec<u8> {
 #[test]
 fn the_mark_of_a_mirrored_point_is_the_mirrored_mark() {
     for hole in [0.0, 0.02] {
-        let mark = Mark {
-            hole,
-            ..Mark::default()
-        };
-        let camera = Camera {
-            mark,
-            ..Camera::default()
-        };
+        let mut camera = Camera::default();
+        camera.mark.hole = hole;
         let point = DVec3::new(0.137, 0.083, 0.2);
         let picture = draw(&camera, point);
         assert!(picture.contains(&255));

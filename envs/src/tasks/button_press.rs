@@ -3,12 +3,16 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, uniform};
+use super::{CANONICAL_X, STOCK_X, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
 };
+
+/// The button task.
+#[derive(Clone, Copy, Debug)]
+pub struct ButtonPress;
 
 /// Box centre along y (metres): nearer than Meta-World's 0.25..0.30, so that the arm reaches past
 /// the press.
@@ -28,25 +32,9 @@ const PRESSED: f64 = 0.005;
 /// Fingertips this near to the cap count as touching (metres).
 const NEAR: f64 = 0.05;
 
-const PARTS: Parts<'static> = Parts {
-    mjcf: Some(part!("button_press.xml").1),
-    object_body: Some("button"),
-    object_offset: CAP,
-    start_joints: &[],
-    goal_observable: false,
-};
-
-/// The button task.
-#[derive(Clone, Copy, Debug)]
-pub struct ButtonPress;
-
 impl Task for ButtonPress {
     fn name(&self) -> &str {
         "button-press"
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -84,12 +72,19 @@ impl Task for ButtonPress {
         ExpertCommand { hand, finger: 0.0 }
     }
 
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            mjcf: Some(part!("button_press.xml").1),
+            object_body: Some("button"),
+            object_offset: CAP,
+            ..Parts::default()
+        }
+    }
+
     fn stock(&self) -> Option<Stock<'_>> {
         Some(Stock {
-            name: "button-press",
             hand_target: STOCK_HAND_START,
-            addition: None,
-            place: place_stock,
+            ..stock("button-press", place_stock)
         })
     }
 }

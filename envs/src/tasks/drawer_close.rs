@@ -3,46 +3,34 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use super::{CANONICAL_X, STOCK_X, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian, hamacher, long_tail};
 use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
 };
 
+/// The drawer task.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawerClose;
+
 const CASE_Y: f64 = 0.3;
 /// Joint position of the open drawer (metres); zero is shut.
 const OPEN: f64 = -0.15;
-/// From the drawer body's origin to the point above its handle.
-const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.05);
-/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances
-/// never vanish.
-const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
 /// Distances to the target at full reward and at success (metres).
 const BOUND: f64 = 0.05;
 const SUCCESS: f64 = 0.065;
 /// Fingertips this near to the handle count as there (metres).
 const NEAR: f64 = 0.005;
-
-const PARTS: Parts<'static> = Parts {
-    mjcf: Some(part!("drawer_close.xml").1),
-    object_body: Some("drawer"),
-    object_offset: HANDLE,
-    start_joints: &[("slide", OPEN)],
-    goal_observable: false,
-};
-
-/// The drawer task.
-#[derive(Clone, Copy, Debug)]
-pub struct DrawerClose;
+/// From the drawer body's origin to the point above its handle.
+const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.05);
+/// From the case's origin to the target of that point: 0.05 m below where it can be, so distances
+/// never vanish.
+const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
 
 impl Task for DrawerClose {
     fn name(&self) -> &str {
         "drawer-close"
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -97,13 +85,18 @@ impl Task for DrawerClose {
         ExpertCommand { hand, finger: 1.0 }
     }
 
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            mjcf: Some(part!("drawer_close.xml").1),
+            object_body: Some("drawer"),
+            object_offset: HANDLE,
+            start_joints: &[("slide", OPEN)],
+            ..Parts::default()
+        }
+    }
+
     fn stock(&self) -> Option<Stock<'_>> {
-        Some(Stock {
-            name: "drawer-close",
-            hand_target: STOCK_HAND_START,
-            addition: None,
-            place: place_stock,
-        })
+        Some(stock("drawer-close", place_stock))
     }
 }
 

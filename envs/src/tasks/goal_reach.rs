@@ -3,12 +3,16 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use super::{CANONICAL_X, STOCK_X, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::long_tail;
 use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
 };
+
+/// The reach task; its scene is the bare table.
+#[derive(Clone, Copy, Debug)]
+pub struct GoalReach;
 
 /// Fingertips this near to the goal succeed (metres).
 const RADIUS: f64 = 0.05;
@@ -17,30 +21,14 @@ const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
 
 const STOCK_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
 const STOCK_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
-/// Where Meta-World's loose cylinder stands (metres), and how far from the goal it must be.
-const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
-const DECOY_Z: f64 = 0.02;
+/// How far from the goal Meta-World's loose cylinder must be, and where it stands (metres).
 const APART: f64 = 0.15;
-
-const PARTS: Parts<'static> = Parts {
-    mjcf: None,
-    object_body: None,
-    object_offset: DVec3::ZERO,
-    start_joints: &[],
-    goal_observable: true,
-};
-
-/// The reach task; its scene is the bare table.
-#[derive(Clone, Copy, Debug)]
-pub struct GoalReach;
+const DECOY_Z: f64 = 0.02;
+const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
 
 impl Task for GoalReach {
     fn name(&self) -> &str {
         "goal-reach"
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -73,12 +61,17 @@ impl Task for GoalReach {
         }
     }
 
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            goal_observable: true,
+            ..Parts::default()
+        }
+    }
+
     fn stock(&self) -> Option<Stock<'_>> {
         Some(Stock {
-            name: "reach",
-            hand_target: STOCK_HAND_START,
             addition: Some(part!("decoy.xml" in "metaworld").1),
-            place: place_stock,
+            ..stock("reach", place_stock)
         })
     }
 }

@@ -1,5 +1,5 @@
-//! The four tasks, one file each: figures at the top, then where things go, what is rewarded, and
-//! how an expert does it.
+//! The four tasks, one file each: figures at the top, then where things go, what is rewarded, how
+//! an expert does it, and what the scene is made of.
 
 mod button_press;
 mod drawer_close;
@@ -17,6 +17,8 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use crate::task::{Placement, Stock};
+
 /// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives
 /// a different task.
 const CANONICAL_X: Range<f64> = 0.08..0.20;
@@ -25,6 +27,16 @@ const CANONICAL_X: Range<f64> = 0.08..0.20;
 const STOCK_X: Range<f64> = -0.1..0.1;
 /// Where Meta-World's hand starts (metres), but for the button.
 const STOCK_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
+
+/// Meta-World's figures of a task whose scene has no addition.
+fn stock(name: &'static str, place: fn(&mut ChaCha8Rng) -> Placement) -> Stock<'static> {
+    Stock {
+        name,
+        hand_target: STOCK_HAND_START,
+        addition: None,
+        place,
+    }
+}
 
 fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {
     range.start + (range.end - range.start) * rng.random::<f64>()

@@ -3,12 +3,16 @@
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_HAND_START, STOCK_X, uniform};
+use super::{CANONICAL_X, STOCK_X, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
 };
+
+/// The plate task.
+#[derive(Clone, Copy, Debug)]
+pub struct PlateSlide;
 
 const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
 const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
@@ -24,25 +28,9 @@ const POST: DVec2 = DVec2::new(0.045, 0.17);
 /// How far ahead of the hand the expert aims along y where it must go sideways first (metres).
 const SLOWLY: f64 = 0.01;
 
-const PARTS: Parts<'static> = Parts {
-    mjcf: Some(part!("plate_slide.xml").1),
-    object_body: Some("puck"),
-    object_offset: DVec3::ZERO,
-    start_joints: &[],
-    goal_observable: false,
-};
-
-/// The plate task.
-#[derive(Clone, Copy, Debug)]
-pub struct PlateSlide;
-
 impl Task for PlateSlide {
     fn name(&self) -> &str {
         "plate-slide"
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        PARTS
     }
 
     fn place(&self, rng: &mut ChaCha8Rng) -> Placement {
@@ -97,13 +85,16 @@ impl Task for PlateSlide {
         ExpertCommand { hand, finger: -1.0 }
     }
 
+    fn parts(&self) -> Parts<'_> {
+        Parts {
+            mjcf: Some(part!("plate_slide.xml").1),
+            object_body: Some("puck"),
+            ..Parts::default()
+        }
+    }
+
     fn stock(&self) -> Option<Stock<'_>> {
-        Some(Stock {
-            name: "plate-slide",
-            hand_target: STOCK_HAND_START,
-            addition: None,
-            place: place_stock,
-        })
+        Some(stock("plate-slide", place_stock))
     }
 }
 

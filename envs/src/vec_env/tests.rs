@@ -2,8 +2,6 @@
 
 use super::*;
 use crate::batch::Batch;
-use crate::camera::Camera;
-use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::renderer::SceneRenderer;
 use crate::rows::Fault;
@@ -32,19 +30,13 @@ struct Rig {
 
 impl Rig {
     fn new(threads: usize) -> Self {
-        let settings = VecEnvSettings {
+        let mut settings = VecEnvSettings {
             num_envs: N,
             threads,
-            camera: Camera {
-                size: 16,
-                ..Camera::default()
-            },
-            control: Control {
-                horizon: 10 * DECISIONS,
-                ..Control::default()
-            },
             ..VecEnvSettings::default()
         };
+        settings.camera.size = 16;
+        settings.control.horizon = 10 * DECISIONS;
         Self {
             env: VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap(),
             batch: Batch::new(&settings),

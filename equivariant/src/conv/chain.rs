@@ -6,6 +6,7 @@
 
 use std::ops::Range;
 
+use crate::backward_pass::BackwardPass;
 use crate::conv::geometry::Conv;
 use crate::conv::maps::{Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
@@ -34,16 +35,6 @@ struct Link {
     conv: Conv,
     rectified: bool,
     params: Range<usize>,
-}
-
-/// What a chain reads and writes in a backward pass.
-pub(crate) struct ChainGradient<'a, T> {
-    pub params: &'a [T],
-    pub x: &'a [T],
-    pub dy: &'a [T],
-    pub dx: Option<&'a mut [T]>,
-    pub dparams: &'a mut [T],
-    pub scratch: &'a mut [T],
 }
 
 impl Chain {
@@ -146,7 +137,7 @@ impl Chain {
             .forward(params, (samples, x), (y, masks), scratch);
     }
 
-    pub fn backward<T: Passes>(&self, pass: ChainGradient<T>) {
+    pub fn backward<T: Passes>(&self, pass: BackwardPass<T>) {
         let samples = pass.x.len() / self.in_shape().len();
         let mut pieces = Pieces::new(pass.scratch);
         let mut kept = &*pieces.take_flat(self.kept(samples));

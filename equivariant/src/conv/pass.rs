@@ -32,12 +32,12 @@ pub(crate) struct Output<'a, T> {
 pub struct Backward<'a, T> {
     pub(crate) conv: &'a Conv,
     pub(crate) samples: usize,
-    pub(crate) params: &'a [T],
     pub(crate) x: Maps<'a, T>,
     pub(crate) dy: Maps<'a, T>,
+    pub(crate) dx: Option<MapsMut<'a, T>>,
     /// Which values the ReLU of the forward pass let through; none for no ReLU.
     pub(crate) masks: Option<&'a [T]>,
-    pub(crate) dx: Option<MapsMut<'a, T>>,
+    pub(crate) params: &'a [T],
     pub(crate) dparams: &'a mut [T],
     pub(crate) scratch: &'a mut [T],
 }

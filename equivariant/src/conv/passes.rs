@@ -6,6 +6,7 @@ use crate::conv::geometry::Conv;
 use crate::conv::maps::Maps;
 use crate::conv::pass::{Backward, Forward};
 use crate::conv::{backward, forward};
+use crate::order::with_order;
 use crate::real::Real;
 use crate::simd::lanes::{InstructionSet, LANES, Lanes, Portable, WithLanes, run_f32};
 
@@ -74,11 +75,10 @@ impl<T: Real> WithLanes<T> for Forward<'_, T> {
         if let (Some(lines), Maps::Channels(x)) = (self.conv.patches.lines(), self.x) {
             return self.run_lines(lanes, lines, x);
         }
-        match self.conv.weights.order() {
-            1 => self.run_panels::<L, 1>(lanes),
-            2 => self.run_panels::<L, 2>(lanes),
-            _ => self.run_panels::<L, 4>(lanes),
-        }
+        with_order!(
+            G = self.conv.weights.order(),
+            self.run_panels::<L, G>(lanes)
+        );
     }
 }
 
@@ -89,10 +89,9 @@ impl<T: Real> WithLanes<T> for Backward<'_, T> {
         if let (Some(lines), Maps::Channels(x), None) = (lines, self.x, &self.dx) {
             return self.run_lines(lanes, lines, x);
         }
-        match self.conv.weights.order() {
-            1 => self.run_panels::<L, 1>(lanes),
-            2 => self.run_panels::<L, 2>(lanes),
-            _ => self.run_panels::<L, 4>(lanes),
-        }
+        with_order!(
+            G = self.conv.weights.order(),
+            self.run_panels::<L, G>(lanes)
+        );
     }
 }

@@ -3,7 +3,8 @@
 use std::fmt;
 
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::Signature;
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 use crate::steerable::windows::Windows;
@@ -43,8 +44,8 @@ impl Signature for AveragePool {
     }
 }
 
-impl<T: Scalar> Layer<T> for AveragePool {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+impl Parameterless for AveragePool {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         y.fill(T::ZERO);
         for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
@@ -58,17 +59,7 @@ impl<T: Scalar> Layer<T> for AveragePool {
         }
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        _x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
+    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         dx.fill(T::ZERO);
         for (dy, dx) in self.out_shape().each(dy).zip(self.shape.each_mut(dx)) {
@@ -93,6 +84,7 @@ impl fmt::Display for AveragePool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::layer::Layer;
     use symmetry::Group;
 
     #[test]

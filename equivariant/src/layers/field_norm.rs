@@ -8,6 +8,7 @@ use std::slice::ChunksExact;
 use rand::Rng;
 use symmetry::Irrep;
 
+use crate::backward_pass::BackwardPass;
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
@@ -347,23 +348,15 @@ impl<T: Scalar> Layer<T> for FieldNorm {
         }
     }
 
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        mut dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
-        let group = self.group(x.len());
-        let values = x.chunks(group).zip(dy.chunks(group));
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let group = self.group(pass.x.len());
+        let values = pass.x.chunks(group).zip(pass.dy.chunks(group));
+        let mut dx = pass.dx;
         for (i, values) in values.enumerate() {
             for first in (0..self.fields).step_by(BLOCK) {
                 let dx = dx.as_deref_mut();
                 let dx = dx.map(|dx| &mut dx[i * group..][..values.0.len()]);
-                self.differentiate(params, first, values, dx, dparams);
+                self.differentiate(pass.params, first, values, dx, pass.dparams);
             }
         }
     }

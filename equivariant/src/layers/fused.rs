@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use crate::conv::chain::{Chain, ChainGradient};
+use crate::backward_pass::BackwardPass;
+use crate::conv::chain::Chain;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
@@ -34,24 +35,7 @@ impl<T: Scalar> Layer<T> for Chain {
         Chain::forward(self, params, x, y, scratch);
     }
 
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        scratch: &mut [T],
-    ) {
-        let pass = ChainGradient {
-            params,
-            x,
-            dy,
-            dx,
-            dparams,
-            scratch,
-        };
+    fn run_backward(&self, pass: BackwardPass<T>) {
         Chain::backward(self, pass);
     }
 }

@@ -5,8 +5,10 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::Signature;
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
+use crate::order::with_order;
 use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
@@ -45,31 +47,21 @@ impl Signature for GroupMaxPool {
     }
 }
 
-impl<T: Scalar> Layer<T> for GroupMaxPool {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        match self.shape.fields.group().order() {
-            1 => forward::<T, 1>(self.fields, x, y),
-            2 => forward::<T, 2>(self.fields, x, y),
-            _ => forward::<T, 4>(self.fields, x, y),
-        }
+impl Parameterless for GroupMaxPool {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let order = self.shape.fields.group().order();
+        with_order!(G = order, forward::<T, G>(self.fields, x, y));
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
-        match self.shape.fields.group().order() {
-            1 => backward::<T, 1>(self.fields, x, dy, dx),
-            2 => backward::<T, 2>(self.fields, x, dy, dx),
-            _ => backward::<T, 4>(self.fields, x, dy, dx),
-        }
+    fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+        let order = self.shape.fields.group().order();
+        with_order!(G = order, backward::<T, G>(self.fields, x, dy, dx));
+    }
+}
+
+impl fmt::Display for GroupMaxPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GroupMaxPool({})", self.shape)
     }
 }
 
@@ -110,17 +102,12 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     best
 }
 
-impl fmt::Display for GroupMaxPool {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupMaxPool({})", self.shape)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use symmetry::Group;
 
     use super::*;
+    use crate::layers::layer::Layer;
 
     #[test]
     fn ties_go_to_the_first_element() {

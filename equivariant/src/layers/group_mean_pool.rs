@@ -4,7 +4,8 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::regular_fields;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::Signature;
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
 
@@ -49,8 +50,8 @@ impl Signature for GroupMeanPool {
     }
 }
 
-impl<T: Scalar> Layer<T> for GroupMeanPool {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
+impl Parameterless for GroupMeanPool {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
         let ys = y.chunks_exact_mut(self.fields);
         for (x, y) in x.chunks_exact(dim).zip(ys) {
@@ -60,17 +61,7 @@ impl<T: Scalar> Layer<T> for GroupMeanPool {
         }
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        _x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
+    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
         let dys = dy.chunks_exact(self.fields);
         for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
@@ -92,6 +83,7 @@ impl fmt::Display for GroupMeanPool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::layer::Layer;
     use crate::steerable::hadamard::hadamard;
     use symmetry::Group;
 

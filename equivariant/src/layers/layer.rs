@@ -6,6 +6,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use rand::Rng;
 
+use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Fusible;
 use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
@@ -132,8 +133,15 @@ pub trait Layer<T: Scalar>: Signature {
         if self.keeps_scratch() {
             check_filled(self, samples, scratch.filled_by());
         }
-        let scratch = front(self, samples, scratch);
-        self.run_backward(params, x, y, dy, dx, dparams, scratch);
+        self.run_backward(BackwardPass {
+            params,
+            x,
+            y,
+            dy,
+            dx,
+            dparams,
+            scratch: front(self, samples, scratch),
+        });
     }
 
     /// Draws the weights for a layer followed by a ReLU, which halves the second moment: gain
@@ -196,20 +204,7 @@ pub trait Layer<T: Scalar>: Signature {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
 
     /// What [`backward`](Layer::backward) does, with slices of the right lengths.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "as backward; slices in a struct would lose that they do not overlap, and speed"
-    )]
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        scratch: &mut [T],
-    );
+    fn run_backward(&self, pass: BackwardPass<T>);
 }
 
 /// The number of samples in `x` of this length.

@@ -5,6 +5,7 @@ use std::fmt;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
+use crate::backward_pass::BackwardPass;
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
@@ -103,22 +104,14 @@ impl<T: Scalar> Layer<T> for Linear {
         }
     }
 
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let (params, dy, dparams) = (pass.params, pass.dy, pass.dparams);
         self.blocks.add_bias_gradient(dy, dparams);
         for b in Irrep::ALL {
-            let x = self.channels(b, x);
+            let x = self.channels(b, pass.x);
             self.blocks.add_weight_gradient(b, x, dy, dparams);
         }
-        let Some(dx) = dx else { return };
+        let Some(dx) = pass.dx else { return };
         for b in Irrep::ALL {
             let start = self.in_type.range(b).start;
             let channels = ColumnsMut {

@@ -4,7 +4,8 @@ use std::fmt;
 
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::Signature;
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
 use crate::shape::Shape;
@@ -92,8 +93,8 @@ impl Signature for MaxPool {
     }
 }
 
-impl<T: Scalar> Layer<T> for MaxPool {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+impl Parameterless for MaxPool {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let regular = &mut scratch[..self.shape.len()];
         for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
             regular.copy_from_slice(x);
@@ -106,17 +107,7 @@ impl<T: Scalar> Layer<T> for MaxPool {
         }
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
+    fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (regular, pixel) = scratch.split_at_mut(self.shape.len());
         let (y, gradient) = pixel[..2 * dim].split_at_mut(dim);
@@ -146,6 +137,7 @@ impl fmt::Display for MaxPool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::layer::Layer;
     use crate::scratch::Scratch;
     use symmetry::Group;
 

@@ -5,6 +5,7 @@ use std::fmt;
 use rand::Rng;
 use symmetry::FieldType;
 
+use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Fusible;
 use crate::conv::geometry::Conv;
 use crate::conv::maps::{Maps, MapsMut};
@@ -137,26 +138,17 @@ impl<T: Scalar> Layer<T> for R2Conv {
         pass.run_on_threads();
     }
 
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        scratch: &mut [T],
-    ) {
+    fn run_backward(&self, pass: BackwardPass<T>) {
         T::backward(Backward {
             conv: &self.conv,
-            samples: x.len() / self.in_shape().len(),
-            params,
-            x: Maps::Channels(x),
-            dy: Maps::Channels(dy),
+            samples: pass.x.len() / self.in_shape().len(),
+            params: pass.params,
+            x: Maps::Channels(pass.x),
+            dy: Maps::Channels(pass.dy),
             masks: None,
-            dx: dx.map(MapsMut::Channels),
-            dparams,
-            scratch,
+            dx: pass.dx.map(MapsMut::Channels),
+            dparams: pass.dparams,
+            scratch: pass.scratch,
         });
     }
 }

@@ -6,8 +6,10 @@ use std::fmt;
 use crate::conv::chain::Fusible;
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::Signature;
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
+use crate::order::with_order;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
 
@@ -51,31 +53,22 @@ impl Signature for Relu {
     }
 }
 
-impl<T: Scalar> Layer<T> for Relu {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        match self.order {
-            1 => forward_fields::<T, 1>(self.fields, x, y),
-            2 => forward_fields::<T, 2>(self.fields, x, y),
-            _ => forward_fields::<T, 4>(self.fields, x, y),
-        }
+impl Parameterless for Relu {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        with_order!(G = self.order, forward_fields::<T, G>(self.fields, x, y));
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        x: &[T],
-        _y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        _scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
-        match self.order {
-            1 => backward_fields::<T, 1>(self.fields, x, dy, dx),
-            2 => backward_fields::<T, 2>(self.fields, x, dy, dx),
-            _ => backward_fields::<T, 4>(self.fields, x, dy, dx),
-        }
+    fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+        with_order!(
+            G = self.order,
+            backward_fields::<T, G>(self.fields, x, dy, dx)
+        );
+    }
+}
+
+impl fmt::Display for Relu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Relu({})", self.shape)
     }
 }
 
@@ -138,15 +131,10 @@ fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &
     }
 }
 
-impl fmt::Display for Relu {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Relu({})", self.shape)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::layers::layer::Layer;
     use symmetry::{FieldType, Group};
 
     #[test]

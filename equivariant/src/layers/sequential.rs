@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use rand::Rng;
 
+use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Chain;
 use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature, mark_of};
@@ -213,40 +214,37 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         }
     }
 
-    fn run_backward(
-        &self,
-        params: &[T],
-        x: &[T],
-        y: &[T],
-        dy: &[T],
-        mut dx: Option<&mut [T]>,
-        dparams: &mut [T],
-        scratch: &mut [T],
-    ) {
-        let samples = x.len() / self.in_shape().len();
-        let mut parts = self.parts(samples, scratch);
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let samples = pass.x.len() / self.in_shape().len();
+        let mut parts = self.parts(samples, pass.scratch);
+        let mut dx = pass.dx;
         let [mut output_gradient, mut input_gradient] = parts.gradients;
         let mut activations = &*parts.activations;
-        let mut output = y;
+        let mut output = pass.y;
         for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
             let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
             let (input, dx) = match i {
-                0 => (x, dx.take()),
+                0 => (pass.x, dx.take()),
                 _ => {
                     let input = take_back(&mut activations, in_len);
                     (input, Some(&mut input_gradient[..in_len]))
                 }
             };
-            let dy = match i + 1 == self.stages.len() {
-                true => dy,
-                false => &output_gradient[..out_len],
-            };
-            let scratch = match layer.keeps_scratch() {
-                true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
-                false => &mut parts.shared[..layer.scratch_len(samples)],
-            };
-            let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
-            layer.run_backward(params, input, output, dy, dx, dparams, scratch);
+            layer.run_backward(BackwardPass {
+                params: &pass.params[range.clone()],
+                x: input,
+                y: output,
+                dy: match i + 1 == self.stages.len() {
+                    true => pass.dy,
+                    false => &output_gradient[..out_len],
+                },
+                dx,
+                dparams: &mut pass.dparams[range],
+                scratch: match layer.keeps_scratch() {
+                    true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
+                    false => &mut parts.shared[..layer.scratch_len(samples)],
+                },
+            });
             std::mem::swap(&mut output_gradient, &mut input_gradient);
             output = input;
         }

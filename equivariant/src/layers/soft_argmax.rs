@@ -6,7 +6,8 @@ use symmetry::Irrep;
 
 use crate::error::LayerError;
 use crate::layers::accepted::{check_channels, permuted_fields};
-use crate::layers::layer::{Layer, Signature, mark_of};
+use crate::layers::layer::{Signature, mark_of};
+use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
 use crate::shape::Shape;
@@ -209,8 +210,8 @@ impl Signature for SpatialSoftArgmax {
     }
 }
 
-impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
-    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+impl Parameterless for SpatialSoftArgmax {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(x.len());
         distributions.copy_from_slice(x);
@@ -228,17 +229,7 @@ impl<T: Scalar> Layer<T> for SpatialSoftArgmax {
         }
     }
 
-    fn run_backward(
-        &self,
-        _params: &[T],
-        _x: &[T],
-        y: &[T],
-        dy: &[T],
-        dx: Option<&mut [T]>,
-        _dparams: &mut [T],
-        scratch: &mut [T],
-    ) {
-        let Some(dx) = dx else { return };
+    fn pull_back<T: Scalar>(&self, _x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(dx.len());
         let (spare, rows) = rows.split_at_mut(2 * dim);
@@ -269,6 +260,7 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
+    use crate::layers::layer::Layer;
     use crate::scratch::Scratch;
 
     fn keypoints(group: Group, size: [usize; 2], x: &[f64], temperature: f64) -> Vec<f64> {

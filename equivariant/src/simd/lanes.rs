@@ -63,13 +63,13 @@ pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) -> Inst
         if widest >= InstructionSet::Avx512
             && let Some(simd) = pulp::x86::V4::try_new()
         {
-            simd.vectorize(x86::OnV4 { simd, work });
+            simd.vectorize(x86::On { simd, work });
             return InstructionSet::Avx512;
         }
         if widest >= InstructionSet::Avx2
             && let Some(simd) = pulp::x86::V3::try_new()
         {
-            simd.vectorize(x86::OnV3 { simd, work });
+            simd.vectorize(x86::On { simd, work });
             return InstructionSet::Avx2;
         }
     }

@@ -15,6 +15,7 @@ use std::ops::Range;
 
 use symmetry::{Group, Irrep};
 
+use crate::order::with_order;
 use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::Join;
@@ -261,11 +262,8 @@ impl Patches {
         if let Some(lines) = &self.lines {
             return lines.fold(lanes, image, 0..lines.out_height(), staged);
         }
-        match self.image.fields.group().order() {
-            1 => self.stage_groups::<T, 1>(image, staged),
-            2 => self.stage_groups::<T, 2>(image, staged),
-            _ => self.stage_groups::<T, 4>(image, staged),
-        }
+        let order = self.image.fields.group().order();
+        with_order!(G = order, self.stage_groups::<T, G>(image, staged));
     }
 
     #[inline(always)]
@@ -293,11 +291,8 @@ impl Patches {
         if let Some(lines) = &self.lines {
             return lines.unfold(staged, image);
         }
-        match self.image.fields.group().order() {
-            1 => self.unstage_groups::<T, 1>(staged, image),
-            2 => self.unstage_groups::<T, 2>(staged, image),
-            _ => self.unstage_groups::<T, 4>(staged, image),
-        }
+        let order = self.image.fields.group().order();
+        with_order!(G = order, self.unstage_groups::<T, G>(staged, image));
     }
 
     #[inline(always)]

@@ -214,6 +214,18 @@ pub fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
 }
 
+/// The output, the gradient in the input and that in the parameters, of both passes.
+pub fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T], dy: &[T]) -> [Vec<T>; 3] {
+    let mut scratch = scratch(layer, x.len() / layer.in_shape().len());
+    let (mut y, mut dx) = (unwritten(dy.len()), unwritten(x.len()));
+    layer.forward(params, x, &mut y, &mut scratch);
+    // one, not zero: gradients must be added
+    let mut dparams = vec![T::from_f64(1.0); params.len()];
+    layer.backward(params, x, &y, dy, Some(&mut dx), &mut dparams, &mut scratch);
+    dparams.iter_mut().for_each(|d| *d -= T::from_f64(1.0));
+    [y, dx, dparams]
+}
+
 pub fn forward<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = unwritten(samples * layer.out_shape().len());

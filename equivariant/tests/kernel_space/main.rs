@@ -64,18 +64,21 @@ fn multiplicities() -> impl Strategy<Value = [usize; 4]> {
     })
 }
 
+/// Two types of one group.
+fn types() -> impl Strategy<Value = [FieldType; 2]> {
+    let group = proptest::sample::select(&Group::ALL);
+    let of_group = |(group, types): (_, [_; 2])| types.map(|of| FieldType::new(group, of));
+    (group, [multiplicities(), multiplicities()]).prop_map(of_group)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn the_parameters_span_all_steerable_kernels(
-        group in proptest::sample::select(&Group::ALL),
-        in_multiplicities in multiplicities(),
-        out_multiplicities in multiplicities(),
+        [in_type, out_type] in types(),
         size in 1usize..5,
     ) {
-        let in_type = FieldType::new(group, in_multiplicities);
-        let out_type = FieldType::new(group, out_multiplicities);
         let conv = layer(in_type, out_type, size);
         let solved = kernel_space(
             &Representation::irreps(in_type),

@@ -7,6 +7,7 @@ mod sim;
 pub use model::ModelError;
 pub use render::{ContextError, RenderError};
 pub use sim::{Quantity, SimError};
+pub(crate) use sim::{check_finite, check_length};
 
 /// Any error of this crate.
 #[derive(Debug, thiserror::Error)]

@@ -99,3 +99,25 @@ impl fmt::Display for Quantity {
         })
     }
 }
+
+/// Refuses a slice whose length is not `expected`.
+pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
+    let error = SimError::Length {
+        what,
+        expected,
+        got,
+    };
+    (got == expected).then_some(()).ok_or(error)
+}
+
+/// Refuses infinities and NaN.
+pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(SimError::NotFinite {
+            what,
+            index,
+            value: values[index],
+        }),
+    }
+}

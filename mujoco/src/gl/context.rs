@@ -5,14 +5,14 @@ use std::ffi::{CStr, c_int, c_void};
 use std::fmt::Display;
 use std::ptr;
 
+use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
+
 use crate::error::ContextError;
 
 /// An OpenGL context of this crate.
 pub(super) trait Context {
     /// Makes this context the thread's current one, unless it is already.
     fn enter(&self) -> Result<Previous, ContextError>;
-    /// Lets MuJoCo find the library's way to OpenGL's functions.
-    fn publish(&self) -> Result<(), ContextError>;
     /// Address of an OpenGL function; NULL where it is unknown.
     fn function(&self, name: &CStr) -> *const c_void;
 }
@@ -60,6 +60,13 @@ pub(super) fn forget(context: *mut c_void) {
     if is_ours(context) {
         remember(ptr::null_mut());
     }
+}
+
+/// Lets MuJoCo find the way to OpenGL's functions of a library that has given a context.
+pub(super) fn publish(library: &str) -> Result<(), ContextError> {
+    // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
+    let visible = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
+    visible.map(|_| ()).map_err(unusable(library))
 }
 
 /// Linux's flag to keep a library loaded when its last handle closes.

@@ -6,7 +6,7 @@ use std::ptr;
 use std::rc::Rc;
 
 use khronos_egl as egl;
-use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
 use crate::error::ContextError;
@@ -46,7 +46,6 @@ pub(super) enum Platform {
 /// MuJoCo draws into a framebuffer object of its own, so the surface is never drawn on.
 pub(super) struct EglContext {
     egl: Rc<Egl>,
-    library: String,
     display: egl::Display,
     surface: Option<egl::Surface>,
     context: egl::Context,
@@ -63,7 +62,6 @@ impl EglContext {
         let mut made = Self {
             context: create_context(&egl, display, config)?,
             egl: Rc::new(egl),
-            library: library.into(),
             display,
             surface: None,
         };
@@ -110,13 +108,6 @@ impl Context for EglContext {
             .map_err(explain("eglMakeCurrent"))?;
         remember(self.context.as_ptr());
         Ok(previous)
-    }
-
-    fn publish(&self) -> Result<(), ContextError> {
-        // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
-        let visible =
-            unsafe { Library::open(Some(&self.library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
-        visible.map(|_| ()).map_err(unusable(&self.library))
     }
 
     fn function(&self, name: &CStr) -> *const c_void {

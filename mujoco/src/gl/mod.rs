@@ -16,7 +16,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::backend::Backend;
 use crate::error::{ContextError, RenderError};
-use context::Context;
+use context::{Context, publish};
 use egl::{EglContext, Platform};
 use osmesa::OsMesaContext;
 
@@ -93,8 +93,11 @@ impl GlContext {
         };
         let previous = context.enter()?;
         let opened = Self { backend, context };
-        match opened.prepare() {
-            Ok(()) => Ok((opened, previous)),
+        match opened.require_features().and_then(|()| publish(library)) {
+            Ok(()) => {
+                DRAWN_BY.get_or_init(|| opened.description());
+                Ok((opened, previous))
+            }
             Err(reason) => {
                 drop(opened);
                 previous.restore().and(Err(reason))
@@ -113,13 +116,6 @@ impl GlContext {
             backend: self.backend,
             reason,
         })
-    }
-
-    /// Lets MuJoCo draw in this context, which is current.
-    fn prepare(&self) -> Result<(), ContextError> {
-        self.require_features()?;
-        DRAWN_BY.get_or_init(|| self.description());
-        self.context.publish()
     }
 
     /// The backend, and what stands behind it as OpenGL names it.

@@ -3,7 +3,7 @@
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{self, NonNull};
 
-use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_LOCAL, RTLD_NOW};
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use super::context::{Context, Previous, RTLD_NODELETE, forget, is_ours, remember, unusable};
 use crate::error::ContextError;
@@ -40,7 +40,6 @@ struct Functions {
 /// MuJoCo draws into a framebuffer object of its own, so the buffer is never drawn on.
 pub(super) struct OsMesaContext {
     functions: Functions,
-    library: String,
     context: NonNull<c_void>,
     // last, so that it outlives the context
     pixel: Pixel,
@@ -66,7 +65,6 @@ impl OsMesaContext {
         let call = "OSMesaCreateContextExt";
         Ok(Self {
             functions,
-            library: library.into(),
             context: NonNull::new(context).ok_or(ContextError::OsMesa { call })?,
             pixel: Pixel::new(),
         })
@@ -90,13 +88,6 @@ impl Context for OsMesaContext {
         check(done, "OSMesaMakeCurrent")?;
         remember(context);
         Ok(previous)
-    }
-
-    fn publish(&self) -> Result<(), ContextError> {
-        // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
-        let visible =
-            unsafe { Library::open(Some(&self.library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
-        visible.map(|_| ()).map_err(unusable(&self.library))
     }
 
     fn function(&self, name: &CStr) -> *const c_void {

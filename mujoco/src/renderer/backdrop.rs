@@ -90,10 +90,13 @@ impl Renderer {
         self.check_arguments(data, view.camera, out)?;
         self.in_own_context(|renderer| {
             renderer.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
-            if renderer.must_draw_all(backdrop) {
+            if renderer.is_shown(backdrop) {
+                check_opengl("drawing over a backdrop")?;
+            } else if renderer.must_draw_all(backdrop) {
                 return renderer.draw_all(data, view, out);
+            } else {
+                renderer.draw_over(backdrop, view)?;
             }
-            renderer.draw_over(backdrop, view)?;
             out.copy_from_slice(&backdrop.last);
             Ok(())
         })
@@ -113,9 +116,6 @@ impl Renderer {
 
     /// Brings the last picture over `backdrop` up to date with the scene.
     fn draw_over(&mut self, backdrop: &mut Backdrop, view: CameraView) -> Result<(), RenderError> {
-        if !self.has_moved(backdrop) {
-            return check_opengl("drawing over a backdrop");
-        }
         backdrop.whole = false;
         let mut depth = std::mem::take(&mut self.depth);
         depth.resize(backdrop.depth.len(), 0.0);
@@ -125,28 +125,40 @@ impl Renderer {
         view.mirror.turn_back(&mut backdrop.last, self.width);
         self.depth = depth;
         check_opengl("drawing over a backdrop")?;
+        let poses = self.geoms().iter();
+        let poses = poses.map(|geom| (geom.pos, geom.mat, geom.size));
         backdrop.last_poses.clear();
-        backdrop.last_poses.extend(self.poses());
+        backdrop.last_poses.extend(poses);
         backdrop.whole = true;
         Ok(())
     }
 
-    /// Whether the scene differs from that of the last picture over `backdrop`.
-    fn has_moved(&self, backdrop: &Backdrop) -> bool {
-        !(backdrop.whole && backdrop.last_poses.iter().copied().eq(self.poses()))
-    }
-
-    fn poses(&self) -> impl Iterator<Item = Pose> {
-        self.geoms()
-            .iter()
-            .map(|geom| (geom.pos, geom.mat, geom.size))
+    /// Whether the last picture over `backdrop` is one of the scene: no geom, eye or light has
+    /// moved since. What else a picture over a backdrop takes does not change.
+    fn is_shown(&self, backdrop: &Backdrop) -> bool {
+        let (geoms, poses) = (self.geoms(), &backdrop.last_poses);
+        let stays = |(geom, (pos, mat, size)): (&raw::mjvGeom, &Pose)| {
+            same(&geom.pos, pos) && same(&geom.mat, mat) && same(&geom.size, size)
+        };
+        backdrop.whole
+            && geoms.len() == poses.len()
+            && geoms.iter().zip(poses).all(stays)
+            && !self.looks_from_elsewhere(backdrop)
     }
 
     /// Whether what moves and what stands still cannot be drawn one after the other.
     fn must_draw_all(&self, backdrop: &Backdrop) -> bool {
         let transparent = || backdrop.transparent || self.is_transparent();
-        let has_moved = || !backdrop.viewpoint.iter().copied().eq(self.viewpoint());
-        self.shadows || self.scene.nskin > 0 || transparent() || has_moved()
+        let elsewhere = || self.looks_from_elsewhere(backdrop);
+        self.shadows || self.scene.nskin > 0 || transparent() || elsewhere()
+    }
+
+    /// Whether the camera or a light has moved since the backdrop was drawn.
+    fn looks_from_elsewhere(&self, backdrop: &Backdrop) -> bool {
+        let mut before = backdrop.viewpoint.iter().map(|point| point.as_flattened());
+        let mut now = self.viewpoint();
+        let all = now.all(|now| before.next().is_some_and(|it| same(it, now.as_flattened())));
+        !(all && before.next().is_none())
     }
 
     /// Whether one can see through a geom of the scene.
@@ -167,6 +179,12 @@ impl Renderer {
         // `reflect_scene` write to.
         unsafe { std::slice::from_raw_parts(self.scene.geoms, count) }
     }
+}
+
+/// Whether numbers are the same to the last bit; without a branch for each of them.
+fn same(a: &[f32], b: &[f32]) -> bool {
+    let differences = a.iter().zip(b).map(|(a, b)| a.to_bits() ^ b.to_bits());
+    differences.fold(0, |all, difference| all | difference) == 0
 }
 
 /// Keeps of `rgb` what is nearer than the backdrop, and takes the rest from there.

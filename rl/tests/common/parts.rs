@@ -1,10 +1,10 @@
-//! The arrays of one step of the toy environment, in the right sizes, to be spoilt.
+//! The arrays of one step of the toy environment, in the right sizes, and what spoils them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Decisions, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
-    RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
+    ActorCriticPolicy, BoxError, Decisions, Encoder, EnvSpec, NetworkSettings, Observations,
+    Outcome, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 };
 
 use crate::common::PointReach;
@@ -61,4 +61,35 @@ pub fn rolled_out(env: &mut dyn VectorEnv) -> Result<(), RlError> {
     let mut state = RolloutState::reset(env, &policy)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     collect(env, &mut policy, &mut buffer, &mut state, &mut rng).map(|_| ())
+}
+
+/// An environment whose transitions are changed before they are handed out.
+pub struct Spoiling<F> {
+    env: PointReach,
+    spoil: F,
+}
+
+impl<F: FnMut(&mut Transition)> Spoiling<F> {
+    pub fn new(spoil: F) -> Self {
+        Self {
+            env: PointReach::new(ENVS, 0),
+            spoil,
+        }
+    }
+}
+
+impl<F: FnMut(&mut Transition)> VectorEnv for Spoiling<F> {
+    fn spec(&self) -> &EnvSpec {
+        self.env.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.env.reset(out)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.env.step(actions, out)?;
+        (self.spoil)(out);
+        Ok(())
+    }
 }

@@ -7,28 +7,13 @@ use pulp::{NullaryFnOnce, cast};
 
 use crate::simd::lanes::{Block, Lanes, Portable, WithLanes};
 
-/// Work with AVX-512.
-pub(super) struct OnV4<W> {
-    pub simd: V4,
+/// Work with AVX-512 or with AVX2 and FMA.
+pub(super) struct On<S, W> {
+    pub simd: S,
     pub work: W,
 }
 
-impl<W: WithLanes<f32>> NullaryFnOnce for OnV4<W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.work.run(self.simd);
-    }
-}
-
-/// Work with AVX2 and FMA.
-pub(super) struct OnV3<W> {
-    pub simd: V3,
-    pub work: W,
-}
-
-impl<W: WithLanes<f32>> NullaryFnOnce for OnV3<W> {
+impl<S: Lanes<f32>, W: WithLanes<f32>> NullaryFnOnce for On<S, W> {
     type Output = ();
 
     #[inline(always)]
