@@ -71,6 +71,9 @@ pub struct EvaluationPlan {
     /// number there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
+    /// Seed of the placements: runs of other methods and seeds are scored on the same episodes.
+    #[serde(default)]
+    pub seed: u64,
 }
 
 impl EvaluationPlan {
@@ -79,6 +82,7 @@ impl EvaluationPlan {
         rounds: 1,
         visit_rounds: 0,
         every: None,
+        seed: 0,
     };
 
     /// Rounds of the evaluation after `rollouts` rollouts within a visit.
@@ -194,14 +198,18 @@ impl Experiment {
 
     /// The seed of evaluation episodes.
     pub(crate) fn evaluation_seed(&self) -> u64 {
-        self.stream_rng(EVALUATION).random()
+        random_stream(self.evaluation.seed, EVALUATION).random()
     }
 
     fn stream_rng(&self, stream: u64) -> ChaCha8Rng {
-        let mut rng = ChaCha8Rng::seed_from_u64(self.learner.seed());
-        rng.set_stream(stream);
-        rng
+        random_stream(self.learner.seed(), stream)
     }
+}
+
+fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(stream);
+    rng
 }
 
 /// Seeds by number: an interrupted run needs to know nothing but the number of the next.
@@ -244,6 +252,17 @@ mod tests {
         let all: Vec<_> = learner.chain(own).chain(slots).map(first_words).collect();
         let different: std::collections::HashSet<_> = all.iter().collect();
         assert_eq!(different.len(), all.len());
+    }
+
+    #[test]
+    fn all_runs_are_scored_on_the_same_episodes_unless_told() {
+        let seed = |run, evaluation| {
+            let mut experiment = smoke().with_seed(run);
+            experiment.evaluation.seed = evaluation;
+            experiment.evaluation_seed()
+        };
+        assert_eq!(seed(1, 0), seed(2, 0));
+        assert_ne!(seed(1, 0), seed(1, 1));
     }
 
     #[test]

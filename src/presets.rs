@@ -155,7 +155,7 @@ impl Budget {
                 rounds: 2,
                 // as many, so that what is forgotten by the end shows on the same episodes
                 visit_rounds: 2,
-                every: None,
+                ..EvaluationPlan::AT_THE_END
             },
         }
     }

@@ -1,6 +1,6 @@
 //! How a run begins, and how it goes on after an interruption.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use envs::TaskRegistry;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use crate::overrides::same;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
 
-use super::checkpoints::{Found, newest};
+use super::checkpoints::newest;
 use super::folder::RunFolder;
 use super::ledger::Ledger;
 use super::lock::Lock;
@@ -48,12 +48,17 @@ impl Note {
     }
 }
 
-/// A run that is ready to go on.
-pub(super) struct Opened {
+/// A folder that nobody else can write to, and what runs there.
+pub(super) struct Claim {
     pub experiment: Experiment,
     pub tasks: TaskRegistry,
     pub folder: RunFolder,
     pub lock: Lock,
+}
+
+/// A run that is ready to go on.
+pub(super) struct Opened {
+    pub claim: Claim,
     pub learner: Box<dyn Learner>,
     pub labels: Labels,
     pub note: Note,
@@ -75,29 +80,26 @@ pub(super) fn start(
         });
     }
     folder.write_experiment(&experiment)?;
-    begin(experiment, tasks, folder, lock, "begun".to_owned())
-}
-
-fn begin(
-    experiment: Experiment,
-    tasks: TaskRegistry,
-    folder: RunFolder,
-    lock: Lock,
-    notice: String,
-) -> Result<Opened, CoversError> {
-    let groups = experiment.schedule.resolve(&tasks)?;
-    // First of all, while the process has one thread: loading a model tunes software rendering
-    // by an environment variable.
-    let sheet = contact_sheet(&experiment.envs, &groups)?;
-    folder.write_png("contact_sheet.png", &sheet)?;
-    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
-    let learner = experiment.learner.start(&spec, &labels)?;
-    Ok(Opened {
+    let claim = Claim {
         experiment,
         tasks,
         folder,
         lock,
-        learner,
+    };
+    begin(claim, "begun".to_owned())
+}
+
+fn begin(claim: Claim, notice: String) -> Result<Opened, CoversError> {
+    let experiment = &claim.experiment;
+    let groups = experiment.schedule.resolve(&claim.tasks)?;
+    // First of all, while the process has one thread: loading a model tunes software rendering
+    // by an environment variable.
+    let sheet = contact_sheet(&experiment.envs, &groups)?;
+    claim.folder.write_png("contact_sheet.png", &sheet)?;
+    let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    Ok(Opened {
+        learner: experiment.learner.start(&spec, &labels)?,
+        claim,
         labels,
         note: Note::default(),
         notice,
@@ -113,7 +115,13 @@ pub(super) fn resume(
     let mut experiment = folder.experiment()?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
-    let lock = Lock::take(folder.path())?;
+    let claim = Claim {
+        lock: Lock::take(folder.path())?,
+        experiment,
+        tasks,
+        folder,
+    };
+    let experiment = &claim.experiment;
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
     let read = |path: &Path| {
         let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
@@ -121,37 +129,27 @@ pub(super) fn resume(
         let signed = signed.map_err(|error| CoversError::read(path, error))?;
         Ok((learner, signed))
     };
-    let Some(found) = newest(&folder.checkpoints(), read)? else {
+    let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
         let notice = "there is no checkpoint yet: begun anew".to_owned();
-        return begin(experiment, tasks, folder, lock, notice);
+        return begin(claim, notice);
     };
-    let Found {
-        value:
-            (
-                learner,
-                Signed {
-                    experiment: signed,
-                    note,
-                },
-            ),
-        path,
-        passed_over,
-    } = found;
-    same(&path, &experiment.clone().with_threads(1), &signed)?;
+    let (learner, signed) = found.value;
+    same(
+        &found.path,
+        &experiment.clone().with_threads(1),
+        &signed.experiment,
+    )?;
     Ok(Opened {
-        notice: notice(&note, path, &passed_over),
-        experiment,
-        tasks,
-        folder,
-        lock,
+        notice: notice(&signed.note, &found.path, &found.passed_over),
+        claim,
         learner,
         labels,
-        note,
+        note: signed.note,
     })
 }
 
 /// What is told about a resumption.
-fn notice(note: &Note, path: PathBuf, passed_over: &[String]) -> String {
+fn notice(note: &Note, path: &Path, passed_over: &[String]) -> String {
     let rollouts = note.ledger.rollouts;
     let mut notice = format!("goes on after {rollouts} rollouts from {}", path.display());
     for problem in passed_over {

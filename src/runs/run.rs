@@ -21,7 +21,7 @@ use super::folder::{RunFolder, SUMMARY};
 use super::ledger::Ledger;
 use super::lock::Lock;
 use super::logs::Logs;
-use super::opening::{self, Note, Opened};
+use super::opening::{self, Claim, Note, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
 use super::stop::Stop;
@@ -99,13 +99,17 @@ impl Run {
 
     fn assemble(opened: Opened) -> Result<Self, CoversError> {
         let Opened {
-            experiment,
-            tasks,
-            folder,
+            claim,
             labels,
             note,
             ..
         } = opened;
+        let Claim {
+            experiment,
+            tasks,
+            folder,
+            lock,
+        } = claim;
         let (envs, schedule) = (experiment.envs, experiment.schedule.clone());
         let seed = experiment.evaluation_seed();
         let Note {
@@ -130,7 +134,7 @@ impl Run {
             evaluator,
             logs,
             folder,
-            _lock: opened.lock,
+            _lock: lock,
             learner: opened.learner,
             labels,
             ledger,

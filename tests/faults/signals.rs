@@ -57,6 +57,17 @@ fn train(scratch: &Scratch, experiment: &Experiment) -> Process {
     Process::start(&["train", "--config", config, "--folder", folder])
 }
 
+/// Sends the signal after the first rollout, waits for the end, and lets the run go on.
+fn stop_after_a_rollout(scratch: &Scratch, experiment: &Experiment, signal: &str) -> String {
+    let mut process = train(scratch, experiment);
+    process.wait_for("policy 0");
+    process.signal(signal);
+    let said = process.wait_for("stopped after");
+    assert_eq!(process.end(), Some(3));
+    goes_on(scratch, experiment);
+    said
+}
+
 fn goes_on(scratch: &Scratch, experiment: &Experiment) {
     let folder = scratch.0.join("run");
     let resumed = Process::start(&["resume", folder.to_str().unwrap(), "--threads", "1"]);
@@ -73,13 +84,8 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
         let mut experiment = tiny(Method::Covers);
         // no checkpoint but the one that the signal asks for
         experiment.checkpoints.every = 100;
-        let mut process = train(&scratch, &experiment);
-        process.wait_for("policy 0");
-        process.signal(signal);
-        let said = process.wait_for("stopped after");
+        let said = stop_after_a_rollout(&scratch, &experiment, signal);
         assert!(said.contains("covers resume"), "{said}");
-        assert_eq!(process.end(), Some(3));
-        goes_on(&scratch, &experiment);
     }
 }
 
@@ -93,14 +99,9 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
         .groups
         .iter_mut()
         .for_each(|plan| plan.decisions = 80);
-    let mut process = train(&scratch, &experiment);
-    process.wait_for("policy 0");
     // the evaluation after the first visit has begun or is about to
-    process.signal("INT");
-    let said = process.wait_for("stopped after");
+    let said = stop_after_a_rollout(&scratch, &experiment, "INT");
     assert!(said.contains("stopped after 1 rollouts"), "{said}");
-    assert_eq!(process.end(), Some(3));
-    goes_on(&scratch, &experiment);
 }
 
 #[test]
