@@ -11,7 +11,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test deps
+.PHONY: stream test fuzz sanitise deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -28,6 +28,26 @@ test: deps
 	$(EXAMPLES)/own_task --budget smoke
 	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
 	  --target-dir $(TARGET)
+
+# Ten million inputs for each of fuzz/README.md's targets; a tenth of a million through MuJoCo.
+FUZZ_RUNS := 10000000
+FUZZ_TARGETS := notation settings command-line checkpoint network npz mjcf
+FUZZ := cargo run --release --locked --
+
+fuzz: deps
+	cd fuzz && for name in $(FUZZ_TARGETS); do \
+	  FUZZ=$$name $(FUZZ) -runs=$(FUZZ_RUNS) found/$$name corpus/$$name || exit 1; \
+	done
+	cd fuzz && FUZZ=compiler $(FUZZ) -runs=100000 found/compiler corpus/compiler
+
+# Undefined behaviour and leaks: MuJoCo's wrapper under valgrind, crates without C under miri. It
+# takes valgrind and a nightly toolchain with miri (`rustup +nightly component add miri rust-src`).
+VALGRIND := valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
+  --errors-for-leak-kinds=definite --suppressions=$(CURDIR)/.ci/valgrind.supp
+
+sanitise: deps
+	CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER="$(VALGRIND)" \
+	  cargo test -p covers-mujoco --locked --tests --no-fail-fast
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \

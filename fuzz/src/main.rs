@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use libfuzzer_sys::fuzz_target;
 
+#[expect(dead_code, reason = "the test alone counts verdicts and mutations")]
 mod targets;
 
 static TARGET: LazyLock<&targets::Target> = LazyLock::new(|| {
