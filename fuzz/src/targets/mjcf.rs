@@ -9,14 +9,10 @@ use super::{Reading, Target, accepted, measured};
 
 pub const MJCF: Target = Target {
     name: "mjcf",
-    read: |input| {
-        read(input, |main, files| {
-            accepted(Model::check_files(main, files))
-        })
-    },
+    read: |input| read(input, |files| accepted(Model::check_files(NAMES[0], files))),
     seeds,
-    multiple: 64,
-    constant: 1 << 12,
+    multiple: 32,
+    constant: 1 << 10,
     trials: 20_000,
 };
 
@@ -25,8 +21,8 @@ pub const COMPILER: Target = Target {
     name: "compiler",
     read: |input| read(input, compile),
     seeds,
-    multiple: 64,
-    constant: 1 << 22,
+    multiple: 32,
+    constant: 1 << 21,
     trials: 500,
 };
 
@@ -38,18 +34,21 @@ static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {
     path
 });
 
+/// Names and contents.
+type Files<'a> = [(&'a str, &'a [u8])];
+
 const NAMES: [&str; 4] = ["scene.xml", "task.xml", "a.xml", "b.xml"];
 
 /// The files stand one after the other, with a zero between them.
-fn read(input: &[u8], with: fn(&str, &[(&str, &[u8])]) -> bool) -> Option<Reading> {
+fn read(input: &[u8], with: fn(&Files) -> bool) -> Option<Reading> {
     LazyLock::force(&BAIT);
     let parts = input.split(|&byte| byte == 0);
     let files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(parts).collect();
-    measured(|| with(NAMES[0], &files))
+    measured(|| with(&files))
 }
 
-fn compile(main: &str, files: &[(&str, &[u8])]) -> bool {
-    let model = Model::from_files(main, files);
+fn compile(files: &Files) -> bool {
+    let model = Model::from_files(NAMES[0], files);
     if let Ok(model) = &model {
         assert!(model.body("of_the_disk").is_err(), "the disk was read");
     }

@@ -22,7 +22,7 @@ pub const NPZ: Target = Target {
     read,
     seeds,
     multiple: 1032 * (2 + 8),
-    constant: 1 << 16,
+    constant: 1 << 12,
     trials: 5_000,
 };
 

@@ -16,7 +16,7 @@ pub const CHECKPOINT: Target = Target {
     read: |input| in_file("checkpoint", input, read_checkpoint),
     seeds: checkpoints,
     multiple: 64,
-    constant: 1 << 17,
+    constant: 1 << 16,
     trials: 5_000,
 };
 
@@ -25,7 +25,7 @@ pub const NETWORK: Target = Target {
     read: |input| in_file("network", input, read_network),
     seeds: networks,
     multiple: 64,
-    constant: 1 << 13,
+    constant: 1 << 12,
     trials: 5_000,
 };
 

@@ -25,7 +25,7 @@ pub const NOTATION: Target = Target {
     read: read_notation,
     seeds: notations,
     multiple: 8,
-    constant: 1 << 12,
+    constant: 1 << 9,
     trials: 20_000,
 };
 
@@ -33,8 +33,8 @@ pub const SETTINGS: Target = Target {
     name: "settings",
     read: read_settings,
     seeds: settings,
-    multiple: 32,
-    constant: 1 << 13,
+    multiple: 16,
+    constant: 1 << 10,
     trials: 2_000,
 };
 
@@ -42,8 +42,8 @@ pub const COMMAND_LINE: Target = Target {
     name: "command-line",
     read: read_command_line,
     seeds: command_lines,
-    multiple: 256,
-    constant: 1 << 20,
+    multiple: 64,
+    constant: 1 << 16,
     trials: 2_000,
 };
 
