@@ -45,9 +45,18 @@ fuzz: deps
 VALGRIND := valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
   --errors-for-leak-kinds=definite --suppressions=$(CURDIR)/.ci/valgrind.supp
 
+# Miri varies the last bit of some functions; tests compare bits. What takes it more than a minute
+# is left out.
+MIRIFLAGS := -Zmiri-disable-isolation -Zmiri-deterministic-floats
+
 sanitise: deps
 	CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER="$(VALGRIND)" \
 	  cargo test -p covers-mujoco --locked --tests --no-fail-fast
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-symmetry --locked --lib
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-cluster --locked --lib \
+	  --test assigner_input --test certificate -- --skip agrees_with_quadrature
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-equivariant --locked --lib \
+	  --test errors -- layers hadamard scratch sizes
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \
