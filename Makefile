@@ -36,7 +36,7 @@ faults: deps
 
 # Ten million inputs for each of fuzz/README.md's targets; a tenth of a million through MuJoCo.
 FUZZ_RUNS := 10000000
-FUZZ_TARGETS := notation settings command-line checkpoint network npz mjcf
+FUZZ_TARGETS := notation settings overrides command-line checkpoint network npz mjcf
 FUZZ := cargo run --release --locked --
 
 fuzz: deps

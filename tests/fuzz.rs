@@ -96,6 +96,7 @@ macro_rules! targets {
 targets! {
     notation_is_read_or_refused: "notation",
     settings_are_read_or_refused: "settings",
+    overrides_are_read_or_refused: "overrides",
     command_lines_are_read_or_refused: "command-line",
     checkpoints_are_read_or_refused: "checkpoint",
     networks_are_read_or_refused: "network",

@@ -28,9 +28,10 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 8] = [
+pub const TARGETS: [Target; 9] = [
     text::NOTATION,
     text::SETTINGS,
+    text::OVERRIDES,
     text::COMMAND_LINE,
     tensors::CHECKPOINT,
     tensors::NETWORK,

@@ -11,7 +11,7 @@ use covers::check::Check;
 use covers::cli::{StreamOptions, TrainOptions};
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
-use covers::{CoversSettings, Experiment, LearnerSettings};
+use covers::{CoversSettings, Experiment, LearnerSettings, Override};
 use envs::{Embodiment, TaskRegistry};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -33,8 +33,8 @@ pub const SETTINGS: Target = Target {
     name: "settings",
     read: read_settings,
     seeds: settings,
-    multiple: 16,
-    constant: 1 << 10,
+    multiple: 32,
+    constant: 1 << 12,
     trials: 2_000,
 };
 
@@ -73,7 +73,8 @@ fn notations() -> Vec<Vec<u8>> {
 
 fn read_settings(input: &[u8]) -> Option<Reading> {
     measured(|| {
-        let experiment = serde_json::from_slice::<Experiment>(input);
+        let text = std::str::from_utf8(input).unwrap_or_default();
+        let experiment = Experiment::parse(text);
         if let Ok(experiment) = &experiment {
             opt_out(|| check(experiment));
         }
@@ -91,9 +92,9 @@ fn check(experiment: &Experiment) {
     assert_eq!(again.ok().as_ref(), Some(experiment), "{text}");
     let visits = experiment
         .schedule
-        .visits(&mut ChaCha8Rng::seed_from_u64(0));
-    let rollouts: usize = visits.iter().map(|visit| visit.rollouts).sum();
-    assert_eq!(rollouts, experiment.schedule.total_rollouts());
+        .visits(1, &mut ChaCha8Rng::seed_from_u64(0));
+    let decisions: usize = visits.iter().map(|visit| visit.decisions).sum();
+    assert_eq!(decisions, experiment.schedule.total_decisions());
 }
 
 /// Whether checking builds networks and rollouts that take no time: sizes are part of what a person
@@ -120,7 +121,7 @@ fn is_small(experiment: &Experiment) -> bool {
     widths.all(|&width| width <= 8)
         && experiment.envs.camera.size <= 48
         && covers.rollout_steps <= 400
-        && experiment.schedule.total_rollouts() <= 1000
+        && experiment.schedule.total_decisions() <= 100_000
 }
 
 /// The smallest network that takes pictures of 16 x 16 pixels or multiples.
@@ -150,6 +151,37 @@ fn settings() -> Vec<Vec<u8>> {
         serde_json::to_vec(&experiment)
     });
     experiments.into_iter().flatten().collect()
+}
+
+pub const OVERRIDES: Target = Target {
+    name: "overrides",
+    read: read_overrides,
+    seeds: overrides,
+    multiple: 256,
+    constant: 1 << 17,
+    trials: 500,
+};
+
+/// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
+fn read_overrides(input: &[u8]) -> Option<Reading> {
+    let text = std::str::from_utf8(input).ok()?;
+    let experiment = Budget::Smoke.experiment(Method::Covers);
+    measured(|| {
+        let set: Result<Vec<Override>, _> = text.lines().map(str::parse).collect();
+        accepted(set.and_then(|set| covers::apply_overrides(&set, experiment)))
+    })
+}
+
+fn overrides() -> Vec<Vec<u8>> {
+    let lines = [
+        "covers.ppo.gamma=0.97",
+        "gamma=0.97",
+        "schedule.groups.3.variants=[\"flip x\"]\nschedule.cycles=2",
+        "covers.grouping=oracle",
+        "evaluation.every=null\n evaluation.rounds = 3",
+        "schedule.groups.18446744073709551615.decisions=1",
+    ];
+    lines.map(|line| line.as_bytes().to_vec()).to_vec()
 }
 
 thread_local! {
@@ -193,7 +225,7 @@ fn check_names(command: Option<Command>) {
         ..options.clone()
     };
     let Ok(experiment) = preset.experiment() else {
-        panic!("a preset needs no file");
+        return;
     };
     let name = options.run_name(&experiment);
     let parts: Vec<Component> = Path::new(&name).components().collect();
@@ -203,6 +235,9 @@ fn check_names(command: Option<Command>) {
 fn command_lines() -> Vec<Vec<u8>> {
     let lines = [
         "train\n--preset\nequi\n--budget\nsmoke\n--seed\n7\n--threads\n2\n--group\nC2\n--json",
+        "train\n--set\ncovers.ppo.gamma=0.97\n--set\nschedule.groups.0.decisions=80",
+        "train\n--folder\nx\n--overwrite",
+        "sweep\nplan.json\n--job\n3",
         "train\n--config\n../a/b.json\n--runs\n/tmp/x\n--embodiment\nhand",
         "resume\nruns/a\n--threads=1\n--json",
         "eval\nruns/a\n--episodes\n20\n--embodiment\nsawyer",
