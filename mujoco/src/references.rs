@@ -19,9 +19,14 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
     let missing: Vec<_> = references.files.iter().filter(is_missing).collect();
     let mut values = references.folders.iter().chain(&references.files);
     let outside = references.folders.iter().any(|folder| is_absolute(folder));
+    let mut nameless = references
+        .files
+        .iter()
+        .filter(|file| plain(file).is_empty());
     let mut absolute = missing.iter().copied().filter(|file| is_absolute(file));
     let refused = [
         (values.find(|value| value.contains('&')), ENTITY),
+        (nameless.next(), NAMELESS),
         (absolute.next(), ABSOLUTE),
         (missing.first().copied().filter(|_| outside), OUTSIDE),
     ];
@@ -34,6 +39,8 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
 }
 
 const ENTITY: &str = "it holds a character reference; write the character itself";
+// MuJoCo would end the process
+const NAMELESS: &str = "no file's name is empty; name a file";
 const ABSOLUTE: &str =
     "it is an absolute path; files are found among those given, by their plain name";
 const OUTSIDE: &str =
@@ -139,6 +146,17 @@ mod tests {
             "<body name=\"file='/tmp/cube.obj'\"/>",
         ] {
             assert_eq!(check(accepted), Ok(()), "{accepted}");
+        }
+    }
+
+    #[test]
+    fn names_that_end_with_a_slash_are_refused() {
+        for refused in [
+            "<include file='task.xml//'/>",
+            "<mesh file='meshes\\\\'/>",
+            "<include file=''/>",
+        ] {
+            assert_refused(check(refused), "no file's name is empty");
         }
     }
 
