@@ -1,0 +1,66 @@
+//! The buffers of a gradient of soft actor-critic.
+
+use equivariant::Scalar;
+
+use crate::sac::network::SacNetwork;
+use crate::sac::reader::{ReaderPass, Steps};
+use crate::stage::Stage;
+use crate::trunk::TrunkPass;
+
+/// Everything that the gradient of up to K steps needs, allocated once.
+pub(crate) struct SacWorkspace<T> {
+    /// Observations acted on.
+    pub here: TrunkPass<T>,
+    /// Observations after the steps, then those of the steps before.
+    pub there: TrunkPass<T>,
+    /// The steps before, and those before the next observation.
+    pub before: [Steps<T>; 2],
+    pub actor_reader: ReaderPass<T>,
+    pub critic_reader: ReaderPass<T>,
+    pub actor: Stage<T>,
+    pub critics: [Stage<T>; 2],
+    /// Mean and log_std `[K, 2 A]` in natural order, and the gradient in them.
+    pub output: Vec<f64>,
+    pub d_output: Vec<f64>,
+    /// Actions `[K, A]` in natural order and their log-probabilities `[K]`.
+    pub actions: Vec<f64>,
+    pub log_probs: Vec<f64>,
+    pub d_actions: Vec<f64>,
+    /// Actions in irrep-major order, and the gradient in what a critic reads.
+    pub irreps: Vec<T>,
+    pub d_state: Vec<T>,
+    /// Targets of the critics, `[K]`.
+    pub targets: Vec<f64>,
+    /// Where gradients go that nobody asks for.
+    pub discarded: Vec<T>,
+    /// One picture.
+    pub image: Vec<u8>,
+}
+
+impl<T: Scalar> SacNetwork<T> {
+    /// A workspace for up to `capacity` steps.
+    pub(crate) fn workspace(&self, capacity: usize) -> SacWorkspace<T> {
+        let width = self.action_order.len();
+        let zeros = |len: usize| vec![0.0; capacity * len];
+        let reals = |len: usize| vec![T::ZERO; capacity * len];
+        SacWorkspace {
+            here: self.trunk.pass(capacity),
+            there: self.trunk.pass(capacity * (1 + self.reader.length())),
+            before: <[Steps<T>; 2]>::default(),
+            actor_reader: self.reader.pass(capacity),
+            critic_reader: self.reader.pass(capacity),
+            actor: Stage::new(&self.actor, capacity),
+            critics: [(); 2].map(|()| Stage::new(&self.critic, capacity)),
+            output: zeros(2 * width),
+            d_output: zeros(2 * width),
+            actions: zeros(width),
+            log_probs: zeros(1),
+            d_actions: zeros(width),
+            irreps: reals(width),
+            d_state: reals(self.reader.out_type().dim()),
+            targets: zeros(1),
+            discarded: vec![T::ZERO; self.num_params()],
+            image: vec![0; self.spec().image_len()],
+        }
+    }
+}
