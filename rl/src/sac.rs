@@ -1,5 +1,7 @@
 //! Soft actor-critic.
 
+#[cfg(test)]
+mod fixtures;
 mod gradient;
 pub(crate) mod history;
 pub(crate) mod network;

@@ -376,3 +376,6 @@ fn moved(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
+
+#[cfg(test)]
+mod tests;

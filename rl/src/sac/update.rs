@@ -291,3 +291,6 @@ impl fmt::Debug for Sac {
             .finish_non_exhaustive()
     }
 }
+
+#[cfg(test)]
+mod golden;

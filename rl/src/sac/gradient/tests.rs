@@ -1,0 +1,226 @@
+//! The gradient against finite differences, and the losses under the group.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::Group;
+
+use super::*;
+use crate::encoder::Encoder;
+use crate::sac::fixtures::{network, replay, strided};
+
+const INDICES: [usize; 5] = [11, 4, 6, 7, 0];
+const ALPHA: f64 = 0.2;
+const CLONING: f64 = 0.3;
+const A: usize = 3;
+
+/// A network with parameters, target critics, and what is drawn for a minibatch.
+struct Case {
+    network: SacNetwork<f64>,
+    params: Vec<f64>,
+    targets: Vec<f64>,
+    noise: [Vec<f32>; 2],
+    elements: [D2; INDICES.len()],
+    gamma: f64,
+}
+
+impl Case {
+    fn new(network: SacNetwork<f64>, gamma: f64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let params = network.init(&mut rng);
+        let targets = network.init(&mut rng)[network.critics()].to_vec();
+        let mut noise = || {
+            (0..INDICES.len() * A)
+                .map(|_| rng.random_range(-1.5..1.5))
+                .collect()
+        };
+        Self {
+            noise: [noise(), noise()],
+            network,
+            params,
+            targets,
+            elements: [D2::Identity; INDICES.len()],
+            gamma,
+        }
+    }
+
+    /// The same with every step and its noise moved by g.
+    fn moved(mut self, g: D2) -> Self {
+        self.elements = [g; INDICES.len()];
+        let irreps = &self.network.spec().action;
+        for noise in &mut self.noise {
+            let rows = noise.chunks(A).flat_map(|row| moved(g, row, irreps));
+            *noise = rows.collect();
+        }
+        self
+    }
+
+    /// Sums and gradient, in two chunks of one workspace, and the actor's output of the last one.
+    fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+        let losses = Losses {
+            network: &self.network,
+            params: &self.params,
+            targets: &self.targets,
+            batch: Batch {
+                replay,
+                indices: &INDICES,
+                elements: &self.elements,
+                noise: [&self.noise[0], &self.noise[1]],
+                gamma: self.gamma,
+                temperature: ALPHA,
+                cloning: CLONING,
+            },
+        };
+        let mut gradient = vec![0.0; self.params.len()];
+        let mut w = self.network.workspace(3);
+        let mut sums = losses.chunk(0..3, &mut w, &mut gradient);
+        sums.add(&losses.chunk(3..INDICES.len(), &mut w, &mut gradient));
+        (sums, gradient, w.output[..2 * 2 * A].to_vec())
+    }
+}
+
+/// Every parameter is trained by the loss of its part alone. Without a discount, targets do not
+/// depend on the parameters. The shared part is not trained by what a context remembers, so it is
+/// left out where there is one.
+fn check_gradient(network: SacNetwork<f64>) {
+    let replay = replay();
+    let mut case = Case::new(network, 0.0);
+    let parts = case.network.parts();
+    let actors = parts.actor_reader.start..parts.actor.end;
+    let (_, gradient, _) = case.run(&replay);
+    let from = if case.network.context().is_some() {
+        parts.trunk.end
+    } else {
+        0
+    };
+    let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
+    // a wrong formula is wrong nearly everywhere
+    for i in (from..gradient.len()).step_by(7) {
+        let centre = case.params[i];
+        let mut at = |h: f64| {
+            case.params[i] = centre + h;
+            let (sums, ..) = case.run(&replay);
+            let actor = sums.actor + CLONING * sums.cloning;
+            let loss = if actors.contains(&i) {
+                actor
+            } else {
+                sums.critic
+            };
+            loss / INDICES.len() as f64
+        };
+        let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+        case.params[i] = centre;
+        let error = (slope - gradient[i]).abs();
+        assert!(error < 1e-7 * scale, "{i}: {} {slope}", gradient[i]);
+    }
+    assert!(gradient.iter().filter(|g| **g != 0.0).count() > gradient.len() / 2);
+}
+
+#[test]
+fn the_gradient_of_both_losses_equals_finite_differences() {
+    for group in Group::ALL {
+        for encoder in [strided(), Encoder::Blind] {
+            check_gradient(network(group, encoder, false));
+        }
+        check_gradient(network(group, Encoder::Blind, true));
+    }
+}
+
+/// The largest difference between two lists of numbers.
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, f64::max)
+}
+
+/// How far losses, gradient, means and log_std are from what a symmetric network gives when every
+/// step of the minibatch is moved by g.
+fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
+    let replay = replay();
+    let case = || Case::new(network(group, strided(), context), 0.9);
+    let (sums, gradient, output) = case().run(&replay);
+    let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
+    let losses = |sums: &SacSums| [sums.critic, sums.actor, sums.value, sums.log_prob];
+    let irreps = &crate::sac::fixtures::spec().action;
+    let split = |output: &[f64], first: bool| -> Vec<f64> {
+        let rows = output.chunks(2 * A);
+        rows.flat_map(|row| {
+            if first {
+                row[..A].to_vec()
+            } else {
+                row[A..].to_vec()
+            }
+        })
+        .collect()
+    };
+    let signs = irreps.iter().map(|irrep| f64::from(irrep.sign(g))).cycle();
+    let means: Vec<f64> = split(&output, true)
+        .iter()
+        .zip(signs)
+        .map(|(m, s)| m * s)
+        .collect();
+    [
+        distance(&losses(&moved_sums), &losses(&sums)),
+        distance(&moved_gradient, &gradient),
+        distance(&split(&moved_output, true), &means),
+        distance(&split(&moved_output, false), &split(&output, false)),
+    ]
+}
+
+/// Q and log_std are invariant and means equivariant, hence losses and their gradient do not notice
+/// that the data was moved: augmentation by the network's own group changes nothing.
+#[test]
+fn a_symmetric_network_learns_the_same_from_moved_steps() {
+    for group in Group::ALL {
+        for context in [false, true] {
+            for &g in group.elements() {
+                for error in asymmetry(group, g, context) {
+                    assert!(error < 1e-12, "{group}, {g}, {context}: {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_network_without_the_symmetry_learns_something_else_from_moved_steps() {
+    for group in Group::ALL {
+        for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
+            for error in asymmetry(group, g, false) {
+                assert!(error > 1e-4, "{group}, {g}: {error}");
+            }
+        }
+    }
+}
+
+/// A time-out is worth what follows, a termination is worth nothing more.
+#[test]
+fn only_a_termination_ends_what_is_to_come() {
+    let replay = replay();
+    let case = Case::new(network(Group::D2, strided(), false), 0.9);
+    let mut w = case.network.workspace(3);
+    let batch = Batch {
+        replay: &replay,
+        // the last steps of the two episodes, and the first of the next one
+        indices: &[6, 7, 8],
+        elements: &case.elements[..3],
+        noise: [&case.noise[0][..3 * A], &case.noise[1][..3 * A]],
+        gamma: 0.9,
+        temperature: ALPHA,
+        cloning: 0.0,
+    };
+    let losses = Losses {
+        network: &case.network,
+        params: &case.params,
+        targets: &case.targets,
+        batch,
+    };
+    losses.load(&(0..3), &mut w);
+    losses.evaluate_next(&(0..3), &mut w);
+    let beyond = |slot: usize| w.targets[slot] - f64::from(replay.get(6 + slot).reward());
+    assert_eq!(replay.get(6).outcome(), Outcome::Truncated);
+    assert_eq!(replay.get(7).outcome(), Outcome::Terminated);
+    assert_eq!(beyond(1), 0.0);
+    for slot in [0, 2] {
+        let worth = least(&w, slot).1 - ALPHA * w.log_probs[slot];
+        assert!((beyond(slot) - 0.9 * worth).abs() < 1e-12 && worth != 0.0);
+    }
+}
