@@ -6,7 +6,11 @@ use symmetry::Group;
 
 use super::*;
 use crate::encoder::Encoder;
-use crate::sac::fixtures::{network, replay, strided};
+use crate::env::Observations;
+use crate::policy::{Actor, Memory};
+use crate::sac::fixtures::{network, replay, settings, spec, strided};
+use crate::sac::policy::SacPolicy;
+use crate::sac::settings::ContextSettings;
 
 const INDICES: [usize; 5] = [11, 4, 6, 7, 0];
 const ALPHA: f64 = 0.2;
@@ -139,7 +143,7 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let (sums, gradient, output) = case().run(&replay);
     let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
     let losses = |sums: &SacSums| [sums.critic, sums.actor, sums.value, sums.log_prob];
-    let irreps = &crate::sac::fixtures::spec().action;
+    let irreps = &spec().action;
     let split = |output: &[f64], first: bool| -> Vec<f64> {
         let rows = output.chunks(2 * A);
         rows.flat_map(|row| {
@@ -222,5 +226,75 @@ fn only_a_termination_ends_what_is_to_come() {
     for slot in [0, 2] {
         let worth = least(&w, slot).1 - ALPHA * w.log_probs[slot];
         assert!((beyond(slot) - 0.9 * worth).abs() < 1e-12 && worth != 0.0);
+    }
+}
+
+/// What both environments showed at a step of the replay.
+fn seen(replay: &Replay, step: usize) -> Observations {
+    let spec = spec();
+    let both = [0, 1].map(|env| replay.get(2 * step + env));
+    let mut seen = Observations::new(&spec);
+    for (image, step) in seen.images.chunks_mut(spec.image_len()).zip(both) {
+        step.image(image);
+    }
+    seen.vectors = both.map(|step| step.vector()).concat();
+    seen
+}
+
+/// The actor's mean actions at a step, from the replay.
+fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
+    let network = policy.network();
+    let losses = Losses {
+        network,
+        params: policy.params(),
+        targets: &policy.params()[network.critics()],
+        batch: Batch {
+            replay,
+            indices: &[2 * step, 2 * step + 1],
+            elements: &[D2::Identity; 2],
+            noise: [&[0.0; 2 * A]; 2],
+            gamma: 0.9,
+            temperature: ALPHA,
+            cloning: 0.0,
+        },
+    };
+    let mut w = network.workspace(2);
+    losses.chunk(0..2, &mut w, &mut vec![0.0; network.num_params()]);
+    w.actions
+}
+
+/// While it acts, a policy remembers what an update reads from the replay, and not only at the
+/// first step of an episode.
+#[test]
+fn an_actor_decides_from_the_context_that_it_is_trained_with() {
+    let replay = replay();
+    let context = Some(ContextSettings { size: 4, length: 3 });
+    let settings = settings(Group::D2, strided());
+    let mut policy = SacPolicy::new(&settings, context, &spec(), 4).unwrap();
+    let (mut memory, mut means) = (policy.memory(2), vec![0.0; 2 * A]);
+    for step in 0..6 {
+        let expected = trained(&policy, &replay, step);
+        let error = |means: &[f32]| {
+            let means: Vec<f64> = means.iter().map(|&m| m.into()).collect();
+            distance(&means, &expected)
+        };
+        let observations = seen(&replay, step);
+        let mut forgetful = policy.memory(2);
+        policy
+            .mean_actions(&observations, &mut forgetful, &mut means)
+            .unwrap();
+        // the fourth step ends both episodes
+        assert_eq!(error(&means) < 1e-6, step % 4 == 0, "{step}");
+        policy
+            .mean_actions(&observations, &mut memory, &mut means)
+            .unwrap();
+        assert!(error(&means) < 1e-6, "{step}: {}", error(&means));
+        for env in 0..2 {
+            let recorded = replay.get(2 * step + env);
+            memory.remember(env, recorded.action(), recorded.reward());
+            if recorded.outcome().ended() {
+                memory.forget(env);
+            }
+        }
     }
 }
