@@ -4,6 +4,7 @@
 mod fixtures;
 mod gradient;
 pub(crate) mod history;
+mod minibatch;
 pub(crate) mod network;
 pub(crate) mod policy;
 mod reader;

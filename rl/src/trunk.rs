@@ -29,6 +29,8 @@ pub(crate) struct Trunk<T> {
     /// Natural index of every irrep-major component of the vector.
     vector_order: Vec<usize>,
     pixels: usize,
+    /// What each byte of a picture becomes, in [-0.5, 0.5].
+    levels: Vec<T>,
 }
 
 /// The image encoder, and how its fields join those of the vector.
@@ -58,6 +60,7 @@ impl<T: Scalar> Trunk<T> {
             vector,
             vector_order: irrep_order(group, &spec.vector),
             pixels: spec.image_len(),
+            levels: (0..=u8::MAX).map(level).collect(),
         })
     }
 
@@ -113,10 +116,8 @@ impl<T: Scalar> Trunk<T> {
         assert_len("vector", vector.len(), self.vector_order.len());
         if let Some(stage) = &mut pass.image {
             let pixels = &mut stage.x[slot * image.len()..(slot + 1) * image.len()];
-            let scale = T::from_f64(1.0 / 255.0);
-            let centre = T::from_f64(0.5);
             for (x, &byte) in pixels.iter_mut().zip(image) {
-                *x = T::from_f64(f64::from(byte)) * scale - centre;
+                *x = self.levels[usize::from(byte)];
             }
         }
         let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
@@ -204,6 +205,10 @@ impl<T: Scalar> Sight<T> {
         let concat = Concat::new(encoder.out_shape(), vector)?;
         Ok(Some(Self { encoder, concat }))
     }
+}
+
+fn level<T: Scalar>(byte: u8) -> T {
+    T::from_f64(f64::from(byte)) * T::from_f64(1.0 / 255.0) - T::from_f64(0.5)
 }
 
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {

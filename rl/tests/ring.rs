@@ -156,13 +156,13 @@ fn a_step_takes_little_more_than_its_picture() {
         ..spec(4)
     };
     let settings = ReplaySettings {
-        capacity: 1000,
+        capacity: 4000,
         still_channels: 3,
         ..ReplaySettings::default()
     };
     let mut replay = Replay::new(settings, &spec).unwrap();
     let now = Observations::new(&spec);
-    for step in 1..=400 {
+    for step in 1..=1200 {
         let mut transition = Transition::new(&spec);
         if step % 50 == 0 {
             transition.outcomes.fill(Outcome::Truncated);

@@ -69,9 +69,14 @@ pub(super) struct Episode {
 }
 
 impl Episode {
-    /// An episode with its first observation.
-    pub fn begin(sizes: &Sizes, (image, vector): (&[u8], &[f32])) -> Self {
-        let mut episode = Self::default();
+    /// An episode with its first observation. Its pictures take the memory of `moving`, whatever
+    /// that holds.
+    pub fn begin(sizes: &Sizes, (image, vector): (&[u8], &[f32]), mut moving: Vec<u8>) -> Self {
+        moving.clear();
+        let mut episode = Self {
+            moving,
+            ..Self::default()
+        };
         for (_, still) in sizes.split(image) {
             episode.still.extend_from_slice(still);
         }

@@ -3,12 +3,22 @@
 use crate::env::Outcome;
 use crate::replay::episode::{Episode, Sizes};
 
+/// Where an observation lies: it is that before step `step` of the episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Place {
+    /// Number of the episode, counted from the first one ever.
+    pub episode: u32,
+    pub step: u32,
+}
+
 /// A step that a [`Replay`](crate::Replay) holds: an observation, an action, a reward and the
 /// observation after it.
 #[derive(Clone, Copy, Debug)]
 pub struct Recorded<'a> {
     pub(super) episode: &'a Episode,
     pub(super) sizes: &'a Sizes,
+    /// Number of the episode, counted from the first one ever.
+    pub(super) number: u32,
     /// Position among the episode's stored steps.
     pub(super) step: usize,
 }
@@ -17,6 +27,23 @@ impl<'a> Recorded<'a> {
     /// Position in the episode, from 0.
     pub fn step(&self) -> usize {
         self.episode.removed + self.step
+    }
+
+    /// Where the observation lies that was acted on.
+    pub(crate) fn place(&self) -> Place {
+        Place {
+            episode: self.number,
+            step: self.step() as u32,
+        }
+    }
+
+    /// Where the observation after the step lies.
+    pub(crate) fn next_place(&self) -> Place {
+        let Place { episode, step } = self.place();
+        Place {
+            episode,
+            step: step + 1,
+        }
     }
 
     /// Writes the picture `[H, W, C]` that was acted on.
@@ -70,6 +97,13 @@ impl<'a> Recorded<'a> {
     pub fn earlier(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
+    }
+
+    /// The step `count` further in the episode as it is stored; after its last step comes its
+    /// first. So, from a step that is drawn uniformly, one gets to another that is.
+    pub(crate) fn along(&self, count: usize) -> Self {
+        let step = (self.step + count) % self.episode.steps();
+        Self { step, ..*self }
     }
 }
 

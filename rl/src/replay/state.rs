@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::ring::{Place, Replay};
+use crate::replay::recorded::Place;
+use crate::replay::ring::Replay;
 use crate::replay::settings::ReplaySettings;
 
 /// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.

@@ -3,33 +3,13 @@
 use std::ops::Range;
 
 use equivariant::Scalar;
-use symmetry::{D2, Irrep};
 
 use crate::env::Outcome;
-use crate::replay::recorded::Recorded;
-use crate::replay::ring::Replay;
+use crate::sac::minibatch::Batch;
 use crate::sac::network::{CriticParts, SacNetwork};
 use crate::sac::squashed;
 use crate::sac::stats::SacSums;
 use crate::sac::workspace::SacWorkspace;
-use crate::trunk::TrunkPass;
-
-/// A minibatch of B steps of a replay, with all that was drawn for it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Batch<'a> {
-    pub replay: &'a Replay,
-    /// Which steps belong to it, `[B]`.
-    pub indices: &'a [usize],
-    /// By what each is moved, `[B]`.
-    pub elements: &'a [D2],
-    /// Standard normal numbers `[B, A]` for the actor at the observations acted on, and at those
-    /// after the steps.
-    pub noise: [&'a [f32]; 2],
-    pub gamma: f64,
-    /// What a nat of entropy is worth.
-    pub temperature: f64,
-    pub cloning: f64,
-}
 
 /// The losses of a minibatch as functions of a network's parameters: Haarnoja et al., "Soft
 /// actor-critic" (arXiv 1801.01290), with twin critics and without a value network, as in "Soft
@@ -63,7 +43,7 @@ impl<T: Scalar> Losses<'_, T> {
         gradient: &mut [T],
     ) -> SacSums {
         let trunk = self.network.parts().trunk;
-        self.load(&range, w);
+        self.batch.load((self.network, self.params), &range, w);
         self.evaluate_next(&range, w);
         let mut sums = SacSums::default();
         self.critics(&range, w, gradient, &mut sums);
@@ -74,90 +54,11 @@ impl<T: Scalar> Losses<'_, T> {
         sums
     }
 
-    /// The step at a position of the minibatch, and by what it is moved.
-    fn step(&self, position: usize) -> (Recorded<'_>, D2) {
-        let index = self.batch.indices[position];
-        (self.batch.replay.get(index), self.batch.elements[position])
-    }
-
-    /// Computes the fields of all observations and collects the steps before.
-    fn load(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
-        let (network, n) = (self.network, range.len());
-        let mut slots = n;
-        for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.step(position);
-            step.image(&mut w.image);
-            self.show(slot, (g, step.vector()), &mut w.image, &mut w.here);
-            step.next_image(&mut w.image);
-            self.show(slot, (g, step.next_vector()), &mut w.image, &mut w.there);
-            for earlier in self.before(step) {
-                earlier.image(&mut w.image);
-                self.show(slots, (g, earlier.vector()), &mut w.image, &mut w.there);
-                slots += 1;
-            }
-        }
-        let params = &self.params[network.parts().trunk];
-        network.trunk.forward(params, n, &mut w.here);
-        network.trunk.forward(params, slots, &mut w.there);
-        self.collect_steps(range, w);
-    }
-
-    /// The steps before a step that a context may read, the last one first.
-    fn before<'r>(&self, step: Recorded<'r>) -> impl Iterator<Item = Recorded<'r>> {
-        let length = self.network.reader.length();
-        (1..=length).map_while(move |count| step.earlier(count))
-    }
-
-    /// Puts an observation into a slot, moved by g.
-    fn show(
-        &self,
-        slot: usize,
-        (g, vector): (D2, &[f32]),
-        image: &mut Vec<u8>,
-        pass: &mut TrunkPass<T>,
-    ) {
-        let spec = self.network.spec();
-        let [height, width, channels] = spec.image;
-        if g != D2::Identity {
-            *image = g.transform_image(image, height, width, channels);
-        }
-        let vector = moved(g, vector, &spec.vector);
-        self.network.trunk.load(slot, image, &vector, pass);
-    }
-
-    /// Hands the steps before each observation, with their fields, to the contexts.
-    fn collect_steps(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
-        let (reader, n) = (&self.network.reader, range.len());
-        let [now, next] = &mut w.before;
-        reader.clear(n, now);
-        reader.clear(n, next);
-        if reader.length() == 0 {
-            return;
-        }
-        let width = self.network.trunk.out_type().dim();
-        let action = &self.network.spec().action;
-        let mut earlier = w.there.fields()[n * width..].chunks_exact(width);
-        let here = w.here.fields().chunks_exact(width);
-        for ((slot, position), here) in range.clone().enumerate().zip(here) {
-            let (step, g) = self.step(position);
-            let read = |step: Recorded| (moved(g, step.action(), action), step.reward());
-            let (done, reward) = read(step);
-            reader.prepend(slot, here, (&done, reward), next);
-            for (count, (step, fields)) in self.before(step).zip(&mut earlier).enumerate() {
-                let (done, reward) = read(step);
-                reader.prepend(slot, fields, (&done, reward), now);
-                if count + 1 < reader.length() {
-                    reader.prepend(slot, fields, (&done, reward), next);
-                }
-            }
-        }
-    }
-
     /// Writes the targets of the critics.
     fn evaluate_next(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let parts = network.target_parts();
-        let fields = &w.there.fields()[..n * network.trunk.out_type().dim()];
+        let fields = &w.next_fields[..n * network.trunk.out_type().dim()];
         let own = &self.params[network.parts().actor_reader];
         let reader = &network.reader;
         reader.forward(own, fields, &w.before[1], &mut w.actor_reader);
@@ -166,7 +67,7 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_actor(range, self.batch.noise[1], w);
         self.run_critics(n, (self.targets, &parts), w);
         for (slot, position) in range.clone().enumerate() {
-            let (step, _) = self.step(position);
+            let (step, _) = self.batch.step(position);
             let worth = least(w, slot).1 - self.batch.temperature * w.log_probs[slot];
             let goes_on = f64::from(u8::from(step.outcome() != Outcome::Terminated));
             w.targets[slot] = f64::from(step.reward()) + self.batch.gamma * goes_on * worth;
@@ -189,8 +90,8 @@ impl<T: Scalar> Losses<'_, T> {
         let reader = &network.reader;
         reader.forward(own, fields, &w.before[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.step(position);
-            let action = moved(g, step.action(), &network.spec().action);
+            let (step, g) = self.batch.step(position);
+            let action = self.batch.done(network, step, g).0;
             let row = &mut w.actions[slot * width..(slot + 1) * width];
             row.iter_mut()
                 .zip(action)
@@ -202,7 +103,7 @@ impl<T: Scalar> Losses<'_, T> {
                 let error = twin.y[slot].to_f64() - w.targets[slot];
                 sums.critic += 0.5 * error * error;
                 sums.value += 0.5 * twin.y[slot].to_f64();
-                twin.dy[slot] = T::from_f64(error * self.scale());
+                twin.dy[slot] = T::from_f64(error * self.batch.scale());
             }
         }
         for (twin, own) in w.critics.iter_mut().zip(&parts.twins) {
@@ -241,7 +142,7 @@ impl<T: Scalar> Losses<'_, T> {
             sums.actor += self.batch.temperature * w.log_probs[slot] - value;
             sums.log_prob += w.log_probs[slot];
             w.critics[1 - twin].dy[slot] = T::ZERO;
-            w.critics[twin].dy[slot] = T::from_f64(-self.scale());
+            w.critics[twin].dy[slot] = T::from_f64(-self.batch.scale());
         }
         for (twin, own) in w.critics.iter_mut().zip(&parts.critics.twins) {
             let own = (self.params, own.clone());
@@ -260,11 +161,6 @@ impl<T: Scalar> Losses<'_, T> {
         let own = &self.params[parts.actor_reader.clone()];
         let dparams = &mut gradient[parts.actor_reader];
         reader.backward(own, &w.before[0], n, dparams, &mut w.actor_reader);
-    }
-
-    /// The weight of one step in a mean over the minibatch.
-    fn scale(&self) -> f64 {
-        1.0 / self.batch.indices.len() as f64
     }
 
     /// Draws actions with their log-probabilities from the actor that has been read for.
@@ -333,7 +229,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, sums: &mut SacSums) {
         let network = self.network;
         let width = network.action_order.len();
-        let d_log_prob = self.batch.temperature * self.scale();
+        let d_log_prob = self.batch.temperature * self.batch.scale();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
             let both = 2 * own.start..2 * own.end;
@@ -342,14 +238,14 @@ impl<T: Scalar> Losses<'_, T> {
             let action = (&w.actions[own.clone()], &w.d_actions[own]);
             let output = &w.output[both];
             squashed::gradient(output, noise, action, d_log_prob, d_output);
-            let (step, g) = self.step(position);
-            let done = moved(g, step.action(), &network.spec().action);
+            let (step, g) = self.batch.step(position);
+            let done = self.batch.done(network, step, g).0;
             for ((d, &mean), done) in d_output.iter_mut().zip(output).zip(done) {
                 let (mean, done) = (mean.tanh(), f64::from(done));
                 let error = mean - done;
                 sums.cloning += error * error;
                 let slope = 2.0 * error * (1.0 - mean * mean);
-                *d += self.batch.cloning * self.scale() * slope;
+                *d += self.batch.cloning * self.batch.scale() * slope;
             }
         }
         let rows = w.actor.dy.chunks_exact_mut(2 * width);
@@ -369,12 +265,6 @@ fn least<T: Scalar>(w: &SacWorkspace<T>, slot: usize) -> (usize, f64) {
     } else {
         (0, values[0])
     }
-}
-
-/// Components in natural order, each multiplied by its irrep's sign.
-fn moved(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
-    let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
-    components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
 #[cfg(test)]

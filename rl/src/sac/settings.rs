@@ -17,6 +17,12 @@ pub struct SacSettings {
     pub gamma: f32,
     /// Steps in a minibatch, at least 1.
     pub batch: usize,
+    /// Steps of a minibatch that follow one another in an episode, at least 1. The first of them is
+    /// drawn; after an episode's last step comes its first, so that every step is drawn equally
+    /// often. They share observations, each of which is encoded once: a window of w steps takes
+    /// w + 1 observations, and w + 1 + L with a context of L steps, where single steps take 2 w and
+    /// (2 + L) w.
+    pub window: usize,
     /// Gradient steps for each recorded step, at least 0; below 1, several recorded steps share a
     /// gradient step.
     ///
@@ -65,12 +71,14 @@ pub enum Temperature {
 impl SacSettings {
     /// What COVERS lists for CLEAR and 3RL (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL
     /// Hyperparameter"). What the table does not list: `tau` is that of SAC (arXiv 1801.01290,
-    /// table 1), half of a minibatch is the newest experience, and the number of gradient steps is
-    /// that which makes methods comparable ([`SacSettings::updates_per_step`]).
+    /// table 1), half of a minibatch is the newest experience, steps come in pairs, which saves a
+    /// quarter of the time, and the number of gradient steps is that which makes methods comparable
+    /// ([`SacSettings::updates_per_step`]).
     pub fn paper() -> Self {
         let settings = Self {
             gamma: 0.95,
             batch: 512,
+            window: 2,
             updates_per_step: 0.0,
             burn_in: 20_000,
             learning_rate: 3e-4,
@@ -102,6 +110,7 @@ impl SacSettings {
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
         require_count("batch", self.batch, 1, "at least 1")?;
+        require_count("window", self.window, 1, "at least 1")?;
         require_weight("updates_per_step", self.updates_per_step)?;
         require_positive("learning_rate", self.learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)?;

@@ -12,7 +12,8 @@ use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::gaussian::standard_normals;
 use crate::replay::ring::Replay;
-use crate::sac::gradient::{Batch, Losses};
+use crate::sac::gradient::Losses;
+use crate::sac::minibatch::Batch;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
@@ -51,7 +52,9 @@ pub struct Sac {
 /// What is drawn for a minibatch; kept for its memory.
 #[derive(Default)]
 struct Draws {
+    /// The first step of each window.
     indices: Vec<usize>,
+    steps: Vec<(usize, usize)>,
     elements: Vec<D2>,
     noise: [Vec<f32>; 2],
 }
@@ -204,7 +207,7 @@ impl Sac {
             targets: &self.targets,
             batch: Batch {
                 replay,
-                indices: &self.draws.indices,
+                steps: &self.draws.steps,
                 elements: &self.draws.elements,
                 noise: [&self.draws.noise[0], &self.draws.noise[1]],
                 gamma: self.settings.gamma.into(),
@@ -268,14 +271,22 @@ impl Sac {
 }
 
 impl Draws {
-    /// Draws a minibatch: first the steps, then the elements, then both noises.
+    /// Draws a minibatch: first the windows, then their elements, then both noises.
     fn draw(&mut self, settings: &SacSettings, replay: &Replay, rng: &mut ChaCha8Rng) {
-        let batch = settings.batch;
-        replay.sample(batch, settings.newest_share, rng, &mut self.indices);
-        let elements = settings.augmentation.elements();
+        let (batch, window) = (settings.batch, settings.window);
+        let windows = batch.div_ceil(window);
+        replay.sample(windows, settings.newest_share, rng, &mut self.indices);
+        let steps = self.indices.iter();
+        let steps = steps.flat_map(|&index| (0..window).map(move |further| (index, further)));
+        self.steps.clear();
+        self.steps.extend(steps.take(batch));
+        let group = settings.augmentation.elements();
         self.elements.clear();
-        self.elements
-            .extend((0..batch).map(|_| elements[rng.random_range(0..elements.len())]));
+        for _ in 0..windows {
+            let element = group[rng.random_range(0..group.len())];
+            self.elements.extend([element].repeat(window));
+        }
+        self.elements.truncate(batch);
         for noise in &mut self.noise {
             noise.resize(batch * replay.spec().action.len(), 0.0);
             standard_normals(rng, noise);

@@ -2,6 +2,7 @@
 
 use equivariant::Scalar;
 
+use crate::sac::minibatch::Shown;
 use crate::sac::network::SacNetwork;
 use crate::sac::reader::{ReaderPass, Steps};
 use crate::stage::Stage;
@@ -11,8 +12,14 @@ use crate::trunk::TrunkPass;
 pub(crate) struct SacWorkspace<T> {
     /// Observations acted on.
     pub here: TrunkPass<T>,
-    /// Observations after the steps, then those of the steps before.
+    /// Other observations: those after the steps and those of the steps before.
     pub there: TrunkPass<T>,
+    /// Which observations both hold, one pass after the other.
+    pub shown: Vec<Shown>,
+    /// Where the fields are of the observation after each step, and of those of the steps before.
+    pub sources: Vec<usize>,
+    /// Fields of the observations after the steps, `[K, h]`.
+    pub next_fields: Vec<T>,
     /// The steps before, and those before the next observation.
     pub before: [Steps<T>; 2],
     pub actor_reader: ReaderPass<T>,
@@ -46,6 +53,9 @@ impl<T: Scalar> SacNetwork<T> {
         SacWorkspace {
             here: self.trunk.pass(capacity),
             there: self.trunk.pass(capacity * (1 + self.reader.length())),
+            shown: Vec::new(),
+            sources: Vec::new(),
+            next_fields: reals(self.trunk.out_type().dim()),
             before: <[Steps<T>; 2]>::default(),
             actor_reader: self.reader.pass(capacity),
             critic_reader: self.reader.pass(capacity),

@@ -2,17 +2,20 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use symmetry::Group;
+use symmetry::{D2, Group};
 
 use super::*;
 use crate::encoder::Encoder;
 use crate::env::Observations;
 use crate::policy::{Actor, Memory};
+use crate::replay::ring::Replay;
 use crate::sac::fixtures::{network, replay, settings, spec, strided};
+use crate::sac::minibatch::moved;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
-const INDICES: [usize; 5] = [11, 4, 6, 7, 0];
+/// A window of three steps, the last of which comes after the episode's end, and two other steps.
+const STEPS: [(usize, usize); 5] = [(4, 0), (4, 1), (4, 2), (7, 0), (11, 0)];
 const ALPHA: f64 = 0.2;
 const CLONING: f64 = 0.3;
 const A: usize = 3;
@@ -23,7 +26,7 @@ struct Case {
     params: Vec<f64>,
     targets: Vec<f64>,
     noise: [Vec<f32>; 2],
-    elements: [D2; INDICES.len()],
+    elements: [D2; STEPS.len()],
     gamma: f64,
 }
 
@@ -33,7 +36,7 @@ impl Case {
         let params = network.init(&mut rng);
         let targets = network.init(&mut rng)[network.critics()].to_vec();
         let mut noise = || {
-            (0..INDICES.len() * A)
+            (0..STEPS.len() * A)
                 .map(|_| rng.random_range(-1.5..1.5))
                 .collect()
         };
@@ -42,14 +45,14 @@ impl Case {
             network,
             params,
             targets,
-            elements: [D2::Identity; INDICES.len()],
+            elements: [D2::Identity; STEPS.len()],
             gamma,
         }
     }
 
     /// The same with every step and its noise moved by g.
     fn moved(mut self, g: D2) -> Self {
-        self.elements = [g; INDICES.len()];
+        self.elements = [g; STEPS.len()];
         let irreps = &self.network.spec().action;
         for noise in &mut self.noise {
             let rows = noise.chunks(A).flat_map(|row| moved(g, row, irreps));
@@ -58,15 +61,15 @@ impl Case {
         self
     }
 
-    /// Sums and gradient, in two chunks of one workspace, and the actor's output of the last one.
-    fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+    /// Sums and gradient, in chunks of one workspace, and the actor's output of the last one.
+    fn run_in(&self, chunk: usize, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
         let losses = Losses {
             network: &self.network,
             params: &self.params,
             targets: &self.targets,
             batch: Batch {
                 replay,
-                indices: &INDICES,
+                steps: &STEPS,
                 elements: &self.elements,
                 noise: [&self.noise[0], &self.noise[1]],
                 gamma: self.gamma,
@@ -75,10 +78,19 @@ impl Case {
             },
         };
         let mut gradient = vec![0.0; self.params.len()];
-        let mut w = self.network.workspace(3);
-        let mut sums = losses.chunk(0..3, &mut w, &mut gradient);
-        sums.add(&losses.chunk(3..INDICES.len(), &mut w, &mut gradient));
-        (sums, gradient, w.output[..2 * 2 * A].to_vec())
+        let mut w = self.network.workspace(chunk);
+        let mut sums = SacSums::default();
+        for start in (0..STEPS.len()).step_by(chunk) {
+            let range = start..STEPS.len().min(start + chunk);
+            sums.add(&losses.chunk(range, &mut w, &mut gradient));
+        }
+        (sums, gradient, w.output)
+    }
+
+    /// The same in two chunks, the last of which has two steps.
+    fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+        let (sums, gradient, output) = self.run_in(3, replay);
+        (sums, gradient, output[..2 * 2 * A].to_vec())
     }
 }
 
@@ -109,7 +121,7 @@ fn check_gradient(network: SacNetwork<f64>) {
             } else {
                 sums.critic
             };
-            loss / INDICES.len() as f64
+            loss / STEPS.len() as f64
         };
         let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
         case.params[i] = centre;
@@ -204,7 +216,7 @@ fn only_a_termination_ends_what_is_to_come() {
     let batch = Batch {
         replay: &replay,
         // the last steps of the two episodes, and the first of the next one
-        indices: &[6, 7, 8],
+        steps: &[(6, 0), (7, 0), (8, 0)],
         elements: &case.elements[..3],
         noise: [&case.noise[0][..3 * A], &case.noise[1][..3 * A]],
         gamma: 0.9,
@@ -217,7 +229,7 @@ fn only_a_termination_ends_what_is_to_come() {
         targets: &case.targets,
         batch,
     };
-    losses.load(&(0..3), &mut w);
+    batch.load((&case.network, &case.params), &(0..3), &mut w);
     losses.evaluate_next(&(0..3), &mut w);
     let beyond = |slot: usize| w.targets[slot] - f64::from(replay.get(6 + slot).reward());
     assert_eq!(replay.get(6).outcome(), Outcome::Truncated);
@@ -250,7 +262,7 @@ fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
         targets: &policy.params()[network.critics()],
         batch: Batch {
             replay,
-            indices: &[2 * step, 2 * step + 1],
+            steps: &[(2 * step, 0), (2 * step + 1, 0)],
             elements: &[D2::Identity; 2],
             noise: [&[0.0; 2 * A]; 2],
             gamma: 0.9,
@@ -297,4 +309,44 @@ fn an_actor_decides_from_the_context_that_it_is_trained_with() {
             }
         }
     }
+}
+
+/// Steps of a window share observations, and learn the same as single steps do.
+#[test]
+fn what_is_shared_changes_nothing() {
+    let replay = replay();
+    for context in [false, true] {
+        let case = Case::new(network(Group::D2, strided(), context), 0.9);
+        let (together, gradient, _) = case.run_in(STEPS.len(), &replay);
+        let (single, expected, _) = case.run_in(1, &replay);
+        assert!((together.critic - single.critic).abs() < 1e-12);
+        assert!((together.actor - single.actor).abs() < 1e-12);
+        assert!(distance(&gradient, &expected) < 1e-12);
+    }
+}
+
+/// Three steps that follow one another show four observations; with a context, those of the two
+/// steps before them, too, where the episode has them.
+#[test]
+fn each_observation_is_shown_once() {
+    let replay = replay();
+    let shown = |context, index| {
+        let case = Case::new(network(Group::D2, strided(), context), 0.9);
+        let mut w = case.network.workspace(3);
+        let batch = Batch {
+            replay: &replay,
+            steps: &[(index, 0), (index, 1), (index, 2)],
+            elements: &[D2::FlipX; 3],
+            noise: [&[], &[]],
+            gamma: 0.9,
+            temperature: ALPHA,
+            cloning: 0.0,
+        };
+        batch.load((&case.network, &case.params), &(0..3), &mut w);
+        w.shown.len()
+    };
+    assert_eq!([shown(false, 0), shown(false, 2)], [4, 4]);
+    assert_eq!([shown(true, 0), shown(true, 2)], [4, 5]);
+    // the window goes on at the episode's beginning
+    assert_eq!([shown(false, 4), shown(false, 6)], [5, 5]);
 }

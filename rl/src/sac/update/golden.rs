@@ -107,7 +107,11 @@ fn check(case: &str, context: Option<ContextSettings>) {
     assert_eq!(sac.targets.len(), targets.len());
     sac.targets = targets;
     sac.draws = Draws {
-        indices: golden("indices").into_iter().map(|i| i as usize).collect(),
+        indices: Vec::new(),
+        steps: golden("indices")
+            .into_iter()
+            .map(|i| (i as usize, 0))
+            .collect(),
         elements: vec![D2::Identity; BATCH],
         noise: [0, 1].map(|i| noise[i * BATCH * 2..(i + 1) * BATCH * 2].to_vec()),
     };
