@@ -3,8 +3,9 @@
 use std::ops::Range;
 
 use equivariant::Scalar;
-use symmetry::{D2, Irrep};
+use symmetry::D2;
 
+use crate::env::{moved_image, signed};
 use crate::replay::recorded::{Place, Recorded};
 use crate::replay::ring::Replay;
 use crate::sac::network::SacNetwork;
@@ -44,7 +45,7 @@ impl<'a> Batch<'a> {
     where
         T: Scalar,
     {
-        let action = moved(g, step.action(), &network.spec().action);
+        let action = signed(g, step.action(), &network.spec().action);
         (action, step.reward())
     }
 
@@ -166,16 +167,9 @@ fn show<T: Scalar>(
     pass: &mut TrunkPass<T>,
 ) {
     let spec = network.spec();
-    let [height, width, channels] = spec.image;
     if g != D2::Identity {
-        *image = g.transform_image(image, height, width, channels);
+        *image = moved_image(g, image, spec);
     }
-    let vector = moved(g, vector, &spec.vector);
+    let vector = signed(g, vector, &spec.vector);
     network.trunk.load(slot, image, &vector, pass);
-}
-
-/// Components in natural order, each multiplied by its irrep's sign.
-pub(super) fn moved(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
-    let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
-    components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }

@@ -112,14 +112,6 @@ impl SacPolicy {
         self.network.spec().action.len()
     }
 
-    /// N, when both arrays hold N observations of the network's sizes.
-    fn samples(&self, observations: &Observations) -> Result<usize, RlError> {
-        let spec = self.network.spec();
-        let samples = observations.vectors.len() / spec.vector.len();
-        observations.check(spec, samples)?;
-        Ok(samples)
-    }
-
     /// Fills `outputs` and lets the memory keep what was seen; returns the length of a row.
     fn run(
         &mut self,
@@ -127,7 +119,7 @@ impl SacPolicy {
         memory: &mut History,
         (what, got): (&'static str, usize),
     ) -> Result<usize, RlError> {
-        let samples = self.samples(observations)?;
+        let samples = observations.samples(self.network.spec())?;
         check_len(what, "[N, A]", got, samples * self.width())?;
         let (network, params) = (&self.network, &self.params);
         let mut row = 2 * self.width();
@@ -272,7 +264,10 @@ impl Features for SacPolicy {
     }
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let (samples, width) = (self.samples(observations)?, self.feature_dim());
+        let (samples, width) = (
+            observations.samples(self.network.spec())?,
+            self.feature_dim(),
+        );
         check_len("features", "[N, F]", out.len(), samples * width)?;
         let (network, params) = (&self.network, &self.params);
         self.chunks.map_rows(out, width, |range, w, rows| {

@@ -6,11 +6,10 @@ use symmetry::{D2, Group};
 
 use super::*;
 use crate::encoder::Encoder;
-use crate::env::Observations;
+use crate::env::{Observations, signed};
 use crate::policy::{Actor, Memory};
 use crate::replay::ring::Replay;
 use crate::sac::fixtures::{network, replay, settings, spec, strided};
-use crate::sac::minibatch::moved;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
@@ -55,7 +54,7 @@ impl Case {
         self.elements = [g; STEPS.len()];
         let irreps = &self.network.spec().action;
         for noise in &mut self.noise {
-            let rows = noise.chunks(A).flat_map(|row| moved(g, row, irreps));
+            let rows = noise.chunks(A).flat_map(|row| signed(g, row, irreps));
             *noise = rows.collect();
         }
         self
