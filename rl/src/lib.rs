@@ -4,8 +4,8 @@
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
 //! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
-//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy. The traits also
-//! take an off-policy algorithm with a replay of its own.
+//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy; and
+//! [`SacPolicy`], [`Replay`] and [`Sac`], soft actor-critic, which is off-policy.
 //!
 //! | a new | implements | example |
 //! |---|---|---|

@@ -8,8 +8,8 @@ mod sac;
 
 use common::{EPISODE, PointReach};
 use rl::{
-    Algorithm, ContextSettings, Critic, Encoder, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
+    Algorithm, ContextSettings, Encoder, EnvSpec, Metrics, NetworkSettings, Replay, ReplaySettings,
+    RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
 };
 use sac::{ENVS, Run, network, replay_settings, settings};
 use symmetry::Group;

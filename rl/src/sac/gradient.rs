@@ -16,7 +16,7 @@ use crate::sac::workspace::SacWorkspace;
 /// actor-critic algorithms and applications" (arXiv 1812.05905).
 ///
 /// ```text
-/// y   = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha ln pi(a'|s'))
+/// y    = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha ln pi(a'|s'))
 /// J_Q = sum_i (Q_i(s, a) - y)^2 / 2                  (1812.05905, equations 5 and 6)
 /// J_pi = alpha ln pi(b|s) - min_i Q_i(s, b)          (1812.05905, equation 9)
 /// ```

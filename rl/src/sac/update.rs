@@ -31,11 +31,19 @@ const TEMPERATURE_FIRST: &str = "temperature.first";
 const TEMPERATURE_SECOND: &str = "temperature.second";
 const STEPS: &str = "adam.steps";
 
-/// Soft actor-critic (Haarnoja et al., arXiv 1801.01290 and 1812.05905, algorithm 1) with the
-/// state of one policy: optimiser, target critics and temperature.
+/// Soft actor-critic (Haarnoja et al., arXiv 1801.01290, and arXiv 1812.05905, algorithm 1) with
+/// the state of one policy: optimiser, target critics and temperature.
 ///
-/// Losses and their equations are those of [`SacStats`]; all gradients of a step are taken at the
-/// same parameters, those of actor and critics together, and one Adam takes the step.
+/// ```text
+/// y     = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha ln pi(a'|s'))
+/// J_Q   = sum_i (Q_i(s, a) - y)^2 / 2                  (1812.05905, equations 5 and 6)
+/// J_pi  = alpha ln pi(b|s) - min_i Q_i(s, b)           (1812.05905, equation 9)
+/// J_alpha = -alpha ln pi(b|s) - alpha H                (1812.05905, equation 18)
+/// ```
+///
+/// where a' and b are drawn from the actor, and Q' are the target critics. A time-out is not a
+/// termination. All gradients of a step are taken at the same parameters, and one Adam takes the
+/// step of actor and critics.
 pub struct Sac {
     settings: SacSettings,
     optimiser: Adam,
