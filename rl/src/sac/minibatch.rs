@@ -6,7 +6,7 @@ use equivariant::Scalar;
 use symmetry::D2;
 
 use crate::env::{moved_image, signed};
-use crate::replay::recorded::{Place, Recorded};
+use crate::replay::recorded::Recorded;
 use crate::replay::ring::Replay;
 use crate::sac::network::SacNetwork;
 use crate::sac::workspace::SacWorkspace;
@@ -28,9 +28,6 @@ pub(super) struct Batch<'a> {
     pub temperature: f64,
     pub cloning: f64,
 }
-
-/// An observation of the replay, moved by an element.
-pub(crate) type Shown = (Place, D2);
 
 impl<'a> Batch<'a> {
     /// The step at a position of the minibatch, and by what it is moved.
@@ -132,21 +129,6 @@ impl<'a> Batch<'a> {
                 }
             }
         }
-    }
-}
-
-impl<T> SacWorkspace<T> {
-    /// Notes where the fields of an observation will be; returns its slot among those that are not
-    /// acted on if it has to be shown there, since no earlier one is the same.
-    fn source(&mut self, shown: Shown, n: usize) -> Option<usize> {
-        let known = self.shown.iter().position(|&other| other == shown);
-        let source = known.unwrap_or(self.shown.len());
-        self.sources.push(source);
-        if known.is_some() {
-            return None;
-        }
-        self.shown.push(shown);
-        Some(source - n)
     }
 }
 

@@ -71,14 +71,14 @@ pub enum Temperature {
 impl SacSettings {
     /// What COVERS lists for CLEAR and 3RL (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL
     /// Hyperparameter"). What the table does not list: `tau` is that of SAC (arXiv 1801.01290,
-    /// table 1), half of a minibatch is the newest experience, steps come in pairs, which saves a
-    /// quarter of the time, and the number of gradient steps is that which makes methods comparable
-    /// ([`SacSettings::updates_per_step`]).
+    /// table 1), half of a minibatch is the newest experience, steps come in windows of four, which
+    /// saves three encodings of eight, and the number of gradient steps is that which makes methods
+    /// comparable ([`SacSettings::updates_per_step`]).
     pub fn paper() -> Self {
         let settings = Self {
             gamma: 0.95,
             batch: 512,
-            window: 2,
+            window: 4,
             updates_per_step: 0.0,
             burn_in: 20_000,
             learning_rate: 3e-4,

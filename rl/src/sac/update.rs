@@ -19,8 +19,9 @@ use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 use crate::sac::workspace::SacWorkspace;
 
-/// Steps of one training chunk, as in PPO.
-const TRAINING_CHUNK: usize = 8;
+/// Steps of one training chunk, as in PPO, or those of one window where they are more: observations
+/// are shared within a chunk. A workspace holds a chunk, so there is a limit.
+const TRAINING_CHUNK: [usize; 2] = [8, 32];
 
 /// Names of the state in a checkpoint.
 const FIRST_MOMENT: &str = "adam.first";
@@ -74,6 +75,8 @@ impl Sac {
     /// [`RlError::Setting`] when a setting is out of range.
     pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
         settings.check()?;
+        let [least, most] = TRAINING_CHUNK;
+        let chunk = settings.window.clamp(least, most);
         let network = policy.network().clone();
         let num_params = network.num_params();
         let initial = match settings.temperature {
@@ -85,9 +88,7 @@ impl Sac {
             targets: policy.params()[network.critics()].to_vec(),
             log_temperature: [initial.ln()],
             temperature_optimiser: Adam::new(1, settings.adam_epsilon),
-            chunks: Chunks::new(num_params, TRAINING_CHUNK, move || {
-                network.workspace(TRAINING_CHUNK)
-            }),
+            chunks: Chunks::new(num_params, chunk, move || network.workspace(chunk)),
             gradient: vec![0.0; num_params],
             draws: Draws::default(),
             settings,

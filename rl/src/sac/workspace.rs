@@ -1,12 +1,16 @@
 //! The buffers of a gradient of soft actor-critic.
 
 use equivariant::Scalar;
+use symmetry::D2;
 
-use crate::sac::minibatch::Shown;
+use crate::replay::recorded::Place;
 use crate::sac::network::SacNetwork;
 use crate::sac::reader::{ReaderPass, Steps};
 use crate::stage::Stage;
 use crate::trunk::TrunkPass;
+
+/// An observation of the replay, moved by an element.
+pub(crate) type Shown = (Place, D2);
 
 /// Everything that the gradient of up to K steps needs, allocated once.
 pub(crate) struct SacWorkspace<T> {
@@ -72,5 +76,20 @@ impl<T: Scalar> SacNetwork<T> {
             discarded: vec![T::ZERO; self.num_params()],
             image: vec![0; self.spec().image_len()],
         }
+    }
+}
+
+impl<T> SacWorkspace<T> {
+    /// Notes where the fields of an observation will be; returns its slot among those that are not
+    /// acted on if it has to be shown there, since no earlier one is the same.
+    pub fn source(&mut self, shown: Shown, n: usize) -> Option<usize> {
+        let known = self.shown.iter().position(|&other| other == shown);
+        let source = known.unwrap_or(self.shown.len());
+        self.sources.push(source);
+        if known.is_some() {
+            return None;
+        }
+        self.shown.push(shown);
+        Some(source - n)
     }
 }
