@@ -313,4 +313,6 @@ impl fmt::Debug for Sac {
 }
 
 #[cfg(test)]
+mod draws;
+#[cfg(test)]
 mod golden;
