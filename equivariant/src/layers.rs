@@ -8,6 +8,7 @@ pub(crate) mod field_norm;
 mod fused;
 pub(crate) mod group_max_pool;
 pub(crate) mod group_mean_pool;
+pub(crate) mod gru;
 pub(crate) mod interchange;
 pub(crate) mod layer;
 pub(crate) mod linear;

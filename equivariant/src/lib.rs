@@ -64,6 +64,7 @@ pub use layers::concat::Concat;
 pub use layers::field_norm::{FieldNorm, Statistics};
 pub use layers::group_max_pool::GroupMaxPool;
 pub use layers::group_mean_pool::GroupMeanPool;
+pub use layers::gru::{Gru, GruPass};
 pub use layers::interchange::{InterchangeError, load, save};
 pub use layers::layer::{Layer, Signature};
 pub use layers::linear::Linear;

@@ -111,17 +111,9 @@ impl ActorCriticPolicy {
         self.network.spec().action.len()
     }
 
-    /// N, when both arrays hold N observations of the network's sizes.
-    fn samples(&self, observations: &Observations) -> Result<usize, RlError> {
-        let spec = self.network.spec();
-        let samples = observations.vectors.len() / spec.vector.len();
-        observations.check(spec, samples)?;
-        Ok(samples)
-    }
-
     /// Fills `outputs` `[N, A + 1]` with means and values; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
-        let samples = self.samples(observations)?;
+        let samples = observations.samples(self.network.spec())?;
         let width = self.width();
         self.outputs.resize(samples * (width + 1), 0.0);
         let (network, params) = (&self.network, &self.params);
@@ -276,7 +268,10 @@ impl Features for ActorCriticPolicy {
     }
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let (samples, width) = (self.samples(observations)?, self.feature_dim());
+        let (samples, width) = (
+            observations.samples(self.network.spec())?,
+            self.feature_dim(),
+        );
         check_len("features", "[N, F]", out.len(), samples * width)?;
         let (network, params) = (&self.network, &self.params);
         self.chunks.map_rows(out, width, |range, workspace, rows| {

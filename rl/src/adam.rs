@@ -102,16 +102,28 @@ fn bias_correction(beta: f32, steps: u64) -> f32 {
 /// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013),
 /// algorithm 1. The sum runs in order, in f64: the same bits on any number of threads.
 pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
-    let norm = gradient
-        .iter()
-        .map(|&g| f64::from(g).powi(2))
-        .sum::<f64>()
-        .sqrt();
+    let norm = norm(gradient);
     if norm > f64::from(max_norm) {
         let scale = (f64::from(max_norm) / norm) as f32;
         gradient.iter_mut().for_each(|g| *g *= scale);
     }
     norm
+}
+
+/// The Euclidean norm. The sum runs in order, in f64.
+pub(crate) fn norm(gradient: &[f32]) -> f64 {
+    let squares = gradient.iter().map(|&g| f64::from(g).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// Clips every component to [-`limit`, `limit`]; returns how many were outside.
+pub(crate) fn clip_values(gradient: &mut [f32], limit: f32) -> usize {
+    let mut outside = 0;
+    for g in gradient.iter_mut().filter(|g| g.abs() > limit) {
+        *g = g.clamp(-limit, limit);
+        outside += 1;
+    }
+    outside
 }
 
 #[cfg(test)]

@@ -119,3 +119,21 @@ fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
         expected: "a count of at most 2^53",
     })
 }
+
+/// Refuses negative numbers in the arrays of these names. A second moment has none, and a root of
+/// one would be NaN at the next step.
+pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Result<(), RlError> {
+    let arrays = state
+        .tensors
+        .iter()
+        .filter(|(name, _)| names.contains(name));
+    let mut numbers = arrays.flat_map(|(name, values)| values.iter().map(move |v| (name, v)));
+    match numbers.find(|&(_, &value)| value < 0.0) {
+        Some((&name, &value)) => Err(RlError::Damaged {
+            name: name.to_owned(),
+            value: value.into(),
+            expected: "no negative number",
+        }),
+        None => Ok(()),
+    }
+}

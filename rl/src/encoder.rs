@@ -71,6 +71,9 @@ pub enum Encoder {
         /// Fields of the maps whose positions are taken, at least 1.
         maps: usize,
     },
+    /// Looks at no picture: the network sees the observation's vector alone. Pictures may then have
+    /// any size, such as one pixel.
+    Blind,
 }
 
 impl Encoder {
@@ -94,18 +97,23 @@ impl Encoder {
                 let maps = vec![("encoder.keypoints.maps", *maps)];
                 ("encoder.keypoints.fields", halving(fields), maps)
             }
+            Self::Blind => return Vec::new(),
         };
         let fields = fields.into_iter().map(|width| (name, width));
         fields.chain(others).collect()
     }
 
-    /// The layers from an image `[height, width, channels]` to the top fields.
+    /// The layers from an image `[height, width, channels]` to the top fields; none for a blind
+    /// network.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
         [height, width, channels]: [usize; 3],
         top_fields: usize,
-    ) -> Result<Sequential<T>, RlError> {
+    ) -> Result<Option<Sequential<T>>, RlError> {
+        if *self == Self::Blind {
+            return Ok(None);
+        }
         if height != width {
             return Err(RlError::NotSquare { height, width });
         }
@@ -116,24 +124,27 @@ impl Encoder {
             shape: Shape::image(height, width, group.trivial(channels)),
         };
         stack.fill(self, top_fields)?;
-        Ok(Sequential::new(stack.layers)?)
+        Ok(Some(Sequential::new(stack.layers)?))
     }
 
     /// The gain of the last layer's weights: 1 where no ReLU follows.
     pub(crate) fn last_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
-            Self::Keypoints { .. } => 1.0,
+            Self::Keypoints { .. } | Self::Blind => 1.0,
         }
     }
 
     /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that
     /// networks of all groups see the same pictures.
     fn check_side(&self, side: usize) -> Result<(), RlError> {
-        let (Self::Strided { fields }
-        | Self::Pooled { fields, .. }
-        | Self::Keypoints { fields, .. }) = self;
-        let halved = 1usize << fields.len().min(31);
+        let halvings = match self {
+            Self::Strided { fields }
+            | Self::Pooled { fields, .. }
+            | Self::Keypoints { fields, .. } => fields.len(),
+            Self::Blind => return Ok(()),
+        };
+        let halved = 1usize << halvings.min(31);
         let (encoder, fits, expected) = match self {
             Self::Pooled { .. } => {
                 let exact = POOLED_SIDE * halved;
@@ -143,8 +154,8 @@ impl Encoder {
                     format!("exactly {exact} x {exact}"),
                 )
             }
-            Self::Strided { .. } => ("strided", side.is_multiple_of(halved), multiples(halved)),
             Self::Keypoints { .. } => ("keypoints", side.is_multiple_of(halved), multiples(halved)),
+            _ => ("strided", side.is_multiple_of(halved), multiples(halved)),
         };
         if fits && side > 0 {
             return Ok(());
@@ -152,7 +163,7 @@ impl Encoder {
         Err(RlError::ImageSize {
             side,
             encoder,
-            halvings: fields.len(),
+            halvings,
             expected,
         })
     }
@@ -199,6 +210,7 @@ impl<T: Scalar> Stack<T> {
                 self.add(Linear::new(self.shape.fields, top)?);
                 Ok(())
             }
+            Encoder::Blind => Ok(()),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Vectorised environments as the learner sees them: slices in, slices out, no tensor and no task.
 
-use symmetry::Irrep;
+use symmetry::{D2, Irrep};
 
 use crate::error::{BoxError, RlError, check_all_finite, check_len};
 
@@ -104,6 +104,21 @@ impl Observations {
         )
     }
 
+    /// N, where both arrays hold N observations of the sizes of `spec`.
+    pub(crate) fn samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
+        let samples = self.vectors.len() / spec.vector.len();
+        self.check(spec, samples)?;
+        Ok(samples)
+    }
+
+    /// Moves sample `i` by g.
+    pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
+        let (image, vector) = self.sample(spec, i);
+        let (image, vector) = (moved_image(g, image, spec), signed(g, vector, &spec.vector));
+        self.images[i * image.len()..(i + 1) * image.len()].copy_from_slice(&image);
+        self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
+    }
+
     /// Refuses vectors that hold infinities or NaN.
     ///
     /// # Errors
@@ -123,6 +138,18 @@ impl Observations {
             &self.vectors[i * vector..(i + 1) * vector],
         )
     }
+}
+
+/// A picture of the environments of `spec`, moved by g.
+pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
+    let [height, width, channels] = spec.image;
+    g.transform_image(image, height, width, channels)
+}
+
+/// Components in natural order, each multiplied by the sign that its irrep gives g.
+pub(crate) fn signed(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
+    let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
+    components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
 /// How an episode stands after a step. An episode ends in one of two ways. After a termination, no

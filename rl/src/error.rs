@@ -184,6 +184,26 @@ pub enum RlError {
         /// Index of the environment, in 0..N.
         env: usize,
     },
+    /// A replay was given a step that does not follow the one before.
+    #[error(
+        "the observation that environment {env} was acted on is not the one that its last step \
+         led to; call `Replay::cut` after a reset"
+    )]
+    Discontinued {
+        /// Index of the environment, in 0..N.
+        env: usize,
+    },
+    /// A picture changes where it should stand still.
+    #[error(
+        "the last {channels} channels of the picture of environment {env} differ from those at \
+         the beginning of its episode; lower ReplaySettings::still_channels"
+    )]
+    NotStill {
+        /// Index of the environment, in 0..N.
+        env: usize,
+        /// Channels that should stand still.
+        channels: usize,
+    },
     /// A quantity became infinite or not a number.
     #[error(
         "{what} is {value}, expected a finite number; check the environment's observations and \

@@ -29,6 +29,7 @@ pub fn evaluate<A: Actor>(
     while left.iter().any(|&rounds| rounds > 0) {
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
         step(env, &actions, &mut transition)?;
+        state.remember(&actions, &transition.rewards);
         stats.decisions += spec.num_envs;
         for episode in state.advance(&mut transition) {
             if left[episode.env] > 0 {

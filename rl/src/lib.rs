@@ -4,8 +4,8 @@
 //! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
 //! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
 //! [`evaluate`] runs whole episodes with mean actions. The members here are [`ActorCriticPolicy`],
-//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy. The traits also
-//! take an off-policy algorithm with a replay of its own.
+//! [`RolloutBuffer`] and [`Ppo`], proximal policy optimisation, which is on-policy; and
+//! [`SacPolicy`], [`Replay`] and [`Sac`], soft actor-critic, which is off-policy.
 //!
 //! | a new | implements | example |
 //! |---|---|---|
@@ -112,8 +112,12 @@ mod policy;
 mod ppo;
 mod ppo_settings;
 mod ppo_stats;
+mod replay;
 mod require;
 mod rollout;
+mod sac;
+mod stage;
+mod trunk;
 
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
@@ -132,4 +136,14 @@ pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};
 pub use ppo::Ppo;
 pub use ppo_settings::PpoSettings;
 pub use ppo_stats::UpdateStats;
+pub use replay::recorded::Recorded;
+pub use replay::ring::Replay;
+pub use replay::settings::ReplaySettings;
+pub use replay::state::{EpisodeState, ReplayState};
 pub use rollout::{Episode, RolloutState, RolloutStats, collect};
+pub use sac::history::History;
+pub use sac::network::SacNetwork;
+pub use sac::policy::SacPolicy;
+pub use sac::settings::{ContextSettings, SacSettings, Temperature};
+pub use sac::stats::SacStats;
+pub use sac::update::Sac;

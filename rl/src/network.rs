@@ -2,15 +2,14 @@
 
 use std::ops::Range;
 
-use equivariant::{
-    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape, Signature,
-};
+use equivariant::{FieldType, Layer, Scalar, Sequential, Signature};
 use rand::Rng;
 use symmetry::irrep_order;
 
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
+use crate::trunk::{Layout, Trunk, head};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
 /// architecture").
@@ -35,15 +34,10 @@ use crate::network_settings::{Critic, NetworkSettings};
 /// ([`ActorCritic::encoder`]), then the others ([`ActorCritic::heads`]), of which the last A are
 /// log_std.
 pub struct ActorCritic<T> {
-    pub(crate) image: Sequential<T>,
-    pub(crate) vector: Sequential<T>,
+    pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,
-    /// Image and vector, direct sum.
-    pub(crate) concat: Concat,
-    pub(crate) pool: GroupMaxPool,
     pub(crate) critic: Sequential<T>,
-    /// Natural index of every irrep-major component of the vector and of the action.
-    pub(crate) vector_order: Vec<usize>,
+    /// Natural index of every irrep-major component of the action.
     pub(crate) action_order: Vec<usize>,
     settings: NetworkSettings,
     spec: EnvSpec,
@@ -51,8 +45,7 @@ pub struct ActorCritic<T> {
 
 /// Where the parameters of each part lie in the flat slice.
 pub(crate) struct Parts {
-    pub image: Range<usize>,
-    pub vector: Range<usize>,
+    pub trunk: Range<usize>,
     pub actor: Range<usize>,
     pub critic: Range<usize>,
     pub log_std: Range<usize>,
@@ -68,24 +61,14 @@ impl<T: Scalar> ActorCritic<T> {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         settings.check()?;
         spec.check()?;
-        let group = settings.group;
-        let from_irreps = |irreps| FieldType::from_irreps(group, irreps);
-        let hidden = settings.regular(settings.top_fields + settings.vector_fields);
-        let actor = settings.regular(settings.actor_fields);
-        let image = settings
-            .encoder
-            .layers(group, spec.image, settings.top_fields)?;
-        let vector = settings.regular(settings.vector_fields);
-        let vector = Sequential::new(lift(from_irreps(&spec.vector), vector)?)?;
+        let trunk = Trunk::new(settings, spec)?;
+        let action = FieldType::from_irreps(settings.group, &spec.action);
+        let hidden = settings.regular(settings.actor_fields);
         Ok(Self {
-            concat: Concat::new(image.out_shape(), vector.out_shape())?,
-            image,
-            vector,
-            actor: head(hidden, actor, from_irreps(&spec.action))?,
-            critic: critic(settings)?,
-            pool: GroupMaxPool::new(Shape::vector(hidden))?,
-            vector_order: irrep_order(group, &spec.vector),
-            action_order: irrep_order(group, &spec.action),
+            actor: head(trunk.out_type(), hidden, action)?,
+            critic: critic(settings, &trunk)?,
+            action_order: irrep_order(settings.group, &spec.action),
+            trunk,
             settings: settings.clone(),
             spec: spec.clone(),
         })
@@ -98,7 +81,7 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// Where the parameters of the image encoder lie.
     pub fn encoder(&self) -> Range<usize> {
-        self.parts().image
+        self.trunk.encoder()
     }
 
     /// Where all the other parameters lie.
@@ -108,7 +91,7 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// F, the length of the invariant features: one per regular field of the group.
     pub fn feature_dim(&self) -> usize {
-        self.pool.out_shape().len()
+        self.trunk.feature_dim()
     }
 
     /// The settings that the network was built with.
@@ -126,9 +109,7 @@ impl<T: Scalar> ActorCritic<T> {
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), &self.settings);
         let mut params = vec![T::ZERO; self.num_params()];
-        let gain = settings.encoder.last_gain();
-        self.image.init_scaled(rng, gain, &mut params[parts.image]);
-        self.vector.init(rng, &mut params[parts.vector]);
+        self.trunk.init(settings, rng, &mut params[parts.trunk]);
         self.actor
             .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
         self.critic
@@ -138,51 +119,29 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     pub(crate) fn parts(&self) -> Parts {
-        let mut end = 0;
-        let mut next = |len: usize| {
-            end += len;
-            end - len..end
-        };
+        let mut layout = Layout::new();
         Parts {
-            image: next(self.image.num_params()),
-            vector: next(self.vector.num_params()),
-            actor: next(self.actor.num_params()),
-            critic: next(self.critic.num_params()),
-            log_std: next(self.action_order.len()),
+            trunk: layout.next(self.trunk.num_params()),
+            actor: layout.next(self.actor.num_params()),
+            critic: layout.next(self.critic.num_params()),
+            log_std: layout.next(self.action_order.len()),
         }
     }
 }
 
 /// From the fields before or after pooling to the value.
-fn critic<T: Scalar>(settings: &NetworkSettings) -> Result<Sequential<T>, RlError> {
+fn critic<T: Scalar>(
+    settings: &NetworkSettings,
+    trunk: &Trunk<T>,
+) -> Result<Sequential<T>, RlError> {
     let (group, value) = (settings.group, settings.group.trivial(1));
-    let fields = settings.top_fields + settings.vector_fields;
     match settings.critic {
         Critic::Pooled { width } => {
-            let features = group.trivial(settings.copies(fields));
+            let features = group.trivial(trunk.feature_dim());
             head(features, group.trivial(width), value)
         }
-        Critic::Joint { fields: hidden } => {
-            head(settings.regular(fields), settings.regular(hidden), value)
-        }
+        Critic::Joint { fields } => head(trunk.out_type(), settings.regular(fields), value),
     }
-}
-
-fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
-    Ok(vec![
-        Box::new(Linear::new(from, to)?),
-        Box::new(Relu::new(Shape::vector(to))?),
-    ])
-}
-
-fn head<T: Scalar>(
-    from: FieldType,
-    hidden: FieldType,
-    to: FieldType,
-) -> Result<Sequential<T>, RlError> {
-    let mut layers = lift(from, hidden)?;
-    layers.push(Box::new(Linear::new(hidden, to)?));
-    Ok(Sequential::new(layers)?)
 }
 
 #[cfg(test)]
@@ -268,7 +227,7 @@ mod tests {
                 ..NetworkSettings::default()
             };
             let network = ActorCritic::<f32>::new(&settings, &spec([48, 48, 6])).unwrap();
-            assert_eq!(network.image.out_shape().len(), 4 * 32);
+            assert_eq!(network.trunk.out_type().dim(), 4 * 64);
             assert_eq!(network.feature_dim(), 4 * 64 / group.order());
         }
     }

@@ -1,12 +1,11 @@
 //! Forward and backward passes of the actor-critic for a chunk of samples.
 
-use std::ops::Range;
+use equivariant::Scalar;
 
-use equivariant::{Layer, Scalar, Scratch, Signature};
-
-use crate::error::assert_len;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
+use crate::stage::Stage;
+use crate::trunk::TrunkPass;
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
@@ -27,67 +26,17 @@ pub struct Workspace<T> {
     pub d_value: Vec<f64>,
     /// Gradient of the loss with respect to `log_std`, `[A]`: set it before the backward pass.
     pub d_log_std: Vec<f64>,
-    image: Stage<T>,
-    vector: Stage<T>,
+    trunk: TrunkPass<T>,
     actor: Stage<T>,
-    pool: Stage<T>,
     critic: Stage<T>,
     /// n * F of the last forward pass.
     features_len: usize,
 }
 
-/// Buffers of one layer: input and output with their gradients, and its scratch.
-#[derive(Clone, Debug)]
-struct Stage<T> {
-    x: Vec<T>,
-    y: Vec<T>,
-    dx: Vec<T>,
-    dy: Vec<T>,
-    scratch: Scratch<T>,
-}
-
-impl<T: Scalar> Stage<T> {
-    fn new(layer: &impl Layer<T>, samples: usize) -> Self {
-        let zeros = |len| vec![T::ZERO; len];
-        let (input, output) = (
-            samples * layer.in_shape().len(),
-            samples * layer.out_shape().len(),
-        );
-        Self {
-            x: zeros(input),
-            y: zeros(output),
-            dx: zeros(input),
-            dy: zeros(output),
-            scratch: layer.scratch(samples),
-        }
-    }
-
-    fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) {
-        let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
-        layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
-    }
-
-    /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.
-    fn backward(
-        &mut self,
-        layer: &impl Layer<T>,
-        (params, range): (&[T], Range<usize>),
-        n: usize,
-        dparams: &mut [T],
-        input_too: bool,
-    ) {
-        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
-        let dx = input_too.then_some(&mut self.dx[..input]);
-        let (x, y, dy) = (&self.x[..input], &self.y[..output], &self.dy[..output]);
-        let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
-        layer.backward(params, x, y, dy, dx, dparams, &mut self.scratch);
-    }
-}
-
 impl<T: Scalar> Workspace<T> {
     /// The invariant features `[n, F]` of the n samples of the last forward pass.
     pub fn features(&self) -> &[T] {
-        &self.pool.y[..self.features_len]
+        &self.trunk.features()[..self.features_len]
     }
 }
 
@@ -102,10 +51,8 @@ impl<T: Scalar> ActorCritic<T> {
             d_mean: vec![0.0; capacity * action],
             d_value: vec![0.0; capacity],
             d_log_std: vec![0.0; action],
-            image: Stage::new(&self.image, capacity),
-            vector: Stage::new(&self.vector, capacity),
+            trunk: self.trunk.pass(capacity),
             actor: Stage::new(&self.actor, capacity),
-            pool: Stage::new(&self.pool, capacity),
             critic: Stage::new(&self.critic, capacity),
             features_len: 0,
         }
@@ -117,19 +64,7 @@ impl<T: Scalar> ActorCritic<T> {
     /// # Panics
     /// When the slices have other lengths than the spec says, or `slot` is beyond the capacity.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], workspace: &mut Workspace<T>) {
-        let (pixels, components) = (self.image.in_shape().len(), self.vector_order.len());
-        assert_len("image", image.len(), pixels);
-        assert_len("vector", vector.len(), components);
-        let pixels = &mut workspace.image.x[slot * image.len()..(slot + 1) * image.len()];
-        let scale = T::from_f64(1.0 / 255.0);
-        let centre = T::from_f64(0.5);
-        for (x, &byte) in pixels.iter_mut().zip(image) {
-            *x = T::from_f64(f64::from(byte)) * scale - centre;
-        }
-        let components = &mut workspace.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
-        for (x, &i) in components.iter_mut().zip(&self.vector_order) {
-            *x = T::from_f64(f64::from(vector[i]));
-        }
+        self.trunk.load(slot, image, vector, &mut workspace.trunk);
     }
 
     /// Runs the samples in slots 0..n: fills `mean`, `value`, `log_std` and the features.
@@ -141,8 +76,8 @@ impl<T: Scalar> ActorCritic<T> {
         self.forward_features(params, n, w);
         w.actor.forward(&self.actor, &params[parts.actor], n);
         w.critic.x.copy_from_slice(match self.settings().critic {
-            Critic::Pooled { .. } => &w.pool.y,
-            Critic::Joint { .. } => &w.pool.x,
+            Critic::Pooled { .. } => w.trunk.features(),
+            Critic::Joint { .. } => w.trunk.fields(),
         });
         w.critic.forward(&self.critic, &params[parts.critic], n);
         let width = self.action_order.len();
@@ -166,14 +101,9 @@ impl<T: Scalar> ActorCritic<T> {
     /// As [`ActorCritic::forward`].
     pub fn forward_features(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
         let (parts, w) = (self.parts(), workspace);
-        w.image.forward(&self.image, &params[parts.image], n);
-        w.vector.forward(&self.vector, &params[parts.vector], n);
-        let [image, vector] = self.concat.in_shapes().map(|shape| n * shape.len());
-        let sum = &mut w.pool.x[..image + vector];
-        self.concat
-            .forward(&w.image.y[..image], &w.vector.y[..vector], sum);
-        w.actor.x.copy_from_slice(&w.pool.x);
-        w.pool.forward(&self.pool, &[], n);
+        self.trunk.forward(&params[parts.trunk], n, &mut w.trunk);
+        w.actor.x.copy_from_slice(w.trunk.fields());
+        self.trunk.pool(n, &mut w.trunk);
         w.features_len = n * self.feature_dim();
     }
 
@@ -196,32 +126,23 @@ impl<T: Scalar> ActorCritic<T> {
         w.critic
             .backward(&self.critic, (params, parts.critic), n, dparams, true);
         self.add_head_gradients(n, w);
-        w.image
-            .backward(&self.image, (params, parts.image), n, dparams, false);
-        w.vector
-            .backward(&self.vector, (params, parts.vector), n, dparams, false);
+        let trunk = &mut dparams[parts.trunk.clone()];
+        self.trunk
+            .backward(&params[parts.trunk], n, &mut w.trunk, trunk);
         for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
             *sum += T::from_f64(*d);
         }
     }
 
-    /// Brings the gradients in the inputs of both heads to the outputs of the image and of the
-    /// vector.
+    /// Brings the gradients in the inputs of both heads to the trunk's fields.
     fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
         match self.settings().critic {
-            Critic::Pooled { .. } => {
-                w.pool.dy.copy_from_slice(&w.critic.dx);
-                w.pool.backward(&self.pool, (&[], 0..0), n, &mut [], true);
-            }
-            Critic::Joint { .. } => w.pool.dx.copy_from_slice(&w.critic.dx),
+            Critic::Pooled { .. } => self.trunk.pool_backward(&w.critic.dx, n, &mut w.trunk),
+            Critic::Joint { .. } => w.trunk.d_fields().copy_from_slice(&w.critic.dx),
         }
-        for (sum, d) in w.pool.dx.iter_mut().zip(&w.actor.dx) {
+        for (sum, d) in w.trunk.d_fields().iter_mut().zip(&w.actor.dx) {
             *sum += *d;
         }
-        let [image, vector] = self.concat.in_shapes().map(|shape| n * shape.len());
-        let sum = &w.pool.dx[..image + vector];
-        let (image, vector) = (&mut w.image.dy[..image], &mut w.vector.dy[..vector]);
-        self.concat.backward(sum, image, vector);
     }
 
     fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {

@@ -11,6 +11,11 @@ pub trait Memory {
     /// Forgets the running episode of environment `env`, in 0..N. The environment's next
     /// observation is the first one of another episode.
     fn forget(&mut self, env: usize);
+
+    /// Takes note of the step of environment `env` that followed the actor's last decision: the
+    /// action `[A]` that was executed, which need not be the one decided on, and its reward. It
+    /// comes before [`Memory::forget`] where the step ended the episode.
+    fn remember(&mut self, _env: usize, _action: &[f32], _reward: f32) {}
 }
 
 /// The memory of an actor that decides from the observation alone.

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::actor_critic_policy::ActorCriticPolicy;
 use crate::adam::{Adam, ParamGroup, clip_global_norm};
-use crate::algorithm::{Algorithm, AlgorithmState};
+use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::loss::{LossSums, LossWeights};
@@ -123,7 +123,7 @@ impl Algorithm for Ppo {
 
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         state.check_like(&self.save())?;
-        check_second_moment(state)?;
+        check_not_negative(state, &[SECOND_MOMENT])?;
         // the layout is that of `save`
         self.optimiser
             .first_moment
@@ -258,23 +258,6 @@ fn loss_weights(settings: &PpoSettings) -> LossWeights {
 fn shuffle(order: &mut [usize], rng: &mut ChaCha8Rng) {
     for i in (1..order.len()).rev() {
         order.swap(i, rng.random_range(0..=i));
-    }
-}
-
-/// A negative second moment has no root: the next step would be NaN.
-fn check_second_moment(state: &AlgorithmState<'_>) -> Result<(), RlError> {
-    let moments = state
-        .tensors
-        .iter()
-        .filter(|(name, _)| *name == SECOND_MOMENT);
-    let mut numbers = moments.flat_map(|(_, values)| values.iter());
-    match numbers.find(|&&v| v < 0.0) {
-        Some(&value) => Err(RlError::Damaged {
-            name: SECOND_MOMENT.to_owned(),
-            value: value.into(),
-            expected: "no negative number",
-        }),
-        None => Ok(()),
     }
 }
 

@@ -3,7 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::RlError;
-use crate::require::{require, require_log_std, require_positive};
+use crate::require::{
+    require, require_count, require_log_std, require_positive, require_share, require_weight,
+};
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
 ///
@@ -122,25 +124,6 @@ impl PpoSettings {
         require_positive("encoder_learning_rate", self.encoder_learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)
     }
-}
-
-fn require_share(name: &'static str, value: f32) -> Result<(), RlError> {
-    let allowed = (0.0..=1.0).contains(&value);
-    require(name, value, "a number in [0, 1]", allowed)
-}
-
-fn require_weight(name: &'static str, value: f32) -> Result<(), RlError> {
-    let allowed = value >= 0.0 && value.is_finite();
-    require(name, value, "a finite number, at least 0", allowed)
-}
-
-fn require_count(
-    name: &'static str,
-    count: usize,
-    least: usize,
-    expected: &'static str,
-) -> Result<(), RlError> {
-    require(name, count as f32, expected, count >= least)
 }
 
 impl Default for PpoSettings {

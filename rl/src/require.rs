@@ -61,6 +61,28 @@ pub(crate) fn require_positive(name: &'static str, value: f32) -> Result<(), RlE
     require(name, value, "a finite number above 0", allowed)
 }
 
+/// Refuses what is not a share.
+pub(crate) fn require_share(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = (0.0..=1.0).contains(&value);
+    require(name, value, "a number in [0, 1]", allowed)
+}
+
+/// Refuses what is not a finite number of at least 0.
+pub(crate) fn require_weight(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = value >= 0.0 && value.is_finite();
+    require(name, value, "a finite number, at least 0", allowed)
+}
+
+/// Refuses a count below `least`.
+pub(crate) fn require_count(
+    name: &'static str,
+    count: usize,
+    least: usize,
+    expected: &'static str,
+) -> Result<(), RlError> {
+    require(name, count as f32, expected, count >= least)
+}
+
 /// Refuses what is not a logarithm of a standard deviation to begin with or to stop at.
 pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
     require(

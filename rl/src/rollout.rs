@@ -89,6 +89,14 @@ impl<M: Memory> RolloutState<M> {
         })
     }
 
+    /// Tells the memory of the actions `[N, A]` that were executed and of their rewards.
+    pub(crate) fn remember(&mut self, actions: &[f32], rewards: &[f32]) {
+        let width = actions.len() / rewards.len().max(1);
+        for (n, (action, &reward)) in actions.chunks(width.max(1)).zip(rewards).enumerate() {
+            self.memory.remember(n, action, reward);
+        }
+    }
+
     /// Books one step and moves on to its observations; returns the episodes that ended, which the
     /// memory has then forgotten.
     pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<Episode> {
@@ -167,6 +175,7 @@ pub fn collect<A: Actor, E: Experience<A>>(
         let (memory, observations) = (&mut state.memory, &state.observations);
         let actions = experience.decide(actor, observations, memory, rng)?;
         step(env, actions, &mut transition)?;
+        state.remember(actions, &transition.rewards);
         experience.record(actor, &state.observations, &transition)?;
         stats.decisions += spec.num_envs;
         stats.episodes.extend(state.advance(&mut transition));

@@ -11,8 +11,8 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Decisions, Memory, Observations, OnPolicy, RlError, RolloutBuffer, RolloutState, Values,
-    VectorEnv, collect, evaluate,
+    Actor, Decisions, Memory, Observations, OnPolicy, Replay, ReplaySettings, RlError,
+    RolloutBuffer, RolloutState, Values, VectorEnv, collect, evaluate,
 };
 
 /// Counts the steps of each running episode: the smallest recurrent actor there is.
@@ -168,4 +168,93 @@ fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
     state.memory = actor.memory(1);
     collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
     assert!(!right(buffer.rewards()));
+}
+
+/// Notes all that it is told of the first environment.
+#[derive(Default)]
+struct Notes {
+    age: f32,
+    heard: Vec<Heard>,
+}
+
+#[derive(Debug, PartialEq)]
+enum Heard {
+    Step { action: f32, reward: f32 },
+    End,
+}
+
+impl Memory for Notes {
+    fn forget(&mut self, env: usize) {
+        if env == 0 {
+            self.heard.push(Heard::End);
+        }
+    }
+
+    fn remember(&mut self, env: usize, action: &[f32], reward: f32) {
+        if env == 0 {
+            let action = action[0];
+            self.heard.push(Heard::Step { action, reward });
+        }
+    }
+}
+
+/// Acts wrongly at every second step.
+struct Wavering;
+
+impl Actor for Wavering {
+    type Memory = Notes;
+
+    fn memory(&self, _: usize) -> Notes {
+        Notes::default()
+    }
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        memory: &mut Notes,
+        _: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        self.mean_actions(observations, memory, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        _: &Observations,
+        memory: &mut Notes,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        out.fill(memory.age);
+        memory.age += 2.0;
+        Ok(())
+    }
+}
+
+/// A memory hears of each step after it was taken, with what was executed, and then of the end.
+#[test]
+fn a_memory_hears_of_actions_and_rewards_before_the_end() {
+    let mut env = Ages::new(&[2, 5]);
+    let settings = ReplaySettings {
+        steps: 3,
+        warm_up: 0,
+        ..ReplaySettings::default()
+    };
+    let mut replay = Replay::new(settings, env.spec()).unwrap();
+    let mut state = RolloutState::reset(&mut env, &Wavering).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    collect(&mut env, &mut Wavering, &mut replay, &mut state, &mut rng).unwrap();
+    let step = |action: f32, reward| Heard::Step { action, reward };
+    let expected = [step(0.0, 1.0), step(2.0, 0.0), Heard::End, step(4.0, 0.0)];
+    assert_eq!(state.memory.heard, expected);
+    // random actions of a warm-up are heard as they were executed
+    let warm = ReplaySettings {
+        steps: 1,
+        ..ReplaySettings::default()
+    };
+    let mut replay = Replay::new(warm, env.spec()).unwrap();
+    let mut state = RolloutState::reset(&mut env, &Wavering).unwrap();
+    collect(&mut env, &mut Wavering, &mut replay, &mut state, &mut rng).unwrap();
+    let executed = replay.get(0).action()[0];
+    assert_eq!(state.memory.heard, [step(executed, 0.0)]);
+    assert!(executed != 0.0);
 }

@@ -1,0 +1,389 @@
+//! A gated recurrent unit on regular fields.
+
+use std::fmt;
+use std::ops::Range;
+
+use rand::Rng;
+use symmetry::FieldType;
+
+use crate::error::LayerError;
+use crate::layers::accepted::check_channels;
+use crate::layers::layer::{Layer, Signature};
+use crate::layers::linear::Linear;
+use crate::layers::scalar::Scalar;
+use crate::scratch::Scratch;
+use crate::steerable::hadamard::hadamard;
+
+/// The gain of the weights: no ReLU follows.
+const GAIN: f64 = 1.0;
+
+/// A gated recurrent unit: Cho et al., "Learning phrase representations using RNN encoder-decoder"
+/// (EMNLP 2014, section 2.3), in the variant of cuDNN and of PyTorch's `GRU`, which applies the
+/// reset gate after the matrix and not before:
+///
+/// ```text
+/// r = sigmoid(W_ir x + b_ir + W_hr h + b_hr)
+/// z = sigmoid(W_iz x + b_iz + W_hz h + b_hz)
+/// n = tanh(W_in x + b_in + r (W_hn h + b_hn))
+/// h' = (1 - z) n + z h
+/// ```
+///
+/// The state h starts at zero. Matrices are equivariant and map to regular fields, whose regular
+/// basis the group permutes; what is pointwise happens there, so the unit is equivariant. Under C1
+/// it is PyTorch's, with its layout of parameters: W_i `[3 H, in]`, b_i, W_h `[3 H, H]`, b_h, and
+/// the rows of r, z and n in this order.
+///
+/// It reads sequences `[L, N, in]` of N samples and gives their last states `[N, H]`. It is no
+/// [`Layer`]: the lengths of the sequences are not known before.
+#[derive(Clone, Debug)]
+pub struct Gru {
+    /// Regular fields of the state.
+    fields: usize,
+    input: Linear,
+    hidden: Linear,
+}
+
+/// What the forward pass of a [`Gru`] leaves for the backward pass, over up to a fixed number of
+/// sequences.
+#[derive(Clone, Debug)]
+pub struct GruPass<T> {
+    /// For how many steps and samples there is room.
+    room: [usize; 2],
+    /// Those of the last forward pass.
+    sizes: [usize; 2],
+    /// Steps that each sample begins after, `[N]`.
+    begins: Vec<usize>,
+    /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
+    states: Vec<T>,
+    coefficients: Vec<T>,
+    /// The input's part of the gates, then r, z and n, `[L, N, 3 H]`.
+    gates: Vec<T>,
+    /// The state's part of the gates, then the gradient in it, `[N, 3 H]`.
+    from_state: Vec<T>,
+    /// W_hn h + b_hn, `[L, N, H]`.
+    candidates: Vec<T>,
+    /// Gradients in the state, and in the state before, `[N, H]`.
+    d_state: Vec<T>,
+    d_before: Vec<T>,
+    scratch: Scratch<T>,
+}
+
+impl Gru {
+    /// A unit that reads vectors of a type and remembers `fields` regular fields of its group.
+    ///
+    /// # Errors
+    /// When a type has no channels, or the gates have more than a field type can have.
+    pub fn new(in_type: FieldType, fields: usize) -> Result<Gru, LayerError> {
+        let group = in_type.group();
+        let channels = fields.saturating_mul(3 * group.order());
+        check_channels("Gru", channels)?;
+        let gates = group.regular(3 * fields);
+        Ok(Gru {
+            fields,
+            input: Linear::new(in_type, gates)?,
+            hidden: Linear::new(group.regular(fields), gates)?,
+        })
+    }
+
+    /// The type of what it reads.
+    pub fn in_type(&self) -> FieldType {
+        self.input.in_shape().fields
+    }
+
+    /// The type of the state.
+    pub fn out_type(&self) -> FieldType {
+        self.hidden.in_shape().fields
+    }
+
+    /// The number of parameters.
+    pub fn num_params(&self) -> usize {
+        self.input.num_params() + self.hidden.num_params()
+    }
+
+    /// Draws the weights with variance 1 / fan-in and sets the biases to zero.
+    ///
+    /// # Panics
+    /// When `params` does not hold the parameters.
+    pub fn init<T: Scalar>(&self, rng: &mut dyn Rng, params: &mut [T]) {
+        self.check("params", params.len(), self.num_params());
+        let (input, hidden) = params.split_at_mut(self.input.num_params());
+        self.input.init_scaled(rng, GAIN, input);
+        self.hidden.init_scaled(rng, GAIN, hidden);
+    }
+
+    /// Memory for up to `samples` sequences of up to `steps` steps.
+    pub fn pass<T: Scalar>(&self, steps: usize, samples: usize) -> GruPass<T> {
+        let zeros = |len: usize| vec![T::ZERO; len];
+        let state = samples * self.out_type().dim();
+        GruPass {
+            room: [steps, samples],
+            sizes: [0; 2],
+            begins: Vec::with_capacity(samples),
+            states: zeros((steps + 1) * state),
+            coefficients: zeros((steps + 1) * state),
+            gates: zeros(steps * 3 * state),
+            from_state: zeros(3 * state),
+            candidates: zeros(steps * state),
+            d_state: zeros(state),
+            d_before: zeros(state),
+            scratch: self.input.scratch(steps * samples),
+        }
+    }
+
+    /// Reads `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end, and what comes
+    /// before them is not looked at; [`GruPass::out`] then holds the last states. A sequence of no
+    /// steps leaves the state at zero.
+    ///
+    /// # Panics
+    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room.
+    pub fn forward<T: Scalar>(
+        &self,
+        params: &[T],
+        x: &[T],
+        lengths: &[usize],
+        pass: &mut GruPass<T>,
+    ) {
+        self.begin(params, x.len(), lengths, pass);
+        let [steps, samples] = pass.sizes;
+        let (input, hidden) = params.split_at(self.input.num_params());
+        let gates = steps * samples * 3 * self.width();
+        let in_gates = &mut pass.gates[..gates];
+        self.input.forward(input, x, in_gates, &mut pass.scratch);
+        self.to_regular(3, in_gates);
+        pass.states[..samples * self.width()].fill(T::ZERO);
+        pass.coefficients[..samples * self.width()].fill(T::ZERO);
+        for step in 0..steps {
+            self.step_forward(hidden, step, pass);
+        }
+    }
+
+    /// Adds the gradient in the parameters to `dparams` from `d_out` `[N, H]`, that in the last
+    /// states, and writes the gradient in the input where it is asked for. `x` is that of the last
+    /// forward pass.
+    ///
+    /// # Panics
+    /// When a slice has a wrong length.
+    pub fn backward<T: Scalar>(
+        &self,
+        params: &[T],
+        x: &[T],
+        d_out: &[T],
+        dx: Option<&mut [T]>,
+        dparams: &mut [T],
+        pass: &mut GruPass<T>,
+    ) {
+        let [steps, samples] = pass.sizes;
+        self.check("d_out", d_out.len(), samples * self.width());
+        self.check("dparams", dparams.len(), self.num_params());
+        let at = self.input.num_params();
+        let (d_input, d_hidden) = dparams.split_at_mut(at);
+        pass.d_state[..d_out.len()].copy_from_slice(d_out);
+        self.to_regular(1, &mut pass.d_state[..d_out.len()]);
+        for step in (0..steps).rev() {
+            self.step_backward(&params[at..], step, d_hidden, pass);
+        }
+        let gates = &mut pass.gates[..steps * samples * 3 * self.width()];
+        self.to_regular(3, gates);
+        let (input, gates) = (&params[..at], &*gates);
+        // the values of the output are not looked at
+        let scratch = &mut pass.scratch;
+        self.input
+            .backward(input, x, gates, gates, dx, d_input, scratch);
+    }
+
+    /// H, the channels of the state.
+    fn width(&self) -> usize {
+        self.out_type().dim()
+    }
+
+    /// Changes rows of `parts` states between the regular basis and that of the irreps.
+    fn to_regular<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
+        for row in rows.chunks_exact_mut(parts * self.width()) {
+            hadamard(self.out_type().group(), row);
+        }
+    }
+
+    /// Checks the slices and notes where the sequences begin.
+    fn begin<T>(&self, params: &[T], x: usize, lengths: &[usize], pass: &mut GruPass<T>) {
+        let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
+        let steps = x.checked_div(row).unwrap_or(0);
+        self.check("params", params.len(), self.num_params());
+        self.check("x", x, steps * row);
+        let longest = lengths.iter().max().copied().unwrap_or(0);
+        let [most_steps, most] = pass.room;
+        assert!(
+            longest <= steps && steps <= most_steps && samples <= most,
+            "{self}: got {samples} sequences of {longest} steps in {steps}, expected at most \
+             {most} of {most_steps}"
+        );
+        pass.sizes = [steps, samples];
+        pass.begins.clear();
+        pass.begins.extend(lengths.iter().map(|len| steps - len));
+    }
+
+    fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruPass<T>) {
+        let width = self.width();
+        let rows = self.rows(step, pass);
+        let (before, after) = pass.states[rows.start..].split_at_mut(rows.len());
+        let from_state = &mut pass.from_state[..3 * rows.len()];
+        let coefficients = &pass.coefficients[rows.clone()];
+        self.hidden
+            .forward(hidden, coefficients, from_state, &mut pass.scratch);
+        self.to_regular(3, from_state);
+        let samples = after
+            .chunks_exact_mut(width)
+            .zip(before.chunks_exact(width));
+        let gates = pass.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
+        let candidates = pass.candidates[rows.clone()].chunks_exact_mut(width);
+        let parts = gates
+            .zip(from_state.chunks_exact(3 * width))
+            .zip(candidates);
+        for (((after, before), ((gates, from_state), candidate)), &begin) in
+            samples.zip(parts).zip(&pass.begins)
+        {
+            if step < begin {
+                after.fill(T::ZERO);
+            } else {
+                self.cell(gates, from_state, candidate, before, after);
+            }
+        }
+        let next = rows.end..rows.end + rows.len();
+        pass.coefficients[next.clone()].copy_from_slice(&pass.states[next.clone()]);
+        self.to_regular(1, &mut pass.coefficients[next]);
+    }
+
+    /// One step of one sample in the regular basis. `gates` hold the input's part and then r, z, n.
+    fn cell<T: Scalar>(
+        &self,
+        gates: &mut [T],
+        from_state: &[T],
+        candidate: &mut [T],
+        before: &[T],
+        after: &mut [T],
+    ) {
+        for i in 0..after.len() {
+            let [r, z, n] = self.gates_of(i);
+            gates[r] = sigmoid(gates[r] + from_state[r]);
+            gates[z] = sigmoid(gates[z] + from_state[z]);
+            candidate[i] = from_state[n];
+            gates[n] = tanh(gates[n] + gates[r] * from_state[n]);
+            after[i] = gates[n] + gates[z] * (before[i] - gates[n]);
+        }
+    }
+
+    /// Where the gates r, z and n of channel `i` of the state lie, in the regular basis.
+    fn gates_of(&self, i: usize) -> [usize; 3] {
+        let (element, field) = (i / self.fields, i % self.fields);
+        [0, 1, 2].map(|gate| (3 * element + gate) * self.fields + field)
+    }
+
+    /// Brings the gradient in the state after a step to the state before it and to the gates, whose
+    /// gradient takes the place of their values.
+    fn step_backward<T: Scalar>(
+        &self,
+        hidden: &[T],
+        step: usize,
+        d_hidden: &mut [T],
+        pass: &mut GruPass<T>,
+    ) {
+        let width = self.width();
+        let rows = self.rows(step, pass);
+        for (sample, &begin) in pass.begins.iter().enumerate() {
+            let own = sample * width..(sample + 1) * width;
+            let at = rows.start + own.start..rows.start + own.end;
+            let gates = &mut pass.gates[3 * at.start..3 * at.end];
+            let d_from_state = &mut pass.from_state[3 * own.start..3 * own.end];
+            if step < begin {
+                gates.fill(T::ZERO);
+                d_from_state.fill(T::ZERO);
+                pass.d_state[own].fill(T::ZERO);
+            } else {
+                let values = [&pass.candidates[at.clone()], &pass.states[at]];
+                self.cell_backward(gates, d_from_state, values, &mut pass.d_state[own]);
+            }
+        }
+        let d_from_state = &mut pass.from_state[..3 * rows.len()];
+        self.to_regular(3, d_from_state);
+        let d_before = &mut pass.d_before[..rows.len()];
+        let (coefficients, d_from_state) = (&pass.coefficients[rows.clone()], &*d_from_state);
+        self.hidden.backward(
+            hidden,
+            coefficients,
+            // the values of the output are not looked at
+            d_from_state,
+            d_from_state,
+            Some(&mut *d_before),
+            d_hidden,
+            &mut pass.scratch,
+        );
+        self.to_regular(1, d_before);
+        for (sum, &d) in pass.d_state.iter_mut().zip(&*d_before) {
+            *sum += d;
+        }
+    }
+
+    /// One step of one sample in the regular basis; `d_state` becomes what the state before gets
+    /// past the gates.
+    fn cell_backward<T: Scalar>(
+        &self,
+        gates: &mut [T],
+        d_from_state: &mut [T],
+        [candidate, before]: [&[T]; 2],
+        d_state: &mut [T],
+    ) {
+        let one = T::from_f64(1.0);
+        for i in 0..d_state.len() {
+            let at = self.gates_of(i);
+            let [r, z, n] = at.map(|gate| gates[gate]);
+            let d = d_state[i];
+            let d_n = d * (one - z) * (one - n * n);
+            let d_z = d * (before[i] - n) * z * (one - z);
+            let d_r = d_n * candidate[i] * r * (one - r);
+            for (gate, value) in at.into_iter().zip([d_r, d_z, d_n]) {
+                gates[gate] = value;
+                d_from_state[gate] = value;
+            }
+            d_from_state[at[2]] = d_n * r;
+            d_state[i] = d * z;
+        }
+    }
+
+    /// The states before a step.
+    fn rows<T>(&self, step: usize, pass: &GruPass<T>) -> Range<usize> {
+        let len = pass.sizes[1] * self.width();
+        step * len..(step + 1) * len
+    }
+
+    fn check(&self, name: &str, got: usize, expected: usize) {
+        assert!(
+            got == expected,
+            "{self}: got {name} of {got} values, expected {expected}"
+        );
+    }
+}
+
+impl<T: Scalar> GruPass<T> {
+    /// The states `[N, H]` after the last step of the last forward pass.
+    pub fn out(&self) -> &[T] {
+        let [steps, samples] = self.sizes;
+        let len = samples * self.d_state.len() / self.room[1].max(1);
+        &self.coefficients[steps * len..(steps + 1) * len]
+    }
+}
+
+fn sigmoid<T: Scalar>(x: T) -> T {
+    let one = T::from_f64(1.0);
+    one / (one + (-x).exp())
+}
+
+fn tanh<T: Scalar>(x: T) -> T {
+    let two = T::from_f64(2.0);
+    two * sigmoid(two * x) - T::from_f64(1.0)
+}
+
+impl fmt::Display for Gru {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (from, to, parameters) = (self.in_type(), self.out_type(), self.num_params());
+        write!(f, "Gru({from} -> {to} | {parameters} parameters)")
+    }
+}

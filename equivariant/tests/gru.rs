@@ -1,0 +1,168 @@
+//! The recurrent unit: PyTorch's numbers (`benches/peers/golden_gru.py`), finite differences,
+//! symmetry and sequences of different lengths.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::{largest_deviation, normal, rng};
+use equivariant::{FieldType, Group, Gru, Scalar, Shape, equivariance_error_of};
+use safetensors::SafeTensors;
+
+const GOLDEN: &[u8] = include_bytes!("golden/gru.safetensors");
+const STEPS: usize = 5;
+const LENGTHS: [usize; 4] = [5, 2, 4, 1];
+
+fn golden(name: &str) -> Vec<f64> {
+    let tensors = SafeTensors::deserialize(GOLDEN).unwrap();
+    let (values, _) = tensors.tensor(name).unwrap().data().as_chunks();
+    values.iter().map(|&b| f64::from_le_bytes(b)).collect()
+}
+
+/// A unit on a type that has all irreps of the group, and some more often than others.
+fn unit(group: Group) -> Gru {
+    let mut irreps = group.irreps().to_vec();
+    irreps.extend([group.irreps()[0]; 2]);
+    Gru::new(FieldType::from_irreps(group, &irreps), 3).unwrap()
+}
+
+fn drawn<T: Scalar>(gru: &Gru) -> Vec<T> {
+    let mut params = vec![T::ZERO; gru.num_params()];
+    gru.init(&mut rng(3), &mut params);
+    // biases, too
+    let shift = normal::<T>(params.len(), 4);
+    let tenth = T::from_f64(0.1);
+    params
+        .iter_mut()
+        .zip(shift)
+        .for_each(|(p, s)| *p += tenth * s);
+    params
+}
+
+/// Last states, gradient in the input and gradient in the parameters of `d_out . out`.
+fn run(gru: &Gru, params: &[f64], x: &[f64], d_out: &[f64]) -> [Vec<f64>; 3] {
+    // room for more, with what an earlier pass left
+    let mut pass = gru.pass(STEPS + 1, LENGTHS.len() + 2);
+    let other = normal(2 * 6 * gru.in_type().dim(), 9);
+    gru.forward(params, &other, &[2; 6], &mut pass);
+    gru.forward(params, x, &LENGTHS, &mut pass);
+    let out = pass.out().to_vec();
+    // one, not zero: gradients must be added
+    let (mut dx, mut dparams) = (vec![f64::NAN; x.len()], vec![1.0; params.len()]);
+    gru.backward(params, x, d_out, Some(&mut dx), &mut dparams, &mut pass);
+    dparams.iter_mut().for_each(|d| *d -= 1.0);
+    [out, dx, dparams]
+}
+
+#[test]
+fn the_unit_of_c1_is_that_of_pytorch() {
+    let gru = Gru::new(Group::C1.trivial(7), 6).unwrap();
+    let [out, dx, dparams] = run(&gru, &golden("params"), &golden("x"), &golden("dy"));
+    for (name, got) in [("y", out), ("dx", dx), ("dparams", dparams)] {
+        let error = largest_deviation(&got, &golden(name));
+        assert!(error < 1e-12, "{name}: {error}");
+    }
+}
+
+#[test]
+fn backward_is_the_derivative_of_forward_for_every_group() {
+    for group in Group::ALL {
+        let gru = unit(group);
+        let width = gru.out_type().dim();
+        let d_out: Vec<f64> = normal(LENGTHS.len() * width, 5);
+        let at = [
+            drawn(&gru),
+            normal(STEPS * LENGTHS.len() * gru.in_type().dim(), 6),
+        ];
+        let value = |params: &[f64], x: &[f64]| {
+            let [out, ..] = run(&gru, params, x, &d_out);
+            out.iter().zip(&d_out).map(|(a, b)| a * b).sum::<f64>()
+        };
+        let [_, dx, dparams] = run(&gru, &at[0], &at[1], &d_out);
+        for (which, gradient) in [dparams, dx].into_iter().enumerate() {
+            assert!(gradient.iter().any(|&d| d != 0.0));
+            for i in (0..gradient.len()).step_by(3) {
+                let [low, high] = [-1e-5, 1e-5].map(|h| {
+                    let mut moved = at.clone();
+                    moved[which][i] += h;
+                    value(&moved[0], &moved[1])
+                });
+                let slope = (high - low) / 2e-5;
+                let error = (slope - gradient[i]).abs();
+                assert!(
+                    error < 1e-8,
+                    "{group}, {which}, {i}: {slope} {}",
+                    gradient[i]
+                );
+            }
+        }
+    }
+}
+
+/// Three steps that follow one another, as one vector.
+#[test]
+fn the_unit_commutes_with_every_group() {
+    for group in Group::ALL {
+        let gru = unit(group);
+        let params = drawn::<f32>(&gru);
+        let mut pass = gru.pass(3, 1);
+        let steps = Shape::image(1, 1, gru.in_type());
+        let error = equivariance_error_of(
+            steps,
+            Shape::vector(gru.out_type()),
+            |x, y| {
+                let x = [x, x, x].concat();
+                gru.forward(&params, &x, &[3], &mut pass);
+                y.copy_from_slice(pass.out());
+            },
+            8,
+            &mut rng(7),
+        );
+        assert!(error < 1e-5, "{group}: {error}");
+    }
+}
+
+/// What comes before a sequence is not read, and a sequence of no steps leaves zeros.
+#[test]
+fn only_the_steps_of_a_sequence_count() {
+    let gru = unit(Group::D2);
+    let (width, inputs) = (gru.out_type().dim(), gru.in_type().dim());
+    let params = drawn::<f64>(&gru);
+    let mut pass = gru.pass(STEPS, LENGTHS.len());
+    let mut last = |x: &[f64], lengths: [usize; 4]| {
+        gru.forward(&params, x, &lengths, &mut pass);
+        pass.out().to_vec()
+    };
+    let x: Vec<f64> = normal(STEPS * LENGTHS.len() * inputs, 6);
+    let mut other = x.clone();
+    for step in 0..STEPS {
+        for (i, length) in LENGTHS.into_iter().enumerate() {
+            if step < STEPS - length {
+                other[(step * LENGTHS.len() + i) * inputs..][..inputs].fill(7.0);
+            }
+        }
+    }
+    assert_eq!(last(&x, LENGTHS), last(&other, LENGTHS));
+    assert_ne!(last(&x, [5; 4]), last(&other, [5; 4]));
+    assert!(last(&x, [0, 1, 1, 1])[..width].iter().all(|&h| h == 0.0));
+}
+
+#[test]
+#[should_panic(expected = "got 1 sequences of 3 steps in 2, expected at most 1 of 4")]
+fn a_sequence_that_is_longer_than_its_slice_is_refused() {
+    let gru = unit(Group::C1);
+    let mut pass = gru.pass(4, 1);
+    let x = vec![0.0; 2 * gru.in_type().dim()];
+    gru.forward(&drawn::<f32>(&gru), &x, &[3], &mut pass);
+}
+
+#[test]
+#[should_panic(expected = "got dparams of 1 values")]
+fn a_short_gradient_is_refused() {
+    let gru = unit(Group::C1);
+    let (params, mut pass) = (drawn::<f32>(&gru), gru.pass(1, 1));
+    let x = vec![0.0; gru.in_type().dim()];
+    gru.forward(&params, &x, &[1], &mut pass);
+    let d_out = vec![0.0; gru.out_type().dim()];
+    gru.backward(&params, &x, &d_out, None, &mut [0.0], &mut pass);
+}

@@ -1,0 +1,323 @@
+//! The ring of recorded steps.
+
+use std::collections::VecDeque;
+use std::iter::repeat_n;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::error::{RlError, check_all_finite, check_len};
+use crate::experience::Experience;
+use crate::policy::Actor;
+use crate::replay::episode::{Episode, Sizes};
+use crate::replay::recorded::{Place, Recorded};
+use crate::replay::settings::ReplaySettings;
+
+/// A ring of the latest steps, in the order in which they were recorded.
+///
+/// Pictures are kept as bytes. An episode's observations are kept one after the other, so that each
+/// is stored once, although it ends one step and begins the next; channels that stand still
+/// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
+/// memory as long as they are [history](Recorded::earlier) of later ones, and a history never
+/// reaches into another episode.
+///
+/// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    pub(super) settings: ReplaySettings,
+    pub(super) spec: EnvSpec,
+    pub(super) sizes: Sizes,
+    pub(super) episodes: VecDeque<Episode>,
+    /// Number of the first of `episodes`, counted from the first one ever.
+    pub(super) first: u32,
+    /// Steps that are held, the oldest first.
+    pub(super) order: VecDeque<Place>,
+    /// Numbers of the running episodes, `[N]`; none where an episode begins with the next step.
+    pub(super) running: Vec<Option<u32>>,
+    pub(super) recorded: u64,
+    pub(super) marked: u64,
+    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to the
+    /// allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory after
+    /// a few rounds.
+    spare: Vec<Vec<u8>>,
+    /// Of the step that is being collected, `[N, A]`.
+    actions: Vec<f32>,
+}
+
+impl Replay {
+    /// An empty replay for the environments of `spec`; their number may change, see
+    /// [`Replay::cut`]. Memory is allocated as steps come.
+    ///
+    /// # Errors
+    /// [`RlError::EmptySpec`] or [`RlError::Setting`] for sizes out of range.
+    pub fn new(settings: ReplaySettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        spec.check()?;
+        settings.check(spec)?;
+        Ok(Self {
+            sizes: Sizes::new(spec, settings.still_channels),
+            settings,
+            spec: spec.clone(),
+            episodes: VecDeque::new(),
+            first: 0,
+            order: VecDeque::new(),
+            running: vec![None; spec.num_envs],
+            recorded: 0,
+            marked: 0,
+            spare: Vec::new(),
+            actions: Vec::new(),
+        })
+    }
+
+    /// Records one step of N environments: the observations that were acted on, the actions
+    /// `[N, A]` and what they led to. After an error, nothing has changed.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for numbers that are
+    /// not, [`RlError::Discontinued`] for observations that are not those that the last step led
+    /// to, [`RlError::NotStill`] for a channel that should stand still and does not.
+    pub fn push(
+        &mut self,
+        observations: &Observations,
+        actions: &[f32],
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        let n = self.spec.num_envs;
+        observations.check(&self.spec, n)?;
+        observations.check_finite()?;
+        check_len("actions", "[N, A]", actions.len(), n * self.sizes.action)?;
+        check_all_finite("an action", actions)?;
+        transition.check(&self.spec)?;
+        (0..n).try_for_each(|env| self.check_continued(env, observations, transition))?;
+        for env in 0..n {
+            let action = &actions[env * self.sizes.action..(env + 1) * self.sizes.action];
+            self.push_one(env, observations, action, transition);
+        }
+        Ok(())
+    }
+
+    /// Ends the running episodes where they stand: the next observations belong to others. Call it
+    /// where a collection begins with a reset. Their last steps count as steps that go on, since
+    /// nothing is known of an end. Afterwards, the number of environments may be another.
+    pub fn cut(&mut self) {
+        for number in self.running.iter_mut().filter_map(Option::take) {
+            if let Some(episode) = self.episodes.get_mut((number - self.first) as usize) {
+                episode.shrink();
+            }
+        }
+    }
+
+    /// Marks the present: what is recorded from here on is the newest experience, of which
+    /// [`Replay::sample`] takes a share. At first, everything is.
+    pub fn mark(&mut self) {
+        self.marked = self.recorded;
+    }
+
+    /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1] of
+    /// them, rounded, from those recorded since the mark, the others from all. Where nothing was
+    /// recorded since the mark, all are drawn from all.
+    ///
+    /// # Panics
+    /// When the replay is empty.
+    pub fn sample(&self, batch: usize, newest: f32, rng: &mut ChaCha8Rng, out: &mut Vec<usize>) {
+        let len = self.len();
+        let since = ((self.recorded - self.marked) as usize).min(len);
+        let share = (newest * batch as f32).round() as usize;
+        let starts = if since == 0 { 0 } else { len - since };
+        let starts = repeat_n(starts, share).chain(repeat_n(0, batch - share));
+        out.clear();
+        out.extend(starts.map(|start| rng.random_range(start..len)));
+    }
+
+    /// Step `index`, in 0..[`Replay::len`]; the oldest is the first.
+    ///
+    /// # Panics
+    /// When there is no such step.
+    pub fn get(&self, index: usize) -> Recorded<'_> {
+        let place = self.order[index];
+        let episode = self.episode(place.episode);
+        Recorded {
+            episode,
+            sizes: &self.sizes,
+            number: place.episode,
+            step: place.step as usize - episode.removed,
+        }
+    }
+
+    /// Number of steps held.
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Whether no step is held.
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Number of steps ever recorded.
+    pub fn recorded(&self) -> u64 {
+        self.recorded
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &ReplaySettings {
+        &self.settings
+    }
+
+    /// Sizes and types of the environments.
+    pub fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
+        let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
+        episodes + spare + self.order.capacity() * size_of::<Place>()
+    }
+
+    fn episode(&self, number: u32) -> &Episode {
+        &self.episodes[(number - self.first) as usize]
+    }
+
+    /// Refuses a step of environment `env` that does not follow its running episode, and pictures
+    /// whose still channels change.
+    fn check_continued(
+        &self,
+        env: usize,
+        observations: &Observations,
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        let now = observations.sample(&self.spec, env);
+        let next = led_to(transition, env).sample(&self.spec, env);
+        let begun;
+        let episode = match self.running[env] {
+            Some(number) => self.episode(number),
+            None => {
+                begun = Episode::begin(&self.sizes, now, Vec::new());
+                &begun
+            }
+        };
+        if !episode.ends_with(&self.sizes, now) {
+            return Err(RlError::Discontinued { env });
+        }
+        if !episode.stands_still(&self.sizes, next.0) {
+            let channels = self.sizes.still;
+            return Err(RlError::NotStill { env, channels });
+        }
+        Ok(())
+    }
+
+    fn push_one(
+        &mut self,
+        env: usize,
+        observations: &Observations,
+        action: &[f32],
+        transition: &Transition,
+    ) {
+        let number = self.running[env].unwrap_or_else(|| {
+            let now = observations.sample(&self.spec, env);
+            let spare = self.spare.pop().unwrap_or_default();
+            self.episodes
+                .push_back(Episode::begin(&self.sizes, now, spare));
+            self.first + self.episodes.len() as u32 - 1
+        });
+        let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
+        let next = led_to(transition, env).sample(&self.spec, env);
+        let episode = &mut self.episodes[(number - self.first) as usize];
+        self.order.push_back(Place {
+            episode: number,
+            step: (episode.removed + episode.steps()) as u32,
+        });
+        episode.push(&self.sizes, action, (reward, outcome), next);
+        self.running[env] = (!outcome.ended()).then_some(number);
+        self.recorded += 1;
+        if self.len() > self.settings.capacity {
+            self.drop_oldest();
+        }
+    }
+
+    /// Drops the oldest step, and the memory of episodes of which no step is left.
+    fn drop_oldest(&mut self) {
+        let Some(place) = self.order.pop_front() else {
+            return;
+        };
+        let running = &self.running;
+        let over = |number: u32| !running.contains(&Some(number));
+        let episode = &mut self.episodes[(place.episode - self.first) as usize];
+        episode.drop_oldest(&self.sizes);
+        if episode.held == 0 && over(place.episode) {
+            let dropped = std::mem::take(episode);
+            if self.spare.len() < self.running.len() {
+                self.spare.push(dropped.moving);
+            }
+        }
+        while self.episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
+            self.episodes.pop_front();
+            self.first += 1;
+        }
+    }
+
+    /// Makes room for the running episodes of the environments of `spec`.
+    fn prepare(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.spec.check_same(spec)?;
+        let (got, expected) = (spec.num_envs, self.spec.num_envs);
+        if self.running.iter().any(Option::is_some) {
+            check_len("environments", "[N]", got, expected)?;
+        }
+        self.spec.num_envs = got;
+        self.running.resize(got, None);
+        self.actions.resize(got * self.sizes.action, 0.0);
+        Ok(())
+    }
+}
+
+/// The observations that a step led environment `env` to.
+fn led_to(transition: &Transition, env: usize) -> &Observations {
+    match transition.outcomes[env] {
+        Outcome::Running => &transition.observations,
+        Outcome::Terminated | Outcome::Truncated => &transition.final_observations,
+    }
+}
+
+impl<A: Actor> Experience<A> for Replay {
+    fn steps(&self) -> usize {
+        self.settings.steps
+    }
+
+    fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.prepare(spec)
+    }
+
+    /// The actor's actions; during the warm-up it is asked, too, and uniform actions are taken.
+    fn decide(
+        &mut self,
+        actor: &mut A,
+        observations: &Observations,
+        memory: &mut A::Memory,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        actor.act(observations, memory, rng, &mut self.actions)?;
+        if self.recorded < self.settings.warm_up {
+            self.actions.fill_with(|| rng.random_range(-1.0..=1.0));
+        }
+        Ok(&self.actions)
+    }
+
+    fn record(
+        &mut self,
+        _: &mut A,
+        observations: &Observations,
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        // lent out, since a push borrows all of the replay
+        let actions = std::mem::take(&mut self.actions);
+        let result = self.push(observations, &actions, transition);
+        self.actions = actions;
+        result
+    }
+
+    fn end(&mut self, _: &mut A, _: &Observations) -> Result<(), RlError> {
+        Ok(())
+    }
+}

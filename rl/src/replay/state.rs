@@ -1,0 +1,187 @@
+//! A replay as plain arrays, for checkpoints.
+
+use std::collections::VecDeque;
+
+use crate::env::{EnvSpec, Outcome};
+use crate::error::{RlError, check_all_finite, check_len};
+use crate::replay::episode::{Episode, Sizes};
+use crate::replay::recorded::Place;
+use crate::replay::ring::Replay;
+use crate::replay::settings::ReplaySettings;
+
+/// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReplayState<'a> {
+    /// Steps ever recorded.
+    pub recorded: u64,
+    /// Steps that had been recorded when the present was marked.
+    pub marked: u64,
+    /// For each environment, the index in `episodes` of its running one, `[N]`.
+    pub running: Vec<Option<u32>>,
+    /// Index in `episodes` and position in the episode of every step, the oldest first.
+    pub order: Vec<[u32; 2]>,
+    /// The episodes, in the order in which they began.
+    pub episodes: Vec<EpisodeState<'a>>,
+}
+
+/// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. An episode of
+/// which no step is held may be empty.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EpisodeState<'a> {
+    /// Channels that stand still, `[H, W, S]`.
+    pub still: &'a [u8],
+    /// Channels that move, `[T + 1, H, W, C - S]`.
+    pub moving: &'a [u8],
+    /// Observation vectors `[T + 1, D]`.
+    pub vectors: &'a [f32],
+    /// Actions `[T, A]`.
+    pub actions: &'a [f32],
+    /// Rewards `[T]`.
+    pub rewards: &'a [f32],
+    /// How the last step left the episode.
+    pub outcome: Outcome,
+    /// Steps removed from the front of an episode that outlasts the replay.
+    pub removed: u32,
+}
+
+impl Replay {
+    /// Everything that the replay holds; the arrays are lent, not copied.
+    pub fn save(&self) -> ReplayState<'_> {
+        let index = |number: u32| number - self.first;
+        let order = self.order.iter();
+        ReplayState {
+            recorded: self.recorded,
+            marked: self.marked,
+            running: self.running.iter().map(|n| n.map(index)).collect(),
+            order: order.map(|at| [index(at.episode), at.step]).collect(),
+            episodes: self.episodes.iter().map(Episode::save).collect(),
+        }
+    }
+
+    /// A replay that goes on from a state that [`Replay::save`] gave.
+    ///
+    /// # Errors
+    /// Those of [`Replay::new`], [`RlError::Shape`] for arrays of another environment,
+    /// [`RlError::Damaged`] or [`RlError::NotFinite`] for numbers that cannot be right.
+    pub fn restore(
+        settings: ReplaySettings,
+        spec: &EnvSpec,
+        state: &ReplayState<'_>,
+    ) -> Result<Self, RlError> {
+        let mut replay = Self::new(settings, spec)?;
+        state.check(&replay)?;
+        replay.spec.num_envs = state.running.len();
+        replay.running.clone_from(&state.running);
+        replay.recorded = state.recorded;
+        replay.marked = state.marked;
+        replay.episodes = state.episodes.iter().map(Episode::restored).collect();
+        replay.order = VecDeque::with_capacity(state.order.len());
+        for &[episode, step] in &state.order {
+            replay.episodes[episode as usize].held += 1;
+            replay.order.push_back(Place { episode, step });
+        }
+        Ok(replay)
+    }
+}
+
+impl Episode {
+    fn save(&self) -> EpisodeState<'_> {
+        EpisodeState {
+            still: &self.still,
+            moving: &self.moving,
+            vectors: &self.vectors,
+            actions: &self.actions,
+            rewards: &self.rewards,
+            outcome: self.outcome,
+            removed: self.removed as u32,
+        }
+    }
+
+    fn restored(state: &EpisodeState<'_>) -> Self {
+        Self {
+            still: state.still.to_vec(),
+            moving: state.moving.to_vec(),
+            vectors: state.vectors.to_vec(),
+            actions: state.actions.to_vec(),
+            rewards: state.rewards.to_vec(),
+            outcome: state.outcome,
+            removed: state.removed as usize,
+            held: 0,
+        }
+    }
+}
+
+impl ReplayState<'_> {
+    fn check(&self, replay: &Replay) -> Result<(), RlError> {
+        let mut episodes = self.episodes.iter();
+        episodes.try_for_each(|episode| episode.check(&replay.sizes))?;
+        require(
+            "replay.order",
+            self.order.len(),
+            "at most the capacity",
+            |len| len <= replay.settings.capacity && len as u64 <= self.recorded,
+        )?;
+        let marked = self.marked as usize;
+        let expected = "a number of steps that were recorded";
+        require("replay.marked", marked, expected, |_| {
+            self.marked <= self.recorded
+        })?;
+        for &[episode, step] in &self.order {
+            let steps = self.episodes.get(episode as usize).map(EpisodeState::steps);
+            let held = steps.is_some_and(|steps| steps.contains(&step));
+            let expected = "steps of its episodes";
+            require("replay.order", step as usize, expected, |_| held)?;
+        }
+        for &running in self.running.iter().flatten() {
+            let episode = self.episodes.get(running as usize);
+            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.vectors.is_empty());
+            let expected = "episodes that have not ended";
+            require("replay.running", running as usize, expected, |_| runs)?;
+        }
+        Ok(())
+    }
+}
+
+impl EpisodeState<'_> {
+    /// Positions of the steps that are stored.
+    fn steps(&self) -> std::ops::Range<u32> {
+        self.removed..self.removed + self.rewards.len() as u32
+    }
+
+    fn check(&self, sizes: &Sizes) -> Result<(), RlError> {
+        let steps = self.rewards.len();
+        let frames = if self.vectors.is_empty() {
+            0
+        } else {
+            steps + 1
+        };
+        let still = frames.min(1) * sizes.still_len();
+        let moving = frames * sizes.moving_len();
+        check_len("still", "[H, W, S]", self.still.len(), still)?;
+        check_len("moving", "[T + 1, H, W, C - S]", self.moving.len(), moving)?;
+        let vectors = frames * sizes.vector;
+        check_len("vectors", "[T + 1, D]", self.vectors.len(), vectors)?;
+        let actions = frames.saturating_sub(1) * sizes.action;
+        check_len("actions", "[T, A]", self.actions.len(), actions)?;
+        check_len("rewards", "[T]", steps, frames.saturating_sub(1))?;
+        check_all_finite("a saved vector", self.vectors)?;
+        check_all_finite("a saved action", self.actions)?;
+        check_all_finite("a saved reward", self.rewards)
+    }
+}
+
+fn require(
+    name: &str,
+    value: usize,
+    expected: &'static str,
+    allowed: impl FnOnce(usize) -> bool,
+) -> Result<(), RlError> {
+    if allowed(value) {
+        return Ok(());
+    }
+    Err(RlError::Damaged {
+        name: name.to_owned(),
+        value: value as f64,
+        expected,
+    })
+}

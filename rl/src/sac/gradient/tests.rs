@@ -1,0 +1,351 @@
+//! The gradient against finite differences, and the losses under the group.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::{D2, Group};
+
+use super::*;
+use crate::encoder::Encoder;
+use crate::env::{Observations, signed};
+use crate::policy::{Actor, Memory};
+use crate::replay::ring::Replay;
+use crate::sac::fixtures::{network, replay, settings, spec, strided};
+use crate::sac::policy::SacPolicy;
+use crate::sac::settings::ContextSettings;
+
+/// A window of three steps, the last of which comes after the episode's end, and two other steps.
+const STEPS: [(usize, usize); 5] = [(4, 0), (4, 1), (4, 2), (7, 0), (11, 0)];
+const ALPHA: f64 = 0.2;
+const CLONING: f64 = 0.3;
+const A: usize = 3;
+
+/// A network with parameters, target critics, and what is drawn for a minibatch.
+struct Case {
+    network: SacNetwork<f64>,
+    params: Vec<f64>,
+    targets: Vec<f64>,
+    noise: [Vec<f32>; 2],
+    elements: [D2; STEPS.len()],
+    gamma: f64,
+}
+
+impl Case {
+    fn new(network: SacNetwork<f64>, gamma: f64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let params = network.init(&mut rng);
+        let targets = network.init(&mut rng)[network.critics()].to_vec();
+        let mut noise = || {
+            (0..STEPS.len() * A)
+                .map(|_| rng.random_range(-1.5..1.5))
+                .collect()
+        };
+        Self {
+            noise: [noise(), noise()],
+            network,
+            params,
+            targets,
+            elements: [D2::Identity; STEPS.len()],
+            gamma,
+        }
+    }
+
+    /// The same with every step and its noise moved by g.
+    fn moved(mut self, g: D2) -> Self {
+        self.elements = [g; STEPS.len()];
+        let irreps = &self.network.spec().action;
+        for noise in &mut self.noise {
+            let rows = noise.chunks(A).flat_map(|row| signed(g, row, irreps));
+            *noise = rows.collect();
+        }
+        self
+    }
+
+    /// Sums and gradient, in chunks of one workspace, and the actor's output of the last one.
+    fn run_in(&self, chunk: usize, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+        let losses = Losses {
+            network: &self.network,
+            params: &self.params,
+            targets: &self.targets,
+            batch: Batch {
+                replay,
+                steps: &STEPS,
+                elements: &self.elements,
+                noise: [&self.noise[0], &self.noise[1]],
+                gamma: self.gamma,
+                temperature: ALPHA,
+                cloning: CLONING,
+            },
+        };
+        let mut gradient = vec![0.0; self.params.len()];
+        let mut w = self.network.workspace(chunk);
+        let mut sums = SacSums::default();
+        for start in (0..STEPS.len()).step_by(chunk) {
+            let range = start..STEPS.len().min(start + chunk);
+            sums.add(&losses.chunk(range, &mut w, &mut gradient));
+        }
+        (sums, gradient, w.output)
+    }
+
+    /// The same in two chunks, the last of which has two steps.
+    fn run(&self, replay: &Replay) -> (SacSums, Vec<f64>, Vec<f64>) {
+        let (sums, gradient, output) = self.run_in(3, replay);
+        (sums, gradient, output[..2 * 2 * A].to_vec())
+    }
+}
+
+/// Every parameter is trained by the loss of its part alone. Without a discount, targets do not
+/// depend on the parameters. The shared part is not trained by what a context remembers, so it is
+/// left out where there is one.
+fn check_gradient(network: SacNetwork<f64>) {
+    let replay = replay();
+    let mut case = Case::new(network, 0.0);
+    let parts = case.network.parts();
+    let actors = parts.actor_reader.start..parts.actor.end;
+    let (_, gradient, _) = case.run(&replay);
+    let from = if case.network.context().is_some() {
+        parts.trunk.end
+    } else {
+        0
+    };
+    let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
+    // a wrong formula is wrong nearly everywhere
+    for i in (from..gradient.len()).step_by(7) {
+        let centre = case.params[i];
+        let mut at = |h: f64| {
+            case.params[i] = centre + h;
+            let (sums, ..) = case.run(&replay);
+            let actor = sums.actor + CLONING * sums.cloning;
+            let loss = if actors.contains(&i) {
+                actor
+            } else {
+                sums.critic
+            };
+            loss / STEPS.len() as f64
+        };
+        let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+        case.params[i] = centre;
+        let error = (slope - gradient[i]).abs();
+        assert!(error < 1e-7 * scale, "{i}: {} {slope}", gradient[i]);
+    }
+    assert!(gradient.iter().filter(|g| **g != 0.0).count() > gradient.len() / 2);
+}
+
+#[test]
+fn the_gradient_of_both_losses_equals_finite_differences() {
+    for group in Group::ALL {
+        for encoder in [strided(), Encoder::Blind] {
+            check_gradient(network(group, encoder, false));
+        }
+        check_gradient(network(group, Encoder::Blind, true));
+    }
+}
+
+/// The largest difference between two lists of numbers.
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, f64::max)
+}
+
+/// How far losses, gradient, means and log_std are from what a symmetric network gives when every
+/// step of the minibatch is moved by g.
+fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
+    let replay = replay();
+    let case = || Case::new(network(group, strided(), context), 0.9);
+    let (sums, gradient, output) = case().run(&replay);
+    let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
+    let losses = |sums: &SacSums| [sums.critic, sums.actor, sums.value, sums.log_prob];
+    let irreps = &spec().action;
+    let split = |output: &[f64], first: bool| -> Vec<f64> {
+        let rows = output.chunks(2 * A);
+        rows.flat_map(|row| {
+            if first {
+                row[..A].to_vec()
+            } else {
+                row[A..].to_vec()
+            }
+        })
+        .collect()
+    };
+    let signs = irreps.iter().map(|irrep| f64::from(irrep.sign(g))).cycle();
+    let means: Vec<f64> = split(&output, true)
+        .iter()
+        .zip(signs)
+        .map(|(m, s)| m * s)
+        .collect();
+    [
+        distance(&losses(&moved_sums), &losses(&sums)),
+        distance(&moved_gradient, &gradient),
+        distance(&split(&moved_output, true), &means),
+        distance(&split(&moved_output, false), &split(&output, false)),
+    ]
+}
+
+/// Q and log_std are invariant and means equivariant, hence losses and their gradient do not notice
+/// that the data was moved: augmentation by the network's own group changes nothing.
+#[test]
+fn a_symmetric_network_learns_the_same_from_moved_steps() {
+    for group in Group::ALL {
+        for context in [false, true] {
+            for &g in group.elements() {
+                for error in asymmetry(group, g, context) {
+                    assert!(error < 1e-12, "{group}, {g}, {context}: {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_network_without_the_symmetry_learns_something_else_from_moved_steps() {
+    for group in Group::ALL {
+        for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
+            for error in asymmetry(group, g, false) {
+                assert!(error > 1e-4, "{group}, {g}: {error}");
+            }
+        }
+    }
+}
+
+/// A time-out is worth what follows, a termination is worth nothing more.
+#[test]
+fn only_a_termination_ends_what_is_to_come() {
+    let replay = replay();
+    let case = Case::new(network(Group::D2, strided(), false), 0.9);
+    let mut w = case.network.workspace(3);
+    let batch = Batch {
+        replay: &replay,
+        // the last steps of the two episodes, and the first of the next one
+        steps: &[(6, 0), (7, 0), (8, 0)],
+        elements: &case.elements[..3],
+        noise: [&case.noise[0][..3 * A], &case.noise[1][..3 * A]],
+        gamma: 0.9,
+        temperature: ALPHA,
+        cloning: 0.0,
+    };
+    let losses = Losses {
+        network: &case.network,
+        params: &case.params,
+        targets: &case.targets,
+        batch,
+    };
+    batch.load((&case.network, &case.params), &(0..3), &mut w);
+    losses.evaluate_next(&(0..3), &mut w);
+    let beyond = |slot: usize| w.targets[slot] - f64::from(replay.get(6 + slot).reward());
+    assert_eq!(replay.get(6).outcome(), Outcome::Truncated);
+    assert_eq!(replay.get(7).outcome(), Outcome::Terminated);
+    assert_eq!(beyond(1), 0.0);
+    for slot in [0, 2] {
+        let worth = least(&w, slot).1 - ALPHA * w.log_probs[slot];
+        assert!((beyond(slot) - 0.9 * worth).abs() < 1e-12 && worth != 0.0);
+    }
+}
+
+/// What both environments showed at a step of the replay.
+fn seen(replay: &Replay, step: usize) -> Observations {
+    let spec = spec();
+    let both = [0, 1].map(|env| replay.get(2 * step + env));
+    let mut seen = Observations::new(&spec);
+    for (image, step) in seen.images.chunks_mut(spec.image_len()).zip(both) {
+        step.image(image);
+    }
+    seen.vectors = both.map(|step| step.vector()).concat();
+    seen
+}
+
+/// The actor's mean actions at a step, from the replay.
+fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
+    let network = policy.network();
+    let losses = Losses {
+        network,
+        params: policy.params(),
+        targets: &policy.params()[network.critics()],
+        batch: Batch {
+            replay,
+            steps: &[(2 * step, 0), (2 * step + 1, 0)],
+            elements: &[D2::Identity; 2],
+            noise: [&[0.0; 2 * A]; 2],
+            gamma: 0.9,
+            temperature: ALPHA,
+            cloning: 0.0,
+        },
+    };
+    let mut w = network.workspace(2);
+    losses.chunk(0..2, &mut w, &mut vec![0.0; network.num_params()]);
+    w.actions
+}
+
+/// While it acts, a policy remembers what an update reads from the replay, and not only at the
+/// first step of an episode.
+#[test]
+fn an_actor_decides_from_the_context_that_it_is_trained_with() {
+    let replay = replay();
+    let context = Some(ContextSettings { size: 4, length: 3 });
+    let settings = settings(Group::D2, strided());
+    let mut policy = SacPolicy::new(&settings, context, &spec(), 4).unwrap();
+    let (mut memory, mut means) = (policy.memory(2), vec![0.0; 2 * A]);
+    for step in 0..6 {
+        let expected = trained(&policy, &replay, step);
+        let error = |means: &[f32]| {
+            let means: Vec<f64> = means.iter().map(|&m| m.into()).collect();
+            distance(&means, &expected)
+        };
+        let observations = seen(&replay, step);
+        let mut forgetful = policy.memory(2);
+        policy
+            .mean_actions(&observations, &mut forgetful, &mut means)
+            .unwrap();
+        // the fourth step ends both episodes
+        assert_eq!(error(&means) < 1e-6, step % 4 == 0, "{step}");
+        policy
+            .mean_actions(&observations, &mut memory, &mut means)
+            .unwrap();
+        assert!(error(&means) < 1e-6, "{step}: {}", error(&means));
+        for env in 0..2 {
+            let recorded = replay.get(2 * step + env);
+            memory.remember(env, recorded.action(), recorded.reward());
+            if recorded.outcome().ended() {
+                memory.forget(env);
+            }
+        }
+    }
+}
+
+/// Steps of a window share observations, and learn the same as single steps do.
+#[test]
+fn what_is_shared_changes_nothing() {
+    let replay = replay();
+    for context in [false, true] {
+        let case = Case::new(network(Group::D2, strided(), context), 0.9);
+        let (together, gradient, _) = case.run_in(STEPS.len(), &replay);
+        let (single, expected, _) = case.run_in(1, &replay);
+        assert!((together.critic - single.critic).abs() < 1e-12);
+        assert!((together.actor - single.actor).abs() < 1e-12);
+        assert!(distance(&gradient, &expected) < 1e-12);
+    }
+}
+
+/// Three steps that follow one another show four observations; with a context, those of the two
+/// steps before them, too, where the episode has them.
+#[test]
+fn each_observation_is_shown_once() {
+    let replay = replay();
+    let shown = |context, index| {
+        let case = Case::new(network(Group::D2, strided(), context), 0.9);
+        let mut w = case.network.workspace(3);
+        let batch = Batch {
+            replay: &replay,
+            steps: &[(index, 0), (index, 1), (index, 2)],
+            elements: &[D2::FlipX; 3],
+            noise: [&[], &[]],
+            gamma: 0.9,
+            temperature: ALPHA,
+            cloning: 0.0,
+        };
+        batch.load((&case.network, &case.params), &(0..3), &mut w);
+        w.shown.len()
+    };
+    assert_eq!([shown(false, 0), shown(false, 2)], [4, 4]);
+    assert_eq!([shown(true, 0), shown(true, 2)], [4, 5]);
+    // the window goes on at the episode's beginning
+    assert_eq!([shown(false, 4), shown(false, 6)], [5, 5]);
+}

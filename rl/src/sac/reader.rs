@@ -1,0 +1,201 @@
+//! What the heads read: the fields of an observation, and the last steps before it.
+
+use equivariant::{Concat, FieldType, Gru, GruPass, Scalar, Shape};
+use rand::Rng;
+use symmetry::{Irrep, irrep_order};
+
+use crate::env::EnvSpec;
+use crate::error::RlError;
+use crate::require::require;
+use crate::sac::settings::ContextSettings;
+
+/// Gives a head its input: the fields h of the observation alone, or with a context the state of a
+/// GRU beside them that has read the last steps of the episode. A step is read as
+/// [h, action, reward].
+pub(crate) struct Reader {
+    fields: FieldType,
+    context: Option<Context>,
+}
+
+struct Context {
+    gru: Gru,
+    /// h beside action and reward.
+    item: Concat,
+    /// Natural index of every irrep-major component of (action, reward).
+    order: Vec<usize>,
+    /// h beside the GRU's state.
+    widened: Concat,
+    length: usize,
+}
+
+/// The last steps before each of n samples.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Steps<T> {
+    /// What is read of them, `[L, n, I]`; a sample's own are the last ones.
+    pub items: Vec<T>,
+    /// How many there are, `[n]`.
+    pub lengths: Vec<usize>,
+}
+
+/// Buffers of a reader for up to a fixed number of samples.
+#[derive(Clone, Debug)]
+pub(crate) struct ReaderPass<T> {
+    gru: Option<GruPass<T>>,
+    /// What a head reads, and the gradient in it, written before the backward pass: `[N, S]`.
+    pub state: Vec<T>,
+    pub d_state: Vec<T>,
+    d_out: Vec<T>,
+    d_fields: Vec<T>,
+}
+
+impl Reader {
+    pub fn new(
+        fields: FieldType,
+        settings: Option<ContextSettings>,
+        spec: &EnvSpec,
+    ) -> Result<Self, RlError> {
+        let context = settings.map(|settings| Context::new(fields, settings, spec));
+        Ok(Self {
+            fields,
+            context: context.transpose()?,
+        })
+    }
+
+    /// The type of what a head reads.
+    pub fn out_type(&self) -> FieldType {
+        let context = self.context.as_ref();
+        context.map_or(self.fields, |context| context.widened.out_shape().fields)
+    }
+
+    /// L, the number of steps that are read at most.
+    pub fn length(&self) -> usize {
+        self.context.as_ref().map_or(0, |context| context.length)
+    }
+
+    pub fn num_params(&self) -> usize {
+        let context = self.context.as_ref();
+        context.map_or(0, |context| context.gru.num_params())
+    }
+
+    pub fn init<T: Scalar>(&self, rng: &mut dyn Rng, params: &mut [T]) {
+        if let Some(context) = &self.context {
+            context.gru.init(rng, params);
+        }
+    }
+
+    pub fn pass<T: Scalar>(&self, capacity: usize) -> ReaderPass<T> {
+        let zeros = |width: usize| vec![T::ZERO; capacity * width];
+        let context = self.context.as_ref();
+        let width = self.out_type().dim();
+        ReaderPass {
+            gru: context.map(|context| context.gru.pass(context.length, capacity)),
+            state: zeros(width),
+            d_state: zeros(width),
+            d_out: zeros(width - self.fields.dim()),
+            d_fields: zeros(self.fields.dim()),
+        }
+    }
+
+    /// Makes room for the steps before `samples` samples; none are there.
+    pub fn clear<T: Scalar>(&self, samples: usize, steps: &mut Steps<T>) {
+        let width = self.context.as_ref().map_or(0, Context::item_len);
+        steps.items.clear();
+        steps.items.resize(self.length() * samples * width, T::ZERO);
+        steps.lengths.clear();
+        steps.lengths.resize(samples, 0);
+    }
+
+    /// Appends a step before sample `slot`: fields, then action and reward in their natural order.
+    /// The steps of a sample are appended the last one first.
+    pub fn prepend<T: Scalar>(
+        &self,
+        slot: usize,
+        fields: &[T],
+        (action, reward): (&[f32], f32),
+        steps: &mut Steps<T>,
+    ) {
+        let Some(context) = &self.context else { return };
+        let (samples, width) = (steps.lengths.len(), context.item_len());
+        steps.lengths[slot] += 1;
+        let row = (context.length - steps.lengths[slot]) * samples + slot;
+        let natural = |&i: &usize| f64::from(action.get(i).copied().unwrap_or(reward));
+        let tail = context.order.iter().map(natural).map(T::from_f64);
+        let tail: Vec<T> = tail.collect();
+        let item = &mut steps.items[row * width..(row + 1) * width];
+        context.item.forward(fields, &tail, item);
+    }
+
+    /// Fills `state` for samples with these fields `[n, h]` and the steps before them.
+    pub fn forward<T: Scalar>(
+        &self,
+        params: &[T],
+        fields: &[T],
+        steps: &Steps<T>,
+        pass: &mut ReaderPass<T>,
+    ) {
+        let samples = fields.len() / self.fields.dim();
+        let state = &mut pass.state[..samples * self.out_type().dim()];
+        match (&self.context, &mut pass.gru) {
+            (Some(context), Some(gru)) => {
+                context
+                    .gru
+                    .forward(params, &steps.items, &steps.lengths, gru);
+                context.widened.forward(fields, gru.out(), state);
+            }
+            _ => state.copy_from_slice(fields),
+        }
+    }
+
+    /// Adds the gradient in the parameters to `dparams` from `d_state` of the n samples of the last
+    /// forward pass; returns that in their fields, `[n, h]`. None goes to the fields of the steps.
+    pub fn backward<'a, T: Scalar>(
+        &self,
+        params: &[T],
+        steps: &Steps<T>,
+        n: usize,
+        dparams: &mut [T],
+        pass: &'a mut ReaderPass<T>,
+    ) -> &'a [T] {
+        let d_state = &pass.d_state[..n * self.out_type().dim()];
+        let d_fields = &mut pass.d_fields[..n * self.fields.dim()];
+        match (&self.context, &mut pass.gru) {
+            (Some(context), Some(gru)) => {
+                let d_out = &mut pass.d_out[..n * context.gru.out_type().dim()];
+                context.widened.backward(d_state, d_fields, d_out);
+                context
+                    .gru
+                    .backward(params, &steps.items, d_out, None, dparams, gru);
+            }
+            _ => d_fields.copy_from_slice(d_state),
+        }
+        d_fields
+    }
+}
+
+impl Context {
+    fn new(fields: FieldType, settings: ContextSettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        let (group, size) = (fields.group(), settings.size);
+        let allowed = size > 0 && size.is_multiple_of(group.order());
+        let expected = "a multiple of the order of the network's group, at least that";
+        require("context.size", size as f32, expected, allowed)?;
+        let allowed = (1..=64).contains(&settings.length);
+        require("context.length", settings.length as f32, "1 to 64", allowed)?;
+        let mut tail = spec.action.clone();
+        tail.push(Irrep::Trivial);
+        let shape = Shape::vector(fields);
+        let item = Concat::new(shape, Shape::vector(FieldType::from_irreps(group, &tail)))?;
+        let gru = Gru::new(item.out_shape().fields, size / group.order())?;
+        Ok(Self {
+            widened: Concat::new(shape, Shape::vector(gru.out_type()))?,
+            gru,
+            item,
+            order: irrep_order(group, &tail),
+            length: settings.length,
+        })
+    }
+
+    /// I, the length of what is read of a step.
+    fn item_len(&self) -> usize {
+        self.item.out_shape().len()
+    }
+}

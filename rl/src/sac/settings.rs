@@ -1,0 +1,163 @@
+//! Settings of soft actor-critic.
+
+use serde::{Deserialize, Serialize};
+use symmetry::Group;
+
+use crate::error::RlError;
+use crate::ppo_settings::PpoSettings;
+use crate::require::{require, require_count, require_positive, require_share, require_weight};
+
+/// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SacSettings {
+    /// Discount of the next decision's value, in [0, 1].
+    pub gamma: f32,
+    /// Steps in a minibatch, at least 1.
+    pub batch: usize,
+    /// Steps of a minibatch that follow one another in an episode, at least 1. The first of them is
+    /// drawn; after an episode's last step comes its first, so that every step is drawn equally
+    /// often. They share observations, each of which is encoded once: a window of w steps takes
+    /// w + 1 observations, and w + 1 + L with a context of L steps, where single steps take 2 w and
+    /// (2 + L) w.
+    pub window: usize,
+    /// Gradient steps for each recorded step, at least 0; below 1, several recorded steps share a
+    /// gradient step.
+    ///
+    /// By default, a recorded step is passed through a gradient step as often as PPO's default
+    /// does it, 12 times on average ([`SacSettings::as_often_as`]): 12 / 512 gradient steps.
+    pub updates_per_step: f32,
+    /// Recorded steps before the first gradient step.
+    pub burn_in: u64,
+    /// Adam's step size for all parameters, above 0.
+    pub learning_rate: f32,
+    /// Adam's epsilon, above 0.
+    pub adam_epsilon: f32,
+    /// Every component of the gradient is clipped to [-`max_gradient`, `max_gradient`], above 0.
+    pub max_gradient: f32,
+    /// Share of the way that the target critics go to the critics at each gradient step, in (0, 1].
+    pub tau: f32,
+    /// What a nat of entropy is worth.
+    pub temperature: Temperature,
+    /// Share of a minibatch, in [0, 1], that is drawn from the steps since the last
+    /// [`Replay::mark`](crate::Replay::mark); the rest is drawn from all.
+    pub newest_share: f32,
+    /// Every step of a minibatch is moved by a random element of this group: pictures, vectors and
+    /// actions. C1 leaves them as they are.
+    pub augmentation: Group,
+    /// Weight of the squared distance between the actor's mean action and the stored one, at least
+    /// 0: behavioural cloning of what was done (Fujimoto and Gu, NeurIPS 2021, equation 3).
+    pub cloning_weight: f32,
+}
+
+/// The weight alpha of the entropy.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Temperature {
+    /// A constant, at least 0.
+    Fixed(f32),
+    /// Adjusted such that the entropy of actions is `target` nats for each component: Haarnoja et
+    /// al., "Soft actor-critic algorithms and applications" (arXiv 1812.05905, section 5).
+    Learned {
+        /// Value to begin with, above 0.
+        initial: f32,
+        /// Entropy in nats of a component of the action; -1 in the paper.
+        target: f32,
+    },
+}
+
+impl SacSettings {
+    /// What COVERS lists for CLEAR and 3RL (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL
+    /// Hyperparameter"). What the table does not list: `tau` is that of SAC (arXiv 1801.01290,
+    /// table 1), half of a minibatch is the newest experience, steps come in windows of four, which
+    /// saves three encodings of eight, and the number of gradient steps is that which makes methods
+    /// comparable ([`SacSettings::updates_per_step`]).
+    pub fn paper() -> Self {
+        let settings = Self {
+            gamma: 0.95,
+            batch: 512,
+            window: 4,
+            updates_per_step: 0.0,
+            burn_in: 20_000,
+            learning_rate: 3e-4,
+            adam_epsilon: 1e-8,
+            max_gradient: 1.0,
+            tau: 0.005,
+            temperature: Temperature::Fixed(0.005),
+            newest_share: 0.5,
+            augmentation: Group::C1,
+            cloning_weight: 0.0,
+        };
+        settings.as_often_as(&PpoSettings::measured())
+    }
+
+    /// The same with the number of gradient steps for which a recorded step is part of as many
+    /// gradients as a decision is in PPO: `epochs / batch` for each.
+    #[must_use]
+    pub fn as_often_as(self, ppo: &PpoSettings) -> Self {
+        Self {
+            updates_per_step: ppo.epochs as f32 / self.batch as f32,
+            ..self
+        }
+    }
+
+    /// Refuses values outside their ranges.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] names the field, its value and its range.
+    pub fn check(&self) -> Result<(), RlError> {
+        require_share("gamma", self.gamma)?;
+        require_count("batch", self.batch, 1, "at least 1")?;
+        require_count("window", self.window, 1, "at least 1")?;
+        require_weight("updates_per_step", self.updates_per_step)?;
+        require_positive("learning_rate", self.learning_rate)?;
+        require_positive("adam_epsilon", self.adam_epsilon)?;
+        require_positive("max_gradient", self.max_gradient)?;
+        let allowed = self.tau > 0.0 && self.tau <= 1.0;
+        require("tau", self.tau, "a number in (0, 1]", allowed)?;
+        require_share("newest_share", self.newest_share)?;
+        require_weight("cloning_weight", self.cloning_weight)?;
+        self.temperature.check()
+    }
+}
+
+impl Temperature {
+    fn check(self) -> Result<(), RlError> {
+        match self {
+            Self::Fixed(alpha) => require_weight("temperature", alpha),
+            Self::Learned { initial, target } => {
+                require_positive("temperature.initial", initial)?;
+                let expected = "a finite number";
+                require("temperature.target", target, expected, target.is_finite())
+            }
+        }
+    }
+}
+
+impl Default for SacSettings {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
+/// Settings of a context: the last steps of the episode, read by a GRU
+/// ([`equivariant::Gru`]). The default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ContextSettings {
+    /// Channels of the GRU's state, at least 1 and a multiple of the order of the network's group.
+    pub size: usize,
+    /// Steps that it reads at most, in 1..=64.
+    pub length: usize,
+}
+
+impl Default for ContextSettings {
+    fn default() -> Self {
+        Self {
+            size: 30,
+            length: 5,
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! What an update of soft actor-critic reports.
+
+use crate::algorithm::Metrics;
+
+/// What an update did: means over all steps of all minibatches that were run, zeros where none was.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SacStats {
+    /// Halved squared error of the critics, both together.
+    pub critic_loss: f64,
+    /// What the actor minimises, without cloning.
+    pub actor_loss: f64,
+    /// Squared distance of the mean action from the stored one, summed over components.
+    pub cloning_loss: f64,
+    /// Mean value Q that the critics give the stored actions.
+    pub value: f64,
+    /// Estimated entropy of actions in nats.
+    pub entropy: f64,
+    /// What a nat of entropy is worth, after the update.
+    pub temperature: f64,
+    /// Euclidean norm of the gradient before clipping, mean over gradient steps.
+    pub grad_norm: f64,
+    /// Share in [0, 1] of the gradient's components that were clipped.
+    pub clip_fraction: f64,
+    /// Gradient steps taken.
+    pub steps: usize,
+    /// Steps that the replay held.
+    pub replay: usize,
+}
+
+impl Metrics for SacStats {
+    /// The fields in their order.
+    fn metrics(&self) -> Vec<(String, f64)> {
+        let all = [
+            ("critic_loss", self.critic_loss),
+            ("actor_loss", self.actor_loss),
+            ("cloning_loss", self.cloning_loss),
+            ("value", self.value),
+            ("entropy", self.entropy),
+            ("temperature", self.temperature),
+            ("grad_norm", self.grad_norm),
+            ("clip_fraction", self.clip_fraction),
+            ("steps", self.steps as f64),
+            ("replay", self.replay as f64),
+        ];
+        all.map(|(name, value)| (name.to_owned(), value)).to_vec()
+    }
+}
+
+/// Sums over steps of the losses' terms and of the diagnostics.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct SacSums {
+    pub samples: f64,
+    pub critic: f64,
+    pub actor: f64,
+    pub cloning: f64,
+    pub value: f64,
+    pub log_prob: f64,
+}
+
+impl SacSums {
+    /// Adds the sums of other steps.
+    pub fn add(&mut self, other: &Self) {
+        self.samples += other.samples;
+        self.critic += other.critic;
+        self.actor += other.actor;
+        self.cloning += other.cloning;
+        self.value += other.value;
+        self.log_prob += other.log_prob;
+    }
+}
+
+/// Running sums of an update.
+#[derive(Default)]
+pub(crate) struct SacTotals {
+    pub sums: SacSums,
+    pub grad_norms: f64,
+    pub clipped: f64,
+    pub steps: usize,
+}
+
+impl SacTotals {
+    pub fn stats(&self, temperature: f64, replay: usize) -> SacStats {
+        let mean = |sum: f64| sum / self.sums.samples.max(1.0);
+        let each = |sum: f64| sum / self.steps.max(1) as f64;
+        SacStats {
+            critic_loss: mean(self.sums.critic),
+            actor_loss: mean(self.sums.actor),
+            cloning_loss: mean(self.sums.cloning),
+            value: mean(self.sums.value),
+            entropy: mean(-self.sums.log_prob),
+            temperature,
+            grad_norm: each(self.grad_norms),
+            clip_fraction: each(self.clipped),
+            steps: self.steps,
+            replay,
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! One update as PyTorch computed it (`benches/peers/golden_sac.py`).
+
+use safetensors::SafeTensors;
+use symmetry::{Group, Irrep};
+
+use super::*;
+use crate::encoder::Encoder;
+use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::network_settings::{Critic, NetworkSettings};
+use crate::replay::settings::ReplaySettings;
+use crate::sac::settings::ContextSettings;
+
+const GOLDEN: &[u8] = include_bytes!("../../../tests/golden/sac.safetensors");
+const BATCH: usize = 6;
+
+fn golden(name: &str) -> Vec<f64> {
+    let tensors = SafeTensors::deserialize(GOLDEN).unwrap();
+    let (values, _) = tensors.tensor(name).unwrap().data().as_chunks();
+    values.iter().map(|&b| f64::from_le_bytes(b)).collect()
+}
+
+fn rounded(name: &str) -> Vec<f32> {
+    golden(name).into_iter().map(|x| x as f32).collect()
+}
+
+fn spec() -> EnvSpec {
+    EnvSpec {
+        num_envs: 1,
+        image: [1, 1, 1],
+        vector: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
+        action: vec![Irrep::X, Irrep::Trivial],
+    }
+}
+
+fn network() -> NetworkSettings {
+    NetworkSettings {
+        group: Group::C1,
+        encoder: Encoder::Blind,
+        vector_fields: 2,
+        actor_fields: 2,
+        critic: Critic::Joint { fields: 2 },
+        ..NetworkSettings::default()
+    }
+}
+
+fn settings() -> SacSettings {
+    SacSettings {
+        gamma: 0.9,
+        batch: BATCH,
+        learning_rate: 1e-2,
+        max_gradient: 0.05,
+        tau: 0.1,
+        temperature: Temperature::Learned {
+            initial: 0.2,
+            target: -1.0,
+        },
+        cloning_weight: 0.3,
+        ..SacSettings::default()
+    }
+}
+
+/// The episodes of the file, one after the other.
+fn replay() -> Replay {
+    let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
+    let (vectors, actions) = (rounded("vectors"), rounded("actions"));
+    let mut vectors = vectors.chunks(3).peekable();
+    let mut steps = actions.chunks(2).zip(rounded("rewards"));
+    let see = |vector: &[f32]| Observations {
+        images: vec![0],
+        vectors: vector.to_vec(),
+    };
+    for episode in golden("episodes").chunks(2) {
+        for t in 0..episode[0] as usize {
+            let (action, reward) = steps.next().unwrap();
+            let now = see(vectors.next().unwrap());
+            let next = see(vectors.peek().unwrap());
+            let mut transition = Transition::new(&spec());
+            transition.rewards[0] = reward;
+            if t + 1 == episode[0] as usize {
+                let ends = [Outcome::Running, Outcome::Terminated, Outcome::Truncated];
+                transition.outcomes[0] = ends[episode[1] as usize];
+            }
+            transition.final_observations.clone_from(&next);
+            transition.observations = next;
+            replay.push(&now, action, &transition).unwrap();
+        }
+        // the observation after the last step begins nothing
+        vectors.next();
+    }
+    replay
+}
+
+fn assert_close(what: &str, got: &[f32], expected: &[f64]) {
+    assert_eq!(got.len(), expected.len(), "{what}");
+    for (i, (&got, expected)) in got.iter().zip(expected).enumerate() {
+        let error = (f64::from(got) - expected).abs();
+        assert!(error < 1e-5, "{what} {i}: {got} {expected}");
+    }
+}
+
+fn check(case: &str, context: Option<ContextSettings>) {
+    let of = |part: &str| format!("{case}.{part}");
+    let params = rounded(&of("params"));
+    let mut policy = SacPolicy::with_params(&network(), context, &spec(), params).unwrap();
+    let mut sac = Sac::new(settings(), &policy).unwrap();
+    let (noise, targets) = (rounded(&of("noise")), rounded(&of("targets")));
+    assert_eq!(sac.targets.len(), targets.len());
+    sac.targets = targets;
+    sac.draws = Draws {
+        indices: Vec::new(),
+        steps: golden("indices")
+            .into_iter()
+            .map(|i| (i as usize, 0))
+            .collect(),
+        elements: vec![D2::Identity; BATCH],
+        noise: [0, 1].map(|i| noise[i * BATCH * 2..(i + 1) * BATCH * 2].to_vec()),
+    };
+    let sums = sac.minibatch_gradient(&policy, &replay()).unwrap();
+    let means = [sums.critic, sums.actor + 0.3 * sums.cloning, sums.log_prob];
+    let means = means.map(|sum| (sum / sums.samples) as f32);
+    assert_close("losses", &means, &golden(&of("losses")));
+    assert_close("gradient", &sac.gradient, &golden(&of("gradient")));
+    let mut totals = SacTotals::default();
+    sac.descend(&mut policy, &mut totals).unwrap();
+    assert!(totals.clipped > 0.0 && totals.clipped < 1.0);
+    sac.adjust_temperature(&policy, &sums);
+    sac.follow(&policy);
+    let after = golden(&of("log_temperature_after"));
+    assert_close("temperature", &sac.log_temperature, &after);
+    assert_close("targets", &sac.targets, &golden(&of("targets_after")));
+    assert_close("params", policy.params(), &golden(&of("params_after")));
+}
+
+#[test]
+fn an_update_is_that_of_pytorch() {
+    check("plain", None);
+}
+
+#[test]
+fn an_update_with_a_context_is_that_of_pytorch() {
+    check("context", Some(ContextSettings { size: 4, length: 3 }));
+}

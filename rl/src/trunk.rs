@@ -1,0 +1,244 @@
+//! From observations to equivariant fields: what actor and critic share.
+
+use std::ops::Range;
+
+use equivariant::{
+    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape, Signature,
+};
+use rand::Rng;
+use symmetry::irrep_order;
+
+use crate::env::EnvSpec;
+use crate::error::{RlError, assert_len};
+use crate::network_settings::NetworkSettings;
+use crate::stage::Stage;
+
+/// The shared part of a network.
+///
+/// ```text
+/// image  [H, W, C] -> Encoder ------+
+/// vector [D]       -> Linear, ReLU -+-> h, regular fields -> GroupMaxPool -> features [F]
+/// ```
+///
+/// Its parameters are those of the image encoder, then those of the vector's layer. A network that
+/// is [`Encoder::Blind`](crate::Encoder::Blind) has no image encoder, and h is the vector's fields.
+pub(crate) struct Trunk<T> {
+    sight: Option<Sight<T>>,
+    vector: Sequential<T>,
+    pool: GroupMaxPool,
+    /// Natural index of every irrep-major component of the vector.
+    vector_order: Vec<usize>,
+    pixels: usize,
+    /// What each byte of a picture becomes, in [-0.5, 0.5].
+    levels: Vec<T>,
+}
+
+/// The image encoder, and how its fields join those of the vector.
+struct Sight<T> {
+    encoder: Sequential<T>,
+    concat: Concat,
+}
+
+/// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
+#[derive(Clone, Debug)]
+pub(crate) struct TrunkPass<T> {
+    image: Option<Stage<T>>,
+    vector: Stage<T>,
+    pool: Stage<T>,
+}
+
+impl<T: Scalar> Trunk<T> {
+    pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        let group = settings.group;
+        let fields = settings.regular(settings.vector_fields);
+        let vector = Sequential::new(lift(FieldType::from_irreps(group, &spec.vector), fields)?)?;
+        let sight = Sight::new(settings, spec, vector.out_shape())?;
+        let joint = sight.as_ref().map(|sight| sight.concat.out_shape());
+        Ok(Self {
+            pool: GroupMaxPool::new(joint.unwrap_or(vector.out_shape()))?,
+            sight,
+            vector,
+            vector_order: irrep_order(group, &spec.vector),
+            pixels: spec.image_len(),
+            levels: (0..=u8::MAX).map(level).collect(),
+        })
+    }
+
+    /// The type of h.
+    pub fn out_type(&self) -> FieldType {
+        self.pool.in_shape().fields
+    }
+
+    /// F, the length of the invariant features: one per regular field of the group.
+    pub fn feature_dim(&self) -> usize {
+        self.pool.out_shape().len()
+    }
+
+    /// Where the parameters of the image encoder lie.
+    pub fn encoder(&self) -> Range<usize> {
+        let sight = self.sight.as_ref();
+        0..sight.map_or(0, |sight| sight.encoder.num_params())
+    }
+
+    pub fn num_params(&self) -> usize {
+        self.encoder().end + self.vector.num_params()
+    }
+
+    fn vector_params(&self) -> Range<usize> {
+        self.encoder().end..self.num_params()
+    }
+
+    /// Draws the parameters: weights followed by a ReLU with gain sqrt(2), zero biases.
+    pub fn init(&self, settings: &NetworkSettings, rng: &mut dyn Rng, params: &mut [T]) {
+        if let Some(sight) = &self.sight {
+            let gain = settings.encoder.last_gain();
+            sight
+                .encoder
+                .init_scaled(rng, gain, &mut params[self.encoder()]);
+        }
+        self.vector.init(rng, &mut params[self.vector_params()]);
+    }
+
+    /// Buffers for up to `capacity` samples.
+    pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
+        let sight = self.sight.as_ref();
+        TrunkPass {
+            image: sight.map(|sight| Stage::new(&sight.encoder, capacity)),
+            vector: Stage::new(&self.vector, capacity),
+            pool: Stage::new(&self.pool, capacity),
+        }
+    }
+
+    /// Writes sample `slot`: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, put
+    /// into irrep-major order.
+    pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
+        assert_len("image", image.len(), self.pixels);
+        assert_len("vector", vector.len(), self.vector_order.len());
+        if let Some(stage) = &mut pass.image {
+            let pixels = &mut stage.x[slot * image.len()..(slot + 1) * image.len()];
+            for (x, &byte) in pixels.iter_mut().zip(image) {
+                *x = self.levels[usize::from(byte)];
+            }
+        }
+        let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
+        for (x, &i) in components.iter_mut().zip(&self.vector_order) {
+            *x = T::from_f64(f64::from(vector[i]));
+        }
+    }
+
+    /// Computes h of the samples in slots 0..n.
+    pub fn forward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>) {
+        let vector = n * self.vector.out_shape().len();
+        pass.vector
+            .forward(&self.vector, &params[self.vector_params()], n);
+        let out = &mut pass.pool.x[..n * self.out_type().dim()];
+        match (&self.sight, &mut pass.image) {
+            (Some(sight), Some(stage)) => {
+                stage.forward(&sight.encoder, &params[self.encoder()], n);
+                let image = n * sight.encoder.out_shape().len();
+                sight
+                    .concat
+                    .forward(&stage.y[..image], &pass.vector.y[..vector], out);
+            }
+            _ => out.copy_from_slice(&pass.vector.y[..vector]),
+        }
+    }
+
+    /// Computes the invariant features of the n samples of the last forward pass.
+    pub fn pool(&self, n: usize, pass: &mut TrunkPass<T>) {
+        pass.pool.forward(&self.pool, &[], n);
+    }
+
+    /// Brings a gradient in the features, `[n, F]`, to h.
+    pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
+        pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
+        pass.pool
+            .backward(&self.pool, (&[], 0..0), n, &mut [], true);
+    }
+
+    /// Adds the gradient in the parameters to `dparams`, from that in h: [`TrunkPass::d_fields`].
+    pub fn backward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>, dparams: &mut [T]) {
+        let vector = n * self.vector.out_shape().len();
+        let sum = &pass.pool.dx[..n * self.out_type().dim()];
+        let d_vector = &mut pass.vector.dy[..vector];
+        match (&self.sight, &mut pass.image) {
+            (Some(sight), Some(stage)) => {
+                let image = n * sight.encoder.out_shape().len();
+                sight.concat.backward(sum, &mut stage.dy[..image], d_vector);
+                let own = (params, self.encoder());
+                stage.backward(&sight.encoder, own, n, dparams, false);
+            }
+            _ => d_vector.copy_from_slice(sum),
+        }
+        let own = (params, self.vector_params());
+        pass.vector.backward(&self.vector, own, n, dparams, false);
+    }
+}
+
+impl<T: Scalar> TrunkPass<T> {
+    /// h of the samples in all slots; those beyond the last forward pass are of an earlier one.
+    pub fn fields(&self) -> &[T] {
+        &self.pool.x
+    }
+
+    /// The features of the samples in all slots.
+    pub fn features(&self) -> &[T] {
+        &self.pool.y
+    }
+
+    /// The gradient in h, to be written before the backward pass.
+    pub fn d_fields(&mut self) -> &mut [T] {
+        &mut self.pool.dx
+    }
+}
+
+impl<T: Scalar> Sight<T> {
+    fn new(
+        settings: &NetworkSettings,
+        spec: &EnvSpec,
+        vector: Shape,
+    ) -> Result<Option<Self>, RlError> {
+        let (group, top_fields) = (settings.group, settings.top_fields);
+        let Some(encoder) = settings.encoder.layers(group, spec.image, top_fields)? else {
+            return Ok(None);
+        };
+        let concat = Concat::new(encoder.out_shape(), vector)?;
+        Ok(Some(Self { encoder, concat }))
+    }
+}
+
+fn level<T: Scalar>(byte: u8) -> T {
+    T::from_f64(f64::from(byte)) * T::from_f64(1.0 / 255.0) - T::from_f64(0.5)
+}
+
+fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
+    Ok(vec![
+        Box::new(Linear::new(from, to)?),
+        Box::new(Relu::new(Shape::vector(to))?),
+    ])
+}
+
+/// Linear, ReLU, Linear.
+pub(crate) fn head<T: Scalar>(
+    from: FieldType,
+    hidden: FieldType,
+    to: FieldType,
+) -> Result<Sequential<T>, RlError> {
+    let mut layers = lift(from, hidden)?;
+    layers.push(Box::new(Linear::new(hidden, to)?));
+    Ok(Sequential::new(layers)?)
+}
+
+/// Consecutive ranges of parameters, from 0 on.
+pub(crate) struct Layout(usize);
+
+impl Layout {
+    pub fn new() -> Self {
+        Self(0)
+    }
+
+    pub fn next(&mut self, len: usize) -> Range<usize> {
+        self.0 += len;
+        self.0 - len..self.0
+    }
+}

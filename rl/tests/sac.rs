@@ -1,0 +1,279 @@
+//! Updates of soft actor-critic: how many, the same bits everywhere, and refusals.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+#[path = "common/sac.rs"]
+mod sac;
+
+use common::{EPISODE, PointReach};
+use rl::{
+    Algorithm, ContextSettings, Encoder, EnvSpec, Metrics, NetworkSettings, Replay, ReplaySettings,
+    RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
+};
+use sac::{ENVS, Run, network, replay_settings, settings};
+use symmetry::Group;
+
+const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
+const LEARNED: Temperature = Temperature::Learned {
+    initial: 0.1,
+    target: -1.0,
+};
+
+fn strided() -> Encoder {
+    Encoder::Strided { fields: vec![3, 4] }
+}
+
+/// Two collections and updates of a policy with a context, from moved steps, with everything on.
+fn busy() -> Run {
+    let settings = SacSettings {
+        temperature: LEARNED,
+        augmentation: Group::D2,
+        cloning_weight: 0.1,
+        ..settings()
+    };
+    Run::new(
+        &network(strided()),
+        Some(CONTEXT),
+        settings,
+        replay_settings(),
+    )
+}
+
+fn learn(run: &mut Run, turns: usize) {
+    for _ in 0..turns {
+        run.collect().unwrap();
+        run.replay.mark();
+        run.sac
+            .update(&mut run.policy, &run.replay, &mut run.rng)
+            .unwrap();
+    }
+}
+
+fn bits(params: &[f32]) -> Vec<u32> {
+    params.iter().map(|p| p.to_bits()).collect()
+}
+
+#[test]
+fn one_two_and_three_threads_give_the_same_bits() {
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        pool.build().unwrap().install(|| {
+            let mut run = busy();
+            learn(&mut run, 2);
+            (bits(run.policy.params()), bits(run.sac.save().tensors[2].1))
+        })
+    };
+    let one = on(1);
+    assert_eq!(one, on(2));
+    assert_eq!(one, on(3));
+    assert_ne!(one.0, bits(busy().policy.params()));
+}
+
+#[test]
+fn a_saved_learner_goes_on_to_the_same_bits() {
+    let mut run = busy();
+    learn(&mut run, 2);
+    let spec = run.env.spec().clone();
+    let params = run.policy.params().to_vec();
+    let mut policy =
+        SacPolicy::with_params(&network(strided()), Some(CONTEXT), &spec, params).unwrap();
+    let mut sac = Sac::new(run.sac.settings().clone(), &policy).unwrap();
+    sac.restore(&run.sac.save()).unwrap();
+    run.collect().unwrap();
+    let state = run.replay.save();
+    let replay = Replay::restore(replay_settings(), &spec, &state).unwrap();
+    let mut rng = run.rng.clone();
+    let stats = run
+        .sac
+        .update(&mut run.policy, &run.replay, &mut run.rng)
+        .unwrap();
+    assert_eq!(sac.update(&mut policy, &replay, &mut rng).unwrap(), stats);
+    assert!(stats.steps > 0);
+    assert_eq!(bits(policy.params()), bits(run.policy.params()));
+    assert_eq!(sac.save(), run.sac.save());
+}
+
+#[test]
+fn a_state_that_cannot_be_right_is_refused() {
+    let run = busy();
+    let plain = Run::new(&network(strided()), None, settings(), replay_settings());
+    let mut sac = Sac::new(settings(), &run.policy).unwrap();
+    let other = sac.restore(&plain.sac.save());
+    assert!(matches!(other, Err(RlError::State { .. })));
+    for moment in [1, 5] {
+        let mut state = run.sac.save();
+        let negative = vec![-1.0; state.tensors[moment].1.len()];
+        state.tensors[moment].1 = &negative;
+        let damaged = sac.restore(&state);
+        assert!(matches!(damaged, Err(RlError::Damaged { .. })));
+    }
+}
+
+/// 50 recorded steps a turn, of which 40 are the burn-in: floor(0.25 * recorded after it).
+#[test]
+fn gradient_steps_follow_the_recorded_steps() {
+    let settings = SacSettings {
+        updates_per_step: 0.25,
+        ..settings()
+    };
+    let mut run = Run::new(&network(Encoder::Blind), None, settings, replay_settings());
+    let mut turn = || {
+        run.collect().unwrap();
+        let stats = run.sac.update(&mut run.policy, &run.replay, &mut run.rng);
+        stats.unwrap().steps
+    };
+    assert_eq!([turn(), turn(), turn()], [2, 13, 12]);
+    // nothing new was recorded, so nothing is due
+    assert_eq!(run.sac.due(run.replay.recorded()), 0);
+}
+
+#[test]
+fn during_the_burn_in_nothing_is_learnt() {
+    let mut run = busy();
+    let before = run.policy.params().to_vec();
+    run.replay = Replay::new(replay_settings(), run.env.spec()).unwrap();
+    let settings = SacSettings {
+        burn_in: 50,
+        ..settings()
+    };
+    run.sac = Sac::new(settings, &run.policy).unwrap();
+    run.collect().unwrap();
+    let stats = run
+        .sac
+        .update(&mut run.policy, &run.replay, &mut run.rng)
+        .unwrap();
+    assert_eq!((stats.steps, stats.replay), (0, 50));
+    assert_eq!(run.policy.params(), before);
+    assert!(stats.metrics().iter().all(|(_, value)| value.is_finite()));
+}
+
+#[test]
+fn actions_are_uniform_during_the_warm_up_and_the_policys_afterwards() {
+    let still = NetworkSettings {
+        log_std: -4.5,
+        ..network(Encoder::Blind)
+    };
+    let mut run = Run::new(&still, None, settings(), replay_settings());
+    run.collect().unwrap();
+    let actions: Vec<f32> = (0..50)
+        .flat_map(|i| run.replay.get(i).action().to_vec())
+        .collect();
+    let (warm, own) = actions.split_at(2 * 20);
+    let spread =
+        |actions: &[f32]| actions.iter().map(|a| a * a).sum::<f32>() / actions.len() as f32;
+    assert!(actions.iter().all(|a| a.abs() <= 1.0));
+    assert!(
+        (0.2..0.5).contains(&spread(warm)),
+        "a third: {}",
+        spread(warm)
+    );
+    assert!(spread(own) < 0.01, "{}", spread(own));
+}
+
+/// An update that is spoilt before it, and what its error names.
+fn diverged(spoil: impl Fn(&mut Run)) -> (RlError, bool) {
+    let mut run = busy();
+    run.collect().unwrap();
+    spoil(&mut run);
+    let before = bits(run.policy.params());
+    let error = run
+        .sac
+        .update(&mut run.policy, &run.replay, &mut run.rng)
+        .unwrap_err();
+    (error, before == bits(run.policy.params()))
+}
+
+#[test]
+fn a_network_that_diverged_is_reported_and_left_alone() {
+    let (error, untouched) = diverged(|run| {
+        let last = run.policy.params().len() - 1;
+        run.policy.params_mut()[last] = f32::NAN;
+    });
+    let what = "the loss of a minibatch";
+    assert!(
+        matches!(error, RlError::NotFinite { what: w, .. } if w == what),
+        "{error}"
+    );
+    assert!(untouched);
+    // a finite loss whose gradient is beyond f32
+    let (error, untouched) = diverged(|run| {
+        let critics = run.policy.network().critics();
+        for param in &mut run.policy.params_mut()[critics] {
+            *param *= 1e13;
+        }
+    });
+    assert!(matches!(error, RlError::NotFinite { .. }), "{error}");
+    assert!(untouched);
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let mut run = busy();
+    run.collect().unwrap();
+    let other = EnvSpec {
+        image: [16, 16, 2],
+        ..run.env.spec().clone()
+    };
+    let foreign = Replay::new(replay_settings(), &other).unwrap();
+    let result = run.sac.update(&mut run.policy, &foreign, &mut run.rng);
+    assert!(matches!(
+        result,
+        Err(RlError::SpecMismatch { field: "image" })
+    ));
+    let mut stranger = SacPolicy::new(&network(strided()), None, run.env.spec(), 0).unwrap();
+    let result = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
+    assert!(matches!(result, Err(RlError::Parameters { .. })));
+    let short = SacPolicy::with_params(&network(strided()), None, &other, vec![0.0; 3]);
+    assert!(matches!(short, Err(RlError::Parameters { got: 3, .. })));
+    // a memory of fewer environments
+    let mut few = PointReach::new(ENVS - 1, 1);
+    run.replay.cut();
+    let mut replay = Replay::new(ReplaySettings::default(), few.spec()).unwrap();
+    let mut state = rl::RolloutState::reset(&mut few, &run.policy).unwrap();
+    state.memory = rl::Actor::memory(&run.policy, ENVS);
+    let result = rl::collect(
+        &mut few,
+        &mut run.policy,
+        &mut replay,
+        &mut state,
+        &mut run.rng,
+    );
+    assert!(matches!(result, Err(RlError::Shape { what: "memory", .. })));
+}
+
+#[test]
+fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
+    let after = |target| {
+        let settings = SacSettings {
+            temperature: Temperature::Learned {
+                initial: 0.1,
+                target,
+            },
+            learning_rate: 1e-3,
+            ..settings()
+        };
+        let mut run = Run::new(&network(Encoder::Blind), None, settings, replay_settings());
+        learn(&mut run, 4);
+        run.sac.temperature()
+    };
+    // a component has less than ln 2 nats in (-1, 1)
+    assert!(after(1.0) > 0.1 && after(-5.0) < 0.1);
+    let fixed = Run::new(
+        &network(Encoder::Blind),
+        None,
+        settings(),
+        replay_settings(),
+    );
+    assert_eq!(fixed.sac.temperature(), f64::from(0.005f32));
+}
+
+#[test]
+fn an_evaluation_runs_whole_episodes_with_a_context() {
+    let mut run = busy();
+    learn(&mut run, 2);
+    let mut rounds = || evaluate(&mut PointReach::new(ENVS, 4), &mut run.policy, 2).unwrap();
+    let stats = rounds();
+    assert_eq!(stats.decisions, 2 * ENVS * EPISODE);
+    assert_eq!(stats, rounds(), "no noise, hence the same episodes");
+}

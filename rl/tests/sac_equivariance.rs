@@ -1,0 +1,123 @@
+//! The contract of the equivariant tanh-Gaussian policy, with and without a context.
+
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+#[path = "common/largest.rs"]
+mod largest;
+
+use largest::largest;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, ContextSettings, Encoder, EnvSpec, Features, Memory, NetworkSettings, Observations,
+    SacPolicy,
+};
+use symmetry::{D2, Group, Irrep};
+
+const ENVS: usize = 3;
+const A: usize = 3;
+const TOLERANCE: f32 = 1e-5;
+
+fn spec() -> EnvSpec {
+    EnvSpec {
+        num_envs: ENVS,
+        image: [16, 16, 3],
+        vector: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        action: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
+    }
+}
+
+fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+    let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
+    rows.iter().zip(signs).map(|(x, s)| x * s).collect()
+}
+
+/// Mean actions of three steps that follow one another, and features, when all that is seen and
+/// done is moved by g.
+fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
+    let spec = spec();
+    let [h, w, c] = spec.image;
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut memory = policy.memory(ENVS);
+    let mut out = [vec![0.0; ENVS * A], vec![0.0; ENVS * policy.feature_dim()]];
+    for _ in 0..3 {
+        let mut seen = Observations::new(&spec);
+        seen.images.fill_with(|| rng.random());
+        seen.vectors.fill_with(|| rng.random_range(-1.0..1.0));
+        let pictures = seen.images.chunks(h * w * c);
+        let moved = Observations {
+            images: pictures
+                .flat_map(|p| g.transform_image(p, h, w, c))
+                .collect(),
+            vectors: signed(&seen.vectors, &spec.vector, g),
+        };
+        policy
+            .mean_actions(&moved, &mut memory, &mut out[0])
+            .unwrap();
+        policy.features(&moved, &mut out[1]).unwrap();
+        for env in 0..ENVS {
+            let done: Vec<f32> = (0..A).map(|_| rng.random_range(-1.0..1.0)).collect();
+            let done = signed(&done, &spec.action, g);
+            memory.remember(env, &done, rng.random_range(-1.0..1.0));
+        }
+    }
+    out
+}
+
+fn policy(group: Group, context: bool) -> SacPolicy {
+    let settings = NetworkSettings {
+        group,
+        encoder: Encoder::Strided { fields: vec![4, 8] },
+        action_gain: 1.0,
+        ..NetworkSettings::default()
+    };
+    let context = context.then_some(ContextSettings {
+        size: 16,
+        length: 2,
+    });
+    SacPolicy::new(&settings, context, &spec(), 5).unwrap()
+}
+
+/// Errors of means and features, relative to their sizes.
+fn errors(policy: &mut SacPolicy, g: D2) -> [f32; 2] {
+    let [means, features] = outputs(policy, D2::Identity);
+    let moved = outputs(policy, g);
+    let expected = [signed(&means, &spec().action, g), features];
+    [0, 1].map(|i: usize| {
+        let size = largest(expected[i].iter().map(|x| x.abs()));
+        assert!(size > 0.0, "an output that is all zero proves nothing");
+        let pairs = moved[i].iter().zip(&expected[i]);
+        largest(pairs.map(|(a, b)| (a - b).abs())) / size
+    })
+}
+
+#[test]
+fn means_are_equivariant_and_features_invariant() {
+    for group in Group::ALL {
+        for context in [false, true] {
+            let mut policy = policy(group, context);
+            for &g in group.elements() {
+                for error in errors(&mut policy, g) {
+                    assert!(error < TOLERANCE, "{group}, {g}, {context}: {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn elements_outside_the_group_change_means_and_features() {
+    for group in Group::ALL {
+        for context in [false, true] {
+            let mut policy = policy(group, context);
+            for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
+                for error in errors(&mut policy, g) {
+                    assert!(
+                        error > 100.0 * TOLERANCE,
+                        "{group}, {g}, {context}: {error}"
+                    );
+                }
+            }
+        }
+    }
+}
