@@ -102,14 +102,17 @@ fn check(experiment: &Experiment) {
 fn is_small(experiment: &Experiment) -> bool {
     let LearnerSettings::Covers(covers) = &experiment.learner;
     let network = &covers.network;
-    let (Encoder::Strided { fields }
-    | Encoder::Pooled { fields, .. }
-    | Encoder::Keypoints { fields, .. }) = &network.encoder;
+    let fields = match &network.encoder {
+        Encoder::Strided { fields }
+        | Encoder::Pooled { fields, .. }
+        | Encoder::Keypoints { fields, .. } => &fields[..],
+        Encoder::Blind => &[],
+    };
     let (Critic::Pooled { width: critic } | Critic::Joint { fields: critic }) = network.critic;
     let inner = match &network.encoder {
         Encoder::Pooled { inner, .. } => inner.to_vec(),
         Encoder::Keypoints { maps, .. } => vec![*maps],
-        Encoder::Strided { .. } => vec![],
+        Encoder::Strided { .. } | Encoder::Blind => vec![],
     };
     let heads = [
         network.top_fields,
