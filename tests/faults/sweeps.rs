@@ -63,6 +63,16 @@ fn wait_until(worker: &mut Child, mut it_is_so: impl FnMut() -> bool) {
     }
 }
 
+/// Whether a checkpoint is there whose writing has ended.
+fn has_checkpoint(run: &Path) -> bool {
+    let folder = run.join("checkpoints");
+    let whole = |file: &PathBuf| {
+        file.extension()
+            .is_some_and(|ending| ending == "safetensors")
+    };
+    folder.exists() && checkpoints(run).iter().any(whole)
+}
+
 fn said(output: &Output) -> String {
     String::from_utf8(output.stdout.clone()).unwrap()
 }
@@ -77,9 +87,7 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
     let (other, alone) = (sweep.worker(&[]), sweep.worker(&["--job", "0"]));
     // then the other worker has passed over the first job
     wait_until(&mut killed, || RunFolder::open(&second).holds_run());
-    wait_until(&mut killed, || {
-        first.join("checkpoints").exists() && !checkpoints(&first).is_empty()
-    });
+    wait_until(&mut killed, || has_checkpoint(&first));
     killed.kill().unwrap();
     assert_eq!(killed.wait().unwrap().code(), None);
     assert!(!RunFolder::open(&first).is_finished());
