@@ -63,8 +63,8 @@ pub struct SweepOptions {
     /// Do nothing; print a Slurm script that does the plan as an array of jobs.
     #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
     pub slurm: bool,
-    /// Do nothing; print a Kubernetes job (JSON) that does the plan in containers of this image. The
-    /// plan and the runs must lie on the volume that is mounted at /covers, here as there.
+    /// Do nothing; print a Kubernetes job (JSON) that does the plan in containers of this image.
+    /// The plan and the runs must lie on the volume that is mounted at /covers, here as there.
     #[arg(long, value_name = "IMAGE", conflicts_with = "job")]
     pub kubernetes: Option<String>,
 }

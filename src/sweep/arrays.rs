@@ -47,10 +47,10 @@ exit $code
         )
     }
 
-    /// A Kubernetes job as JSON, which `kubectl apply` takes as it takes YAML: containers of `image`,
-    /// whose entry point is the `covers` program. The plan and the runs lie on the volume of the
-    /// claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves a checkpoint (exit
-    /// code 3), which counts as no failure.
+    /// A Kubernetes job as JSON, which `kubectl apply` takes as it takes YAML. Its containers are of
+    /// `image`, whose entry point is the `covers` program. The plan and the runs lie on the volume
+    /// of the claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves a
+    /// checkpoint (exit code 3), which counts as no failure.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for a plan or runs elsewhere.
@@ -127,8 +127,8 @@ mod tests {
         }
     }
 
-    /// The script runs with a program that prints its arguments, `srun` that runs it, and `scontrol`
-    /// that prints what it is told.
+    /// The script runs with a program that prints its arguments, `srun` that runs it, and
+    /// `scontrol` that prints what it is told.
     #[test]
     fn a_member_of_the_slurm_array_does_its_job_and_is_put_back_after_a_stop() {
         let script = array().slurm(Path::new("covers"));

@@ -35,8 +35,8 @@ enum Fate {
 }
 
 /// Works until every job is finished or has failed, or until a stop is wished for, and tells of it.
-/// A job that another worker has is left to it, and taken over if that worker ends early. The folder
-/// of a run and its lock are all that workers share.
+/// A job that another worker has is left to it, and taken over if that worker ends early. The
+/// folder of a run and its lock are all that workers share.
 ///
 /// # Errors
 /// [`CoversError::Write`] for runs whose folder cannot be made and for an `out` that cannot be
