@@ -51,8 +51,8 @@ impl Plan {
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them twice, or with
-    /// a seed in `set`; what [`Experiment::check`] says.
+    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them twice, or
+    /// with a seed in `set`; what [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
