@@ -48,9 +48,9 @@ exit $code
     }
 
     /// A Kubernetes job as JSON, which `kubectl apply` takes as it takes YAML. Its containers are
-    /// of `image`, whose entry point is the `covers` program. The plan and the runs lie on the volume
-    /// of the claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves a
-    /// checkpoint (exit code 3), which counts as no failure.
+    /// of `image`, whose entry point is the `covers` program. The plan and the runs lie on the
+    /// volume of the claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves
+    /// a checkpoint (exit code 3), which counts as no failure.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for a plan or runs elsewhere.
