@@ -13,7 +13,7 @@ use crate::groupings::Labels;
 use crate::learners::Extent;
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
-use crate::sweep::{self, Plan};
+use crate::sweep::{self, ArrayJob, Ended, Plan};
 use crate::tables::{event_text, score_table, summary_table};
 
 /// What `covers` does with learners.
@@ -57,13 +57,14 @@ pub struct SweepOptions {
     /// Worker threads of each run; results do not depend on them.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: u16,
-    /// Do this job alone, counted from 0.
+    /// Do this job alone, counted from 0; where another worker has it, wait.
     #[arg(long)]
     pub job: Option<usize>,
     /// Do nothing; print a Slurm script that does the plan as an array of jobs.
     #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
     pub slurm: bool,
-    /// Do nothing; print a Kubernetes job that does the plan in containers of this image.
+    /// Do nothing; print a Kubernetes job (JSON) that does the plan in containers of this image.
+    /// The plan and the runs must lie on the volume that is mounted at /covers, here as there.
     #[arg(long, value_name = "IMAGE", conflicts_with = "job")]
     pub kubernetes: Option<String>,
 }
@@ -151,17 +152,8 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, Covers
 
 fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let jobs = Plan::read(&options.plan)?.jobs()?;
-    let absolute =
-        |path: &Path| std::path::absolute(path).map_err(|error| CoversError::read(path, error));
-    let (plan, runs) = (absolute(&options.plan)?, absolute(&options.runs)?);
-    if options.slurm {
-        let program = std::env::current_exe();
-        let program = program.map_err(|error| CoversError::read(Path::new("covers"), error))?;
-        say(out, &sweep::slurm(&program, &plan, &runs, jobs.len()))?;
-        return Ok(Outcome::Done);
-    }
-    if let Some(image) = &options.kubernetes {
-        say(out, &sweep::kubernetes(image, &plan, &runs, jobs.len()))?;
+    if options.slurm || options.kubernetes.is_some() {
+        say(out, &array_job(options, jobs.len())?)?;
         return Ok(Outcome::Done);
     }
     let chosen = match options.job {
@@ -173,12 +165,42 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, Covers
         })?,
     };
     let threads = usize::from(options.threads);
-    let stopped = sweep::work(chosen, &runs, threads, &Stop::on_signals()?, out)?;
-    Ok(if stopped {
-        Outcome::Interrupted
-    } else {
-        Outcome::Done
-    })
+    let ended = sweep::work(chosen, &options.runs, threads, &Stop::on_signals()?, out)?;
+    let Ended { stopped, failed } = ended;
+    match (stopped, failed.is_empty()) {
+        (false, true) => Ok(Outcome::Done),
+        (false, false) => Err(CoversError::Jobs { failed }),
+        (true, true) => Ok(Outcome::Interrupted),
+        (true, false) => {
+            say(out, &CoversError::Jobs { failed }.to_string())?;
+            Ok(Outcome::Interrupted)
+        }
+    }
+}
+
+/// The plan for a cluster, as its own programs read it.
+fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError> {
+    let array = ArrayJob {
+        plan: &options.plan,
+        runs: &options.runs,
+        jobs,
+        threads: usize::from(options.threads),
+    };
+    if let Some(image) = &options.kubernetes {
+        return Ok(format!("{:#}", array.kubernetes(image)?));
+    }
+    let absolute =
+        |path: &Path| std::path::absolute(path).map_err(|error| CoversError::read(path, error));
+    let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
+    let program = std::env::current_exe();
+    let program = program.map_err(|error| CoversError::read(Path::new("covers"), error))?;
+    let (plan, runs) = (&plan, &runs);
+    Ok(ArrayJob {
+        plan,
+        runs,
+        ..array
+    }
+    .slurm(&program))
 }
 
 /// Runs to the end, or to a signal, and tells of every step.

@@ -1,66 +1,110 @@
 //! The same plan on a cluster: array jobs whose members share nothing but a folder.
 
-use std::path::Path;
+use std::path::{Component, Path};
 
-/// A Slurm script: one member of the array for each job. A member that is told to stop leaves a
-/// checkpoint (exit code 3) and is put into the queue again.
-pub fn slurm(program: &Path, plan: &Path, runs: &Path, jobs: usize) -> String {
-    let last = jobs.saturating_sub(1);
-    let (program, plan, runs) = (quoted(program), quoted(plan), quoted(runs));
-    format!(
-        r#"#!/usr/bin/env bash
+use serde_json::{Value, json};
+
+use crate::error::CoversError;
+
+/// Where the containers of a Kubernetes job see the volume.
+const MOUNT: &str = "/covers";
+
+/// A plan as an array of jobs, each member of which runs `covers sweep` for one of them.
+#[derive(Clone, Copy, Debug)]
+pub struct ArrayJob<'a> {
+    /// The plan's file, as the members see it.
+    pub plan: &'a Path,
+    /// The folder of the runs, as the members see it.
+    pub runs: &'a Path,
+    /// The number of jobs.
+    pub jobs: usize,
+    /// Worker threads of each run, for which as many processors are asked.
+    pub threads: usize,
+}
+
+impl ArrayJob<'_> {
+    /// A Slurm script. A member that is told to stop leaves a checkpoint (exit code 3) and is put
+    /// into the queue again.
+    pub fn slurm(&self, program: &Path) -> String {
+        let (last, threads) = (self.jobs.saturating_sub(1), self.threads);
+        let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);
+        format!(
+            r#"#!/usr/bin/env bash
 #SBATCH --job-name=covers
 #SBATCH --array=0-{last}
-#SBATCH --cpus-per-task=1
+#SBATCH --cpus-per-task={threads}
 #SBATCH --mem=4G
 #SBATCH --requeue
 #SBATCH --signal=TERM@120
-srun {program} sweep {plan} --runs {runs} --job "$SLURM_ARRAY_TASK_ID"
+srun --cpus-per-task={threads} {program} sweep {plan} --runs {runs} --threads {threads} \
+  --job "$SLURM_ARRAY_TASK_ID"
 code=$?
 if [ $code -eq 3 ]; then
   scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
 fi
 exit $code
 "#
-    )
+        )
+    }
+
+    /// A Kubernetes job as JSON, which `kubectl apply` takes as it takes YAML. Its containers are
+    /// of `image`, whose entry point is the `covers` program. The plan and the runs lie on the
+    /// volume of the claim `covers`, which is mounted at `/covers`. A pod that is stopped leaves
+    /// a checkpoint (exit code 3), which counts as no failure.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for a plan or runs elsewhere.
+    pub fn kubernetes(&self, image: &str) -> Result<Value, CoversError> {
+        let plan = on_the_volume("plan", self.plan)?;
+        let runs = on_the_volume("runs", self.runs)?;
+        let threads = self.threads.to_string();
+        let container = json!({
+            "name": "covers",
+            "image": image,
+            "args": ["sweep", plan, "--runs", runs, "--threads", threads,
+                "--job", "$(JOB_COMPLETION_INDEX)"],
+            "resources": {"requests": {"cpu": threads, "memory": "4Gi"}},
+            "volumeMounts": [{"name": "covers", "mountPath": MOUNT}],
+        });
+        let stops = json!([
+            {"action": "Ignore",
+                "onExitCodes": {"containerName": "covers", "operator": "In", "values": [3]}},
+            {"action": "Ignore",
+                "onPodConditions": [{"type": "DisruptionTarget", "status": "True"}]},
+        ]);
+        Ok(json!({
+            "apiVersion": "batch/v1",
+            "kind": "Job",
+            "metadata": {"name": "covers"},
+            "spec": {
+                "completionMode": "Indexed",
+                "completions": self.jobs,
+                "parallelism": self.jobs,
+                "backoffLimitPerIndex": 3,
+                "podFailurePolicy": {"rules": stops},
+                "template": {"spec": {
+                    "restartPolicy": "Never",
+                    "terminationGracePeriodSeconds": 120,
+                    "containers": [container],
+                    "volumes": [{"name": "covers", "persistentVolumeClaim": {"claimName": "covers"}}],
+                }},
+            },
+        }))
+    }
 }
 
-/// A Kubernetes job: one index for each job, in containers of `image`, whose entry point is the
-/// `covers` program. The plan and the runs lie on the volume of the claim `covers`. A pod that is
-/// stopped leaves a checkpoint (exit code 3), which counts as no failure.
-pub fn kubernetes(image: &str, plan: &Path, runs: &Path, jobs: usize) -> String {
-    let (plan, runs) = (plan.display(), runs.display());
-    format!(
-        r#"apiVersion: batch/v1
-kind: Job
-metadata:
-  name: covers
-spec:
-  completionMode: Indexed
-  completions: {jobs}
-  parallelism: {jobs}
-  backoffLimitPerIndex: 3
-  podFailurePolicy:
-    rules:
-      - action: Ignore
-        onExitCodes: {{containerName: covers, operator: In, values: [3]}}
-      - action: Ignore
-        onPodConditions: [{{type: DisruptionTarget}}]
-  template:
-    spec:
-      restartPolicy: Never
-      terminationGracePeriodSeconds: 120
-      containers:
-        - name: covers
-          image: "{image}"
-          args: [sweep, "{plan}", --runs, "{runs}", --job, "$(JOB_COMPLETION_INDEX)"]
-          resources: {{requests: {{cpu: "1", memory: 4Gi}}}}
-          volumeMounts: [{{name: covers, mountPath: /covers}}]
-      volumes:
-        - name: covers
-          persistentVolumeClaim: {{claimName: covers}}
-"#
-    )
+/// A path on the volume as an argument of a container.
+fn on_the_volume(name: &'static str, path: &Path) -> Result<String, CoversError> {
+    let climbs = path.components().any(|part| part == Component::ParentDir);
+    match path.to_str() {
+        // Kubernetes replaces `$(NAME)` in arguments, and reads `$$` as one `$`
+        Some(text) if path.starts_with(MOUNT) && !climbs => Ok(text.replace('$', "$$")),
+        _ => Err(CoversError::Setting {
+            name,
+            value: path.display().to_string(),
+            expected: "an absolute path inside /covers, where containers see the volume",
+        }),
+    }
 }
 
 /// A path as a shell reads it back.
@@ -70,34 +114,82 @@ fn quoted(path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::process::Command;
+
     use super::*;
 
+    fn array() -> ArrayJob<'static> {
+        ArrayJob {
+            plan: Path::new("/covers/o'neil/my \"plan\" $(HOME).json"),
+            runs: Path::new("/covers/runs"),
+            jobs: 9,
+            threads: 3,
+        }
+    }
+
+    /// The script runs with a program that prints its arguments, `srun` that runs it, and
+    /// `scontrol` that prints what it is told.
     #[test]
-    fn a_shell_reads_paths_back() {
-        let path = Path::new("/home/o'neil/my plans/a$b.json");
-        let script = format!("printf %s {}", quoted(path));
-        let said = std::process::Command::new("sh")
-            .args(["-c", &script])
-            .output();
-        assert_eq!(
-            said.unwrap().stdout,
-            path.display().to_string().into_bytes()
-        );
+    fn a_member_of_the_slurm_array_does_its_job_and_is_put_back_after_a_stop() {
+        let script = array().slurm(Path::new("covers"));
+        for line in ["#SBATCH --array=0-8", "#SBATCH --cpus-per-task=3"] {
+            assert!(script.lines().any(|said| said == line), "{script}");
+        }
+        for (code, requeued) in [(0, ""), (1, ""), (3, "scontrol|requeue|77_4|")] {
+            let doubles = format!(
+                "srun() {{ echo \"$1\"; shift; \"$@\"; }}
+                covers() {{ printf '%s|' \"$@\"; return {code}; }}
+                scontrol() {{ printf '%s|' scontrol \"$@\"; }}
+                SLURM_ARRAY_JOB_ID=77 SLURM_ARRAY_TASK_ID=4\n"
+            );
+            let output = Command::new("bash")
+                .args(["-c", &(doubles + &script)])
+                .output()
+                .unwrap();
+            let said = String::from_utf8(output.stdout).unwrap();
+            let plan = array().plan.display();
+            let expected = format!(
+                "--cpus-per-task=3\nsweep|{plan}|--runs|/covers/runs|--threads|3|--job|4|{requeued}"
+            );
+            assert_eq!((said, output.status.code()), (expected, Some(code)));
+        }
     }
 
     #[test]
-    fn scripts_have_a_member_for_each_job_and_are_valid() {
-        let (plan, runs) = (Path::new("/covers/plan.json"), Path::new("/covers/runs"));
-        let script = slurm(Path::new("/usr/bin/covers"), plan, runs, 9);
-        assert!(script.contains("--array=0-8"), "{script}");
-        let checked = std::process::Command::new("bash")
-            .args(["-n", "-c", &script])
-            .output();
-        assert!(checked.unwrap().status.success(), "{script}");
-        let yaml = kubernetes("covers:0.1.0", plan, runs, 9);
-        assert!(
-            yaml.contains("completions: 9") && !yaml.contains("{{"),
-            "{yaml}"
-        );
+    fn a_kubernetes_job_has_an_index_for_each_job_and_says_what_to_run() {
+        let image = "registry:5000/a \"b\":{{c}}";
+        let job = array().kubernetes(image).unwrap();
+        let read: Value = serde_json::from_str(&format!("{job:#}")).unwrap();
+        assert_eq!(read["spec"]["completions"], 9);
+        let container = &read["spec"]["template"]["spec"]["containers"][0];
+        assert_eq!(container["image"], image);
+        assert_eq!(container["resources"]["requests"]["cpu"], "3");
+        let plan = "/covers/o'neil/my \"plan\" $$(HOME).json";
+        let expected = json!([
+            "sweep",
+            plan,
+            "--runs",
+            "/covers/runs",
+            "--threads",
+            "3",
+            "--job",
+            "$(JOB_COMPLETION_INDEX)",
+        ]);
+        assert_eq!(container["args"], expected);
+    }
+
+    #[test]
+    fn paths_that_containers_do_not_see_are_refused_by_name() {
+        for path in ["plan.json", "/home/plan.json", "/covers/../x", "/coversx/x"] {
+            let path = Path::new(path);
+            let (mut plan, mut runs) = (array(), array());
+            (plan.plan, runs.runs) = (path, path);
+            for (array, name) in [(plan, "plan"), (runs, "runs")] {
+                let message = array.kubernetes("covers").unwrap_err().to_string();
+                let expected = format!("`{name}` is {}, expected", path.display());
+                assert!(message.contains(&expected), "{message}");
+                assert!(message.contains("inside /covers"), "{message}");
+            }
+        }
     }
 }

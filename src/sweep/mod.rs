@@ -4,6 +4,6 @@ mod arrays;
 mod plan;
 mod worker;
 
-pub use arrays::{kubernetes, slurm};
+pub use arrays::ArrayJob;
 pub use plan::{Job, Plan};
-pub use worker::work;
+pub use worker::{Ended, work};

@@ -1,5 +1,6 @@
 //! What a sweep runs.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use envs::TaskRegistry;
@@ -21,7 +22,8 @@ pub struct Plan {
     pub seeds: Vec<u64>,
     /// How long each run may take.
     pub budget: Budget,
-    /// Settings that differ from the preset's in every run, as `--set` takes them.
+    /// Settings that differ from the preset's in every run, as `--set` takes them. The seed is none
+    /// of them. The number of threads is each worker's own, whatever stands here.
     #[serde(default)]
     pub set: Vec<String>,
 }
@@ -49,33 +51,36 @@ impl Plan {
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan without methods or seeds, or with one of them twice; what
-    /// [`Experiment::check`] says.
+    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them twice, or
+    /// with a seed in `set`; what [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
-        refuse_gaps("methods", &self.methods)?;
-        refuse_gaps("seeds", &self.seeds)?;
-        let set: Vec<Override> = self
-            .set
-            .iter()
-            .map(|s| s.parse())
-            .collect::<Result<_, _>>()?;
+        let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
+        distinct("methods", &methods)?;
+        distinct("seeds", &self.seeds)?;
+        let set = self.set.iter().map(|text| text.parse());
+        let set: Vec<Override> = set.collect::<Result<_, _>>()?;
         let mut jobs = Vec::with_capacity(self.seeds.len() * self.methods.len());
         for &seed in &self.seeds {
             for &method in &self.methods {
-                let experiment = self
-                    .budget
-                    .experiment(method)
-                    .with_seed(seed)
-                    .with_threads(1);
-                let experiment = overrides::apply(&set, experiment)?;
-                experiment.check(&TaskRegistry::standard())?;
-                let name = format!("{}-seed{}", method.name(), experiment.learner.seed());
-                jobs.push(Job { name, experiment });
+                jobs.push(self.job(method, seed, &set)?);
             }
         }
-        let mut names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
-        names.sort_unstable();
-        refuse_gaps("set", &names).map(|()| jobs)
+        Ok(jobs)
+    }
+
+    fn job(&self, method: Method, seed: u64, set: &[Override]) -> Result<Job, CoversError> {
+        let experiment = self.budget.experiment(method).with_seed(seed);
+        let experiment = overrides::apply(set, experiment)?.with_threads(1);
+        if experiment.learner.seed() != seed {
+            return Err(CoversError::Setting {
+                name: "set",
+                value: format!("{:?}", self.set),
+                expected: "no seed: `seeds` lists them",
+            });
+        }
+        experiment.check(&TaskRegistry::standard())?;
+        let name = format!("{}-seed{seed}", method.name());
+        Ok(Job { name, experiment })
     }
 }
 
@@ -86,19 +91,21 @@ impl Job {
     }
 }
 
-fn refuse_gaps<T: PartialEq>(name: &'static str, values: &[T]) -> Result<(), CoversError> {
-    let twice = (1..values.len()).any(|i| values[..i].contains(&values[i]));
-    let (value, expected) = match (values.is_empty(), twice) {
-        (true, _) => ("empty", "at least one"),
-        (_, true) => (
-            "a list with one twice",
-            "each once: equal runs would share a folder",
+/// Refuses a list that is empty or holds a value twice.
+fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<(), CoversError> {
+    let mut numbered = values.iter().enumerate();
+    let twice = numbered.find(|(i, value)| values[..*i].contains(value));
+    let (value, expected) = match twice {
+        Some((_, value)) => (
+            format!("a list that holds {value} twice"),
+            "every value once: equal runs would share a folder",
         ),
-        _ => return Ok(()),
+        None if values.is_empty() => ("empty".to_owned(), "at least one value"),
+        None => return Ok(()),
     };
     Err(CoversError::Setting {
         name,
-        value: value.to_owned(),
+        value,
         expected,
     })
 }
@@ -131,16 +138,45 @@ mod tests {
     #[test]
     fn plans_that_make_no_sense_are_refused_by_name() {
         for (from, to, named) in [
-            ("\"covers-gt\"", "\"covers\"", "`methods`"),
-            ("20, 21", "", "`seeds`"),
-            ("gamma=0.9", "gamma=7", "gamma"),
-            ("covers.ppo.gamma=0.9", "covers.seed=1", "`set`"),
+            (
+                "\"covers-gt\"",
+                "\"covers\"",
+                "`methods` is a list that holds covers twice",
+            ),
+            ("20, 21", "", "`seeds` is empty"),
+            (
+                "20, 21",
+                "7, 20, 20",
+                "`seeds` is a list that holds 20 twice",
+            ),
+            ("gamma=0.9", "gamma=7", "gamma = 7"),
+            (
+                "covers.ppo.gamma=0.9",
+                "covers.seed=1",
+                "`set` is [\"covers.seed=1\"]",
+            ),
             ("\"budget\"", "\"budgit\"", "`budget`"),
-            ("covers-gt", "covers-gtt", "covers-gt"),
+            ("covers-gt", "covers-gtt", "`covers-gt`"),
         ] {
             let changed = plan(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
             let message = changed.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_seed_in_the_settings_is_refused_also_for_a_single_seed() {
+        let text = TEXT.replace("20, 21", "20");
+        let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
+        let message = plan(&text).unwrap().jobs().unwrap_err().to_string();
+        assert!(message.contains("`seeds` lists them"), "{message}");
+    }
+
+    #[test]
+    fn jobs_do_not_depend_on_threads() {
+        let text = TEXT.replace("covers.ppo.gamma=0.9", "envs.threads=2");
+        for job in plan(&text).unwrap().jobs().unwrap() {
+            assert_eq!(job.experiment.envs.threads, 1, "{}", job.name);
         }
     }
 }

@@ -1,13 +1,30 @@
-//! A worker of a sweep: it claims one job after another until none is left.
+//! A worker of a sweep: it claims one job after another until all are finished.
 
 use std::io::Write;
 use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use crate::error::CoversError;
+use crate::experiment::Experiment;
 use crate::overrides::same;
 use crate::runs::{Event, Run, RunFolder, Stop};
 
 use super::plan::Job;
+
+/// How long a worker waits before it asks again for jobs that others have.
+const WAIT: Duration = Duration::from_secs(2);
+/// How often it looks meanwhile whether a stop is wished for.
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// How a worker ended.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Ended {
+    /// Whether a stop was wished for while jobs were left.
+    pub stopped: bool,
+    /// The names of the jobs that failed, each for a reason that was told.
+    pub failed: Vec<String>,
+}
 
 /// What became of a job.
 enum Fate {
@@ -17,96 +34,279 @@ enum Fate {
     Taken,
 }
 
-/// Does every job that no other worker does or has done, and tells of it. The folder of a run and
-/// its lock are all that workers share. Returns whether a stop was wished for.
+/// Works until every job is finished or has failed, or until a stop is wished for, and tells of it.
+/// A job that another worker has is left to it, and taken over if that worker ends early. The
+/// folder of a run and its lock are all that workers share.
 ///
 /// # Errors
-/// [`CoversError::Jobs`] names the jobs that failed, after all others are done; an `out` that cannot
-/// be written to.
+/// [`CoversError::Write`] for runs whose folder cannot be made and for an `out` that cannot be
+/// written to.
 pub fn work(
     jobs: &[Job],
     runs: &Path,
     threads: usize,
     stop: &Stop,
     out: &mut impl Write,
-) -> Result<bool, CoversError> {
+) -> Result<Ended, CoversError> {
     std::fs::create_dir_all(runs).map_err(|error| CoversError::write(runs, error))?;
-    let mut failed = Vec::new();
-    for job in jobs {
-        match run(job, runs, threads, stop, out) {
-            Ok(Fate::Done) => say(out, job, "done")?,
-            Ok(Fate::Taken) => say(out, job, "another worker has it")?,
-            Ok(Fate::Stopped) => return Ok(true),
-            Err(error) => {
-                say(out, job, &format!("error: {error}"))?;
-                failed.push(job.name.clone());
-            }
-        }
-    }
-    if failed.is_empty() {
-        return Ok(false);
-    }
-    Err(CoversError::Jobs { failed })
+    let mut worker = Worker {
+        runs,
+        threads,
+        stop,
+        out,
+        failed: Vec::new(),
+    };
+    let stopped = worker.work(jobs)?;
+    let failed = worker.failed;
+    Ok(Ended { stopped, failed })
 }
 
-fn run(
-    job: &Job,
-    runs: &Path,
+struct Worker<'a, W> {
+    runs: &'a Path,
     threads: usize,
-    stop: &Stop,
-    out: &mut impl Write,
-) -> Result<Fate, CoversError> {
-    let path = job.folder(runs);
-    let folder = RunFolder::open(&path);
-    if folder.holds_run() {
-        let there = folder.experiment()?.with_threads(1);
-        same(&path, &job.experiment, &there)?;
-        if folder.is_finished() {
-            return Ok(Fate::Done);
+    stop: &'a Stop,
+    out: &'a mut W,
+    failed: Vec<String>,
+}
+
+impl<W: Write> Worker<'_, W> {
+    /// Goes through the jobs again and again until none is left; true for a stop before that.
+    fn work(&mut self, jobs: &[Job]) -> Result<bool, CoversError> {
+        let mut left: Vec<&Job> = jobs.iter().collect();
+        let mut told = 0;
+        while !left.is_empty() {
+            let Some(taken) = self.pass(&left)? else {
+                return Ok(true);
+            };
+            if taken.len() == left.len() {
+                if told != taken.len() {
+                    self.tell_of(&taken)?;
+                    told = taken.len();
+                }
+                self.wait();
+            }
+            left = taken;
+        }
+        Ok(false)
+    }
+
+    /// Tries each job once. Returns those that other workers have; none after a stop.
+    fn pass<'j>(&mut self, jobs: &[&'j Job]) -> Result<Option<Vec<&'j Job>>, CoversError> {
+        let mut taken = Vec::new();
+        for &job in jobs {
+            match self.run(job) {
+                Ok(Fate::Done) => self.say(job, "done")?,
+                Ok(Fate::Taken) => taken.push(job),
+                Ok(Fate::Stopped) => return Ok(None),
+                Err(error) => {
+                    self.say(job, &format!("error: {error}"))?;
+                    self.failed.push(job.name.clone());
+                }
+            }
+        }
+        Ok(Some(taken))
+    }
+
+    fn tell_of(&mut self, taken: &[&Job]) -> Result<(), CoversError> {
+        for job in taken {
+            self.say(job, "another worker has it: waiting")?;
+        }
+        Ok(())
+    }
+
+    fn wait(&self) {
+        let clock = Instant::now();
+        while clock.elapsed() < WAIT && !self.stop.requested() {
+            sleep(GLANCE);
         }
     }
-    if stop.requested() {
-        return Ok(Fate::Stopped);
-    }
-    let mut run = match claim(job, folder, threads) {
-        Err(CoversError::Locked { .. }) => return Ok(Fate::Taken),
-        other => other?,
-    };
-    run.stop_at(stop.clone());
-    say(out, job, run.notice())?;
-    while let Some(event) = run.advance()? {
-        if let Event::Evaluation(evaluation) = event {
-            let rollouts = evaluation.rollout + 1;
-            say(out, job, &format!("evaluated after {rollouts} rollouts"))?;
+
+    fn run(&mut self, job: &Job) -> Result<Fate, CoversError> {
+        let folder = RunFolder::open(&job.folder(self.runs));
+        if folder.holds_run() {
+            // a run of other settings is not even opened
+            refuse_others(job, &folder, &folder.experiment()?)?;
+            if folder.is_finished() {
+                return Ok(Fate::Done);
+            }
+        }
+        if self.stop.requested() {
+            return Ok(Fate::Stopped);
+        }
+        match claim(job, &folder, self.threads) {
+            Err(CoversError::Locked { .. }) => Ok(Fate::Taken),
+            other => self.finish(job, other?),
         }
     }
-    if !run.is_finished() {
+
+    fn finish(&mut self, job: &Job, mut run: Run) -> Result<Fate, CoversError> {
+        run.stop_at(self.stop.clone());
+        self.say(job, run.notice())?;
+        while let Some(event) = run.advance()? {
+            if let Event::Evaluation(evaluation) = event {
+                let rollouts = evaluation.rollout + 1;
+                self.say(job, &format!("evaluated after {rollouts} rollouts"))?;
+            }
+        }
+        if run.is_finished() {
+            return run.summary().map(|_| Fate::Done);
+        }
         run.save()?;
-        say(
-            out,
-            job,
-            &format!("stopped after {} rollouts", run.ledger().rollouts),
-        )?;
-        return Ok(Fate::Stopped);
+        let rollouts = run.ledger().rollouts;
+        self.say(job, &format!("stopped after {rollouts} rollouts"))?;
+        Ok(Fate::Stopped)
     }
-    run.summary().map(|_| Fate::Done)
+
+    fn say(&mut self, job: &Job, line: &str) -> Result<(), CoversError> {
+        let written = writeln!(self.out, "{}: {line}", job.name).and_then(|()| self.out.flush());
+        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+    }
 }
 
 /// Begins the job's run or goes on with it.
-fn claim(job: &Job, folder: RunFolder, threads: usize) -> Result<Run, CoversError> {
-    if folder.holds_run() {
-        return Run::resume(folder.path(), Some(threads));
-    }
+fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, CoversError> {
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
-    match Run::start(job.experiment.clone().with_threads(threads), folder.clone()) {
-        // another worker began it between the question and the claim
-        Err(CoversError::Occupied { .. }) => Run::resume(folder.path(), Some(threads)),
-        other => other,
-    }
+    let run = match Run::start(job.experiment.clone().with_threads(threads), folder.clone()) {
+        Err(CoversError::Occupied { .. }) => Run::resume(path, Some(threads))?,
+        other => other?,
+    };
+    // the lock is held from here on: what the folder held before may have been another run
+    refuse_others(job, folder, run.experiment())?;
+    Ok(run)
 }
 
-fn say(out: &mut impl Write, job: &Job, line: &str) -> Result<(), CoversError> {
-    let written = writeln!(out, "{}: {line}", job.name).and_then(|()| out.flush());
-    written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), CoversError> {
+    let [asked, there] = [&job.experiment, there].map(|it| it.clone().with_threads(1));
+    same(folder.path(), &asked, &there)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+    use std::path::PathBuf;
+    use std::thread;
+
+    use super::*;
+    use crate::presets::{Budget, Method};
+
+    /// A folder of one test's own with the settings of three jobs in it, none of them begun.
+    struct Sweep {
+        runs: PathBuf,
+        jobs: Vec<Job>,
+    }
+
+    impl Sweep {
+        fn new(name: &str) -> Self {
+            let name = format!("covers-worker-{name}-{}", std::process::id());
+            let runs = std::env::temp_dir().join(name);
+            let job = |seed: u64| Job {
+                name: format!("equi-seed{seed}"),
+                experiment: Budget::Smoke.experiment(Method::Equi).with_seed(seed),
+            };
+            let jobs: Vec<Job> = (0..3).map(job).collect();
+            let sweep = Self { runs, jobs };
+            for job in &sweep.jobs {
+                std::fs::create_dir_all(job.folder(&sweep.runs)).unwrap();
+                sweep.folder(job).write_experiment(&job.experiment).unwrap();
+            }
+            sweep
+        }
+
+        fn folder(&self, job: &Job) -> RunFolder {
+            RunFolder::open(&job.folder(&self.runs))
+        }
+
+        fn finish(&self, job: &Job) {
+            std::fs::write(job.folder(&self.runs).join("summary.json"), "{}").unwrap();
+        }
+
+        /// The lock of a job, as another worker holds it.
+        fn take(&self, job: &Job) -> File {
+            let lock = File::create(job.folder(&self.runs).join("lock")).unwrap();
+            lock.try_lock().unwrap();
+            lock
+        }
+
+        fn work(&self, stop: &Stop) -> (Ended, String) {
+            let mut said = Vec::new();
+            let ended = work(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
+            (ended, String::from_utf8(said).unwrap())
+        }
+    }
+
+    impl Drop for Sweep {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.runs);
+        }
+    }
+
+    #[test]
+    fn a_job_that_another_worker_has_is_waited_for() {
+        let sweep = Sweep::new("waits");
+        let [first, second, third] = &sweep.jobs[..] else {
+            unreachable!()
+        };
+        sweep.finish(first);
+        sweep.finish(third);
+        let lock = sweep.take(second);
+        let (ended, said) = thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(Duration::from_millis(200));
+                sweep.finish(second);
+                drop(lock);
+            });
+            let result = sweep.work(&Stop::default());
+            assert!(sweep.folder(second).is_finished(), "{}", result.1);
+            result
+        });
+        assert_eq!(ended, Ended::default());
+        let expected = [
+            "equi-seed0: done",
+            "equi-seed2: done",
+            "equi-seed1: another worker has it: waiting",
+            "equi-seed1: done",
+        ];
+        assert_eq!(said.lines().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn failures_are_reported_also_after_a_stop_which_ends_the_waiting() {
+        let sweep = Sweep::new("stops");
+        let [first, second, third] = &sweep.jobs[..] else {
+            unreachable!()
+        };
+        let other = first.experiment.clone().with_seed(9);
+        sweep.folder(first).write_experiment(&other).unwrap();
+        sweep.finish(third);
+        let _lock = sweep.take(second);
+        let (stop, clock) = (Stop::default(), Instant::now());
+        let (ended, said) = thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(Duration::from_millis(200));
+                stop.request();
+            });
+            sweep.work(&stop)
+        });
+        assert!(ended.stopped && ended.failed == ["equi-seed0"], "{ended:?}");
+        assert!(clock.elapsed() < WAIT, "{:?}", clock.elapsed());
+        assert!(said.contains("other settings"), "{said}");
+    }
+
+    #[test]
+    fn a_run_of_other_settings_that_began_meanwhile_is_refused_and_let_go() {
+        let sweep = Sweep::new("others");
+        let job = &sweep.jobs[0];
+        let folder = sweep.folder(job);
+        let other = job.experiment.clone().with_seed(9);
+        folder.write_experiment(&other).unwrap();
+        let error = claim(job, &folder, 2).err().unwrap();
+        assert!(
+            matches!(error, CoversError::OtherSettings { .. }),
+            "{error}"
+        );
+        sweep.take(job);
+        folder.write_experiment(&job.experiment).unwrap();
+        assert_eq!(claim(job, &folder, 2).unwrap().experiment().envs.threads, 2);
+    }
 }

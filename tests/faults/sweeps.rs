@@ -1,60 +1,137 @@
-//! A sweep whose workers are killed, and one that several workers share.
+//! A sweep that several workers share, one of which is killed.
 
 use std::fs;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use covers::sweep::Plan;
+use covers::sweep::{Job, Plan};
+use covers::{Provenance, RunFolder};
 
-use crate::common::{Scratch, assert_same, bytes, reference};
+use crate::common::{Scratch, assert_same, bytes, checkpoints, reference};
 
 const PLAN: &str = r#"{
     "methods": ["covers", "equi"],
     "seeds": [1000],
     "budget": "smoke",
     "set": ["envs.embodiment=hand", "schedule.cycles=1", "checkpoints.every=1",
-        "schedule.groups=[{\"group\": \"goal-reach\", \"decisions\": 320, \"variants\": [\"identity\"]}]"]
+        "schedule.groups=[{\"group\": \"goal-reach\", \"decisions\": 480, \"variants\": [\"identity\"]}]"]
 }"#;
 
-fn worker(plan: &Path, runs: &Path) -> Child {
-    let (plan, runs) = (plan.to_str().unwrap(), runs.to_str().unwrap());
-    Command::new(env!("CARGO_BIN_EXE_covers"))
-        .args(["sweep", plan, "--runs", runs])
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap()
+/// A plan in a folder of its own, and where its runs are.
+struct Sweep {
+    _scratch: Scratch,
+    plan: PathBuf,
+    runs: PathBuf,
+}
+
+impl Sweep {
+    fn new() -> Self {
+        let scratch = Scratch::new("sweep");
+        let (plan, runs) = (scratch.0.join("plan.json"), scratch.0.join("runs"));
+        fs::write(&plan, PLAN).unwrap();
+        Self {
+            _scratch: scratch,
+            plan,
+            runs,
+        }
+    }
+
+    fn jobs(&self) -> Vec<Job> {
+        Plan::read(&self.plan).unwrap().jobs().unwrap()
+    }
+
+    fn worker(&self, options: &[&str]) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_covers"))
+            .arg("sweep")
+            .args([&self.plan, Path::new("--runs"), &self.runs])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+}
+
+/// Waits until it is so, while the worker is at work.
+fn wait_until(worker: &mut Child, mut it_is_so: impl FnMut() -> bool) {
+    let clock = Instant::now();
+    while !it_is_so() {
+        assert!(clock.elapsed() < Duration::from_secs(60), "waited in vain");
+        assert_eq!(worker.try_wait().unwrap(), None, "the worker has ended");
+        sleep(Duration::from_millis(2));
+    }
+}
+
+/// Whether a checkpoint is there whose writing has ended.
+fn has_checkpoint(run: &Path) -> bool {
+    let folder = run.join("checkpoints");
+    let whole = |file: &PathBuf| {
+        file.extension()
+            .is_some_and(|ending| ending == "safetensors")
+    };
+    folder.exists() && checkpoints(run).iter().any(whole)
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
 }
 
 #[test]
 fn workers_that_are_killed_leave_jobs_that_others_finish() {
-    let scratch = Scratch::new("sweep");
-    let (plan, runs) = (scratch.0.join("plan.json"), scratch.0.join("runs"));
-    fs::write(&plan, PLAN).unwrap();
-    let mut workers = [worker(&plan, &runs), worker(&plan, &runs)];
-    sleep(Duration::from_millis(1200));
-    workers[0].kill().unwrap();
-    for worker in &mut workers {
-        worker.wait().unwrap();
+    let sweep = Sweep::new();
+    let jobs = sweep.jobs();
+    let [first, second] = [0, 1].map(|job| jobs[job].folder(&sweep.runs));
+    let mut killed = sweep.worker(&[]);
+    wait_until(&mut killed, || RunFolder::open(&first).holds_run());
+    let (other, alone) = (sweep.worker(&[]), sweep.worker(&["--job", "0"]));
+    // then the other worker has passed over the first job
+    wait_until(&mut killed, || RunFolder::open(&second).holds_run());
+    wait_until(&mut killed, || has_checkpoint(&first));
+    killed.kill().unwrap();
+    assert_eq!(killed.wait().unwrap().code(), None);
+    assert!(!RunFolder::open(&first).is_finished());
+    for worker in [other, alone] {
+        let output = worker.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0));
+        assert!(said(&output).contains("covers-seed1000: done"));
     }
-    assert!(worker(&plan, &runs).wait().unwrap().success());
-    for job in Plan::read(&plan).unwrap().jobs().unwrap() {
-        assert_same(&bytes(&job.folder(&runs)), &reference(&job.experiment));
+    for job in &jobs {
+        assert_same(
+            &bytes(&job.folder(&sweep.runs)),
+            &reference(&job.experiment),
+        );
     }
-    let other = PLAN.replace("decisions\\\": 320", "decisions\\\": 400");
-    assert_ne!(other, PLAN);
-    fs::write(&plan, other).unwrap();
-    let output = Command::new(env!("CARGO_BIN_EXE_covers"))
-        .args([
-            "sweep",
-            plan.to_str().unwrap(),
-            "--runs",
-            runs.to_str().unwrap(),
-        ])
-        .output()
-        .unwrap();
-    let said = String::from_utf8(output.stdout).unwrap();
+    let writers = Provenance::read(&first).unwrap();
+    assert_eq!(writers.len(), 2);
+    assert!(writers[1].rollouts > 0, "begun anew");
+}
+
+#[test]
+fn runs_of_other_settings_are_left_alone() {
+    let sweep = Sweep::new();
+    for job in sweep.jobs() {
+        let folder = job.folder(&sweep.runs);
+        fs::create_dir_all(&folder).unwrap();
+        let folder = RunFolder::open(&folder);
+        let other = job.experiment.with_seed(9);
+        folder.write_experiment(&other).unwrap();
+    }
+    let output = sweep.worker(&[]).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1));
-    assert!(said.contains("other settings"), "{said}");
+    assert_eq!(said(&output).matches("other settings").count(), 2);
+    for job in sweep.jobs() {
+        let files = fs::read_dir(job.folder(&sweep.runs)).unwrap();
+        assert_eq!(files.count(), 1);
+    }
+}
+
+#[test]
+fn printed_commands_say_threads_and_kubernetes_takes_paths_on_its_volume_alone() {
+    let sweep = Sweep::new();
+    let output = sweep.worker(&["--threads", "3", "--slurm"]);
+    let script = said(&output.wait_with_output().unwrap());
+    assert!(script.contains("--threads 3"), "{script}");
+    let refused = sweep.worker(&["--kubernetes", "covers"]);
+    assert_eq!(refused.wait_with_output().unwrap().status.code(), Some(1));
 }
