@@ -11,7 +11,8 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test faults deps
+.PHONY: stream test faults fuzz sanitise deps
+.PHONY: stream test faults fuzz sanitise deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -32,6 +33,35 @@ test: deps
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps
 	COVERS_FAULTS=full cargo test --locked --test faults -- --nocapture
+
+# Ten million inputs for each of fuzz/README.md's targets; a tenth of a million through MuJoCo.
+FUZZ_RUNS := 10000000
+FUZZ_TARGETS := notation settings overrides command-line checkpoint network npz mjcf
+FUZZ := cargo run --release --locked --
+
+fuzz: deps
+	cd fuzz && for name in $(FUZZ_TARGETS); do \
+	  FUZZ=$$name $(FUZZ) -runs=$(FUZZ_RUNS) found/$$name corpus/$$name || exit 1; \
+	done
+	cd fuzz && FUZZ=compiler $(FUZZ) -runs=100000 found/compiler corpus/compiler
+
+# Undefined behaviour and leaks: MuJoCo's wrapper under valgrind, crates without C under miri. It
+# takes valgrind and a nightly toolchain with miri (`rustup +nightly component add miri rust-src`).
+VALGRIND := valgrind -q --error-exitcode=9 --leak-check=full --show-leak-kinds=definite \
+  --errors-for-leak-kinds=definite --suppressions=$(CURDIR)/.ci/valgrind.supp
+
+# Miri varies the last bit of some functions; tests compare bits. What takes it more than a minute
+# is left out.
+MIRIFLAGS := -Zmiri-disable-isolation -Zmiri-deterministic-floats
+
+sanitise: deps
+	CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER="$(VALGRIND)" \
+	  cargo test -p covers-mujoco --locked --tests --no-fail-fast
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-symmetry --locked --lib
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-cluster --locked --lib \
+	  --test assigner_input --test certificate -- --skip agrees_with_quadrature
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-equivariant --locked --lib \
+	  --test errors -- layers hadamard scratch sizes
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \

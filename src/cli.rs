@@ -91,18 +91,17 @@ impl Output {
     /// The folder of a run of this name.
     ///
     /// # Errors
-    /// [`CoversError::Write`]; [`CoversError::Locked`] where another process works on the run that
-    /// would be overwritten.
+    /// [`CoversError::Write`].
     pub fn run_folder(&self, name: &str) -> Result<RunFolder, CoversError> {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
         std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
         let folder = RunFolder::open(path);
-        if self.overwrite {
-            folder.clear()?;
-        }
-        Ok(folder)
+        Ok(match self.overwrite {
+            true => folder.overwriting(),
+            false => folder,
+        })
     }
 }
 

@@ -188,9 +188,15 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
     say(out, &format!("{folder}: {}", run.notice()))?;
     while let Some(event) = run.advance()? {
         // the scores after the stream stand in the summary
-        if !run.is_finished() {
-            say(out, &event_text(&event))?;
+        let told = match run.is_finished() {
+            true => Ok(()),
+            false => say(out, &event_text(&event)),
+        };
+        // nobody listens any more: keep what was learnt
+        if told.is_err() {
+            run.save()?;
         }
+        told?;
     }
     conclude(run, json, out)
 }
@@ -246,10 +252,9 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> 
     let labels = Labels::default();
     let learner = &experiment.learner;
     let learner = from.load_learner(learner, &spec, &labels)?;
-    let to = RunFolder::create_exactly(&options.folder)?;
-    to.write_experiment(&experiment)?;
     let episodes = options.episodes;
-    to.save_learner(&*learner, Extent::Policies { episodes })?;
+    let extent = Extent::Policies { episodes };
+    let to = RunFolder::pack(&options.folder, &experiment, &*learner, extent)?;
     say(
         out,
         &format!("{} policies in {}", learner.policies(), to.path().display()),

@@ -80,7 +80,8 @@ pub enum CoversError {
     /// A number that is none, on its way into a checkpoint.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
-         Resume it with a smaller learning rate", path.display()
+         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...`)",
+        path.display()
     )]
     NotFinite {
         /// The checkpoint.

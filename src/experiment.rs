@@ -13,7 +13,7 @@ use crate::error::CoversError;
 use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
 use crate::overrides::typed;
-use crate::schedule::Schedule;
+use crate::schedule::{Clock, Schedule};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
 
@@ -112,8 +112,12 @@ impl Experiment {
     /// # Errors
     /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, CoversError> {
-        let tree = serde_json::from_str(text).map_err(|source| CoversError::NotJson { source })?;
-        typed(tree)
+        let not_json = |source| CoversError::NotJson { source };
+        serde_json::from_str(text).or_else(|error| {
+            // a tree names paths; what it would forgive, a field that is there twice, stays an error
+            typed::<Self>(serde_json::from_str(text).map_err(not_json)?)?;
+            Err(not_json(error))
+        })
     }
 
     /// The same run with another seed.
@@ -170,7 +174,9 @@ impl Experiment {
         self.schedule.check()?;
         self.schedule.resolve(tasks)?;
         self.envs.check()?;
+        self.check_seed()?;
         self.check_rollouts()?;
+        self.check_visits()?;
         let spec = Stream::spec_of(&self.envs);
         self.learner.start(&spec, &Labels::default()).map(|_| ())
     }
@@ -185,10 +191,57 @@ impl Experiment {
         Err(RlError::ShortRollout { steps, horizon }.into())
     }
 
+    /// A seed of the environments would change nothing.
+    fn check_seed(&self) -> Result<(), CoversError> {
+        match self.envs.seed {
+            0 => Ok(()),
+            seed => Err(CoversError::Setting {
+                name: "envs.seed",
+                value: seed.to_string(),
+                expected: "0: placements are drawn from the learner's seed",
+            }),
+        }
+    }
+
+    /// Decisions of one episode of every environment: the world's clock lets a group give way at its
+    /// multiples.
+    fn block(&self) -> usize {
+        self.envs.num_envs * self.envs.control.decisions()
+    }
+
+    /// On the world's clock, refuses what would make the stream depend on the learner, or hide a
+    /// visit.
+    fn check_visits(&self) -> Result<(), CoversError> {
+        if self.schedule.clock == Clock::Turns {
+            return Ok(());
+        }
+        let (rollout, block) = (self.learner.rollout_steps(), self.block());
+        if !rollout.is_multiple_of(block) {
+            return Err(CoversError::Setting {
+                name: "rollout_steps",
+                value: rollout.to_string(),
+                expected: "whole episodes of all environments, or `schedule.clock` = `turns`",
+            });
+        }
+        let mut plans = self.schedule.groups.iter();
+        match plans.find(|plan| plan.decisions < block) {
+            None => Ok(()),
+            Some(plan) => Err(CoversError::Setting {
+                name: "schedule.groups",
+                value: format!("{} decisions of {}", plan.decisions, plan.group),
+                expected: "at least one episode of all environments",
+            }),
+        }
+    }
+
     /// The visits of the stream, drawn from the run's seed.
     pub(crate) fn timetable(&self) -> Timetable {
-        let (rollout, rng) = (self.learner.rollout_steps(), &mut self.stream_rng(SCHEDULE));
-        Timetable::new(self.schedule.visits(rollout, rng))
+        let period = match self.schedule.clock {
+            Clock::World => self.block(),
+            Clock::Turns => self.learner.rollout_steps(),
+        };
+        let rng = &mut self.stream_rng(SCHEDULE);
+        Timetable::new(self.schedule.visits(period, rng))
     }
 
     /// The seeds of the environments.
@@ -268,7 +321,7 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 12] = [
+        let cases: [Spoil; 15] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.rounds = 0,
             |e| e.evaluation.every = Some(0),
@@ -284,6 +337,12 @@ mod tests {
                 covers.rollout_steps += 1;
             },
             |e| e.envs.control.horizon *= 2,
+            |e| e.envs.seed = 1,
+            |e| e.schedule.groups[1].decisions = 79,
+            |e| {
+                let LearnerSettings::Covers(covers) = &mut e.learner;
+                covers.rollout_steps = 120;
+            },
         ];
         for spoil in cases {
             let mut experiment = smoke();
@@ -294,6 +353,15 @@ mod tests {
                 "{experiment:?}"
             );
         }
+    }
+
+    #[test]
+    fn a_field_that_is_there_twice_is_refused() {
+        let text = serde_json::to_string(&smoke()).unwrap();
+        let twice = text.replace("\"cycles\":1", "\"cycles\":1,\"cycles\":2");
+        assert_ne!(twice, text);
+        let message = Experiment::parse(&twice).unwrap_err().to_string();
+        assert!(message.contains("duplicate field `cycles`"), "{message}");
     }
 
     #[test]

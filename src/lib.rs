@@ -45,6 +45,6 @@ pub use learners::{
     Covers, CoversSettings, Embedding, Extent, Handover, Learner, LearnerSettings, Metric, Metrics,
     NewPolicy, Seconds, Turn,
 };
-pub use overrides::Override;
+pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};
 pub use stream::Stream;

@@ -157,12 +157,14 @@ fn pointer(path: &str) -> String {
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
+    all.sort_by_key(|path| path.starts_with(LEARNER));
     let all: Vec<&str> = all
         .iter()
         .map(|path| path.strip_prefix("learner.").unwrap_or(path))
         .collect();
     let ending = format!(".{wanted}");
-    let ends = all.iter().find(|path| path.ends_with(&ending)).copied();
+    // the learner's come last, and are the likelier ones
+    let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
     ends.or_else(|| nearest(all.into_iter(), wanted))
         .map(str::to_owned)
 }
@@ -242,6 +244,7 @@ mod tests {
         for (text, nearest) in [
             ("covers.ppo.gama=0.9", "covers.ppo.gamma"),
             ("gamma=0.9", "covers.ppo.gamma"),
+            ("seed=5", "covers.seed"),
             ("evaluation.round=2", "evaluation.rounds"),
             (
                 "schedule.groups.9.decisions=9",

@@ -150,15 +150,15 @@ impl Schedule {
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of a stream whose learner has rollouts of this many decisions;
-    /// [`Schedule::check`] it first.
-    pub fn visits(&self, rollout: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    /// Draws the visits of a stream in which [`Order::Switching`] has a chance to switch every
+    /// `period` decisions; [`Schedule::check`] it first.
+    pub fn visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             Order::Fixed => (0..self.cycles)
                 .flat_map(|_| self.groups.iter().map(GroupPlan::visit))
                 .collect(),
             Order::Shuffled => self.shuffled_visits(rng),
-            Order::Switching => self.switching_visits(rollout, rng),
+            Order::Switching => self.switching_visits(period, rng),
         }
     }
 
@@ -177,19 +177,19 @@ impl Schedule {
         visits
     }
 
-    fn switching_visits(&self, rollout: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         let others = self.groups.len() - 1;
         let mut current = rng.random_range(0..=others);
         let mut visits = vec![self.groups[current].empty_visit()];
-        for nth in 0..self.total_decisions().div_ceil(rollout) {
-            let mean = self.groups[current].decisions.div_ceil(rollout);
+        for nth in 0..self.total_decisions().div_ceil(period) {
+            let mean = self.groups[current].decisions.div_ceil(period);
             let leaves = rng.random_range(0..mean) == 0;
             if nth > 0 && leaves {
                 current = (current + 1 + rng.random_range(0..others)) % self.groups.len();
                 visits.push(self.groups[current].empty_visit());
             }
             if let Some(visit) = visits.last_mut() {
-                visit.decisions += rollout;
+                visit.decisions += period;
             }
         }
         visits

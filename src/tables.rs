@@ -84,14 +84,18 @@ pub fn summary_table(summary: &Summary) -> String {
     let mut table = score_table(&summary.variants);
     let _ = write!(
         table,
-        "\nassignment accuracy {:.3} ({:.3} when groups come back), {} policies, {} decisions in {:.0} s ({:.0} per second)",
-        summary.assignment_accuracy,
-        summary.return_accuracy,
+        "\nassignment accuracy {} ({} when groups come back), {} policies, {} decisions in {:.0} s \
+         ({} per second)",
+        number(summary.assignment_accuracy, 3),
+        number(summary.return_accuracy, 3),
         summary.policies,
         summary.decisions,
         summary.seconds,
-        summary.decisions_per_second
+        number(summary.decisions_per_second, 0),
     );
+    if summary.straddled > 0 {
+        let _ = write!(table, ", {} rollouts of two groups", summary.straddled);
+    }
     if summary.failures > 0 {
         let _ = write!(table, ", {} failures of environments", summary.failures);
     }
@@ -110,11 +114,12 @@ mod tests {
         let mut summary = Summary {
             decisions: 100,
             seconds: 2.0,
-            decisions_per_second: 50.0,
+            decisions_per_second: Some(50.0),
             policies: 1,
             failures: 0,
-            assignment_accuracy: 1.0,
-            return_accuracy: 1.0,
+            straddled: 0,
+            assignment_accuracy: Some(1.0),
+            return_accuracy: None,
             groups: Vec::new(),
             variants: Vec::new(),
         };

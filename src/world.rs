@@ -5,6 +5,7 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
 use crate::error::CoversError;
 use crate::experiment::{Experiment, Seeds};
+use crate::groupings::Labels;
 use crate::schedule::{Clock, Visit};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
@@ -25,18 +26,31 @@ pub(crate) struct World {
     now: usize,
     /// Index of the visit that runs.
     running: usize,
+    /// What the turn showed so far; nothing before its first step.
+    shown: Option<Shown>,
+    labels: Labels,
     /// Steps since all episodes began.
     steps: usize,
 }
 
+/// The visits that one turn showed, by their indices.
+#[derive(Clone, Copy, Debug)]
+struct Shown {
+    first: usize,
+    last: usize,
+    straddles: bool,
+}
+
 impl World {
-    /// The stream of `experiment` after `decisions` decisions.
+    /// The stream of `experiment` after `decisions` decisions. It writes the name of the group that it
+    /// shows to `labels`.
     ///
     /// # Errors
     /// A group that `tasks` does not hold, or what the environments say.
     pub fn new(
         experiment: &Experiment,
         tasks: &TaskRegistry,
+        labels: Labels,
         decisions: usize,
     ) -> Result<Self, CoversError> {
         let groups = experiment.schedule.resolve(tasks)?;
@@ -49,6 +63,8 @@ impl World {
             rollout: experiment.learner.rollout_steps(),
             now: decisions,
             running: 0,
+            shown: None,
+            labels,
             steps: 0,
         })
     }
@@ -71,12 +87,38 @@ impl World {
         self.timetable.visit(index)
     }
 
-    /// Whether the group changed within the last decisions, as many as these.
-    pub fn changed_within(&self, decisions: usize) -> bool {
-        let index = |decision| self.timetable.index_at(decision);
-        let first = index(self.now.saturating_sub(decisions));
-        let last = index(self.now.saturating_sub(1)).or(Some(self.running));
-        self.clock == Clock::World && first != last
+    /// Decisions so far.
+    pub fn now(&self) -> usize {
+        self.now
+    }
+
+    /// The index of the visit that the turn's last step showed; before its first, of the one that
+    /// runs.
+    pub fn last_shown(&self) -> usize {
+        self.shown.map_or(self.running, |shown| shown.last)
+    }
+
+    /// Whether the turn showed more than one group.
+    pub fn straddles(&self) -> bool {
+        self.shown.is_some_and(|shown| shown.straddles)
+    }
+
+    /// Books that a step of the running visit is shown.
+    fn show(&mut self) {
+        let (running, group) = (self.running, |index| &self.timetable.visit(index).0.group);
+        let before = self.shown.unwrap_or(Shown {
+            first: running,
+            last: running,
+            straddles: false,
+        });
+        if self.shown.is_none() || before.last != running {
+            self.labels.set(group(running));
+        }
+        self.shown = Some(Shown {
+            last: running,
+            straddles: before.straddles || group(running) != group(before.first),
+            ..before
+        });
     }
 
     /// Begins the turn of this number in the visit of this index.
@@ -84,6 +126,7 @@ impl World {
     /// # Errors
     /// What the environments say.
     pub fn begin(&mut self, turn: usize, index: usize) -> Result<(), CoversError> {
+        self.shown = None;
         match self.clock {
             Clock::World => Ok(()),
             Clock::Turns => self.enter(index, self.seeds.nth(turn)),
@@ -127,6 +170,7 @@ impl VectorEnv for World {
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.show();
         self.stream.step(actions, out)?;
         self.now += self.spec().num_envs;
         self.steps += 1;
@@ -167,7 +211,13 @@ mod tests {
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
-        World::new(&experiment, &TaskRegistry::standard(), decisions).unwrap()
+        World::new(
+            &experiment,
+            &TaskRegistry::standard(),
+            Labels::default(),
+            decisions,
+        )
+        .unwrap()
     }
 
     /// The visit that runs after each step, and the last observation.
@@ -196,6 +246,20 @@ mod tests {
         let switch = often.iter().position(|&index| index == 1);
         assert_eq!(switch, Some(9), "after ten steps of eight decisions");
         assert!(world(0).index(0) == Some(0) && world(200).index(3).is_none());
+    }
+
+    #[test]
+    fn a_turn_straddles_where_it_showed_two_groups_and_not_where_the_next_is_due() {
+        let mut world = world(0);
+        let turn = |world: &mut World, steps| {
+            world.begin(0, 0).unwrap();
+            walk(world, steps, usize::MAX);
+            (world.straddles(), world.last_shown())
+        };
+        assert_eq!(turn(&mut world, 10), (false, 0), "the next group is due");
+        assert_eq!(world.running, 1);
+        let mut world = self::world(0);
+        assert_eq!(turn(&mut world, 11), (true, 1));
     }
 
     #[test]

@@ -9,13 +9,16 @@ use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::renderer::IMAGE_CHANNELS;
 
+/// As many threads as the command line takes; a slip in a file must not start a million.
+const MAX_THREADS: usize = 1024;
+
 /// Settings of a [`VecEnv`](crate::VecEnv).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VecEnvSettings {
     /// Number of environments, N.
     pub num_envs: usize,
-    /// Number of worker threads; results do not depend on it.
+    /// Number of worker threads, 1 to 1024; results do not depend on it.
     pub threads: usize,
     /// Whose figures the scenes follow; [`Layout::MetaWorld`] goes with [`Control::meta_world`].
     pub layout: Layout,
@@ -54,9 +57,9 @@ impl VecEnvSettings {
     /// # Errors
     /// [`EnvError::Setting`].
     pub fn check(&self) -> Result<(), EnvError> {
-        for (name, value) in [("num_envs", self.num_envs), ("threads", self.threads)] {
-            require(value > 0, name, &value, "at least 1")?;
-        }
+        require(self.num_envs > 0, "num_envs", &self.num_envs, "at least 1")?;
+        let few = (1..=MAX_THREADS).contains(&self.threads);
+        require(few, "threads", &self.threads, "1 to 1024")?;
         self.camera.check()?;
         self.control.check()
     }

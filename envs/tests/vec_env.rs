@@ -368,6 +368,10 @@ fn settings_out_of_range_are_refused() {
             ..settings(1)
         },
         VecEnvSettings {
+            threads: 1025,
+            ..settings(1)
+        },
+        VecEnvSettings {
             camera: Camera {
                 size: 15,
                 ..Camera::default()

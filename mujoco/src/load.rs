@@ -1,6 +1,6 @@
 //! Compiling a model from files in memory.
 
-use std::ffi::{CStr, c_char};
+use std::ffi::{CStr, CString, c_char};
 use std::ptr::NonNull;
 use std::sync::{Mutex, PoisonError};
 
@@ -10,12 +10,8 @@ use crate::raw;
 use crate::references::check_references;
 use crate::vfs::{NOWHERE, Vfs, path};
 
-/// Compiles `main`, one of `files`, and tells what MuJoCo warned of meanwhile.
-pub(crate) fn load(
-    main: &str,
-    files: &[(&str, &[u8])],
-) -> Result<(NonNull<raw::mjModel>, Option<String>), ModelError> {
-    init::ready()?;
+/// Refuses what would lead MuJoCo out of `files`; returns the path of `main`.
+pub(crate) fn check(main: &str, files: &[(&str, &[u8])]) -> Result<CString, ModelError> {
     let c_main = path(main)?;
     if !files.iter().any(|(name, _)| *name == main) {
         let files = files.iter().map(|(name, _)| (*name).into()).collect();
@@ -25,6 +21,16 @@ pub(crate) fn load(
         });
     }
     check_references(main, files)?;
+    Ok(c_main)
+}
+
+/// Compiles `main`, one of `files`, and tells what MuJoCo warned of meanwhile.
+pub(crate) fn load(
+    main: &str,
+    files: &[(&str, &[u8])],
+) -> Result<(NonNull<raw::mjModel>, Option<String>), ModelError> {
+    init::ready()?;
+    let c_main = check(main, files)?;
     let mut vfs = Vfs::new();
     for (name, content) in files {
         vfs.add(name, content)?;

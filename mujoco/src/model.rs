@@ -14,7 +14,7 @@ use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, CameraId, Geom, GeomId, Id, Joint, JointId, Lookup,
     MocapId, Named, Site, SiteId,
 };
-use crate::load::load;
+use crate::load::{check, load};
 use crate::raw;
 use crate::shape::Shape;
 
@@ -58,6 +58,16 @@ impl Model {
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
         Ok(Self { raw, warning })
+    }
+
+    /// Looks at the names and paths of files without compiling them: whether
+    /// [`Model::from_files`] would hand them to MuJoCo.
+    ///
+    /// # Errors
+    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside the
+    /// XML, as [`Model::from_files`].
+    pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
+        check(main, files).map(|_| ())
     }
 
     /// What MuJoCo warned of while it compiled this model, if anything.

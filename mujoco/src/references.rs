@@ -4,6 +4,8 @@
 //! sent nowhere (see `vfs`). An absolute path, or a relative one in an absolute folder, would be
 //! read.
 
+use std::collections::VecDeque;
+
 use crate::elements::{Element, elements};
 use crate::error::ModelError;
 
@@ -47,16 +49,13 @@ struct References {
 impl References {
     /// Those of `main` and of every given file that is included, however deep.
     fn of(main: &str, files: &[(&str, &[u8])]) -> Self {
-        let (mut found, mut texts) = (Self::default(), vec![main.to_owned()]);
-        let mut next = 0;
-        while let Some(text) = texts.get(next).cloned() {
-            next += 1;
-            let named = files.iter().filter(|(given, _)| is_named(given, &text));
-            for (_, content) in named {
-                for element in elements(&String::from_utf8_lossy(content)) {
-                    let included = found.add(&element);
-                    let new = |file: &String| !texts.iter().any(|text| is_named(plain(text), file));
-                    texts.extend(included.filter(new));
+        let (mut found, mut read) = (Self::default(), vec![false; files.len()]);
+        let mut included = VecDeque::from([main.to_owned()]);
+        while let Some(name) = included.pop_front() {
+            for ((given, content), read) in files.iter().zip(&mut read) {
+                if is_named(given, &name) && !std::mem::replace(read, true) {
+                    let text = String::from_utf8_lossy(content);
+                    included.extend(elements(&text).filter_map(|element| found.add(&element)));
                 }
             }
         }

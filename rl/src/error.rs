@@ -6,6 +6,9 @@ use thiserror::Error;
 /// Whatever an environment fails with. `?` turns any `Send` and `Sync` error into it.
 pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 
+/// Bytes of a GiB.
+const GIB: f64 = (1_u64 << 30) as f64;
+
 /// What can go wrong while networks are built, rollouts are collected and policies are updated.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -43,6 +46,18 @@ pub enum RlError {
         value: f64,
         /// The range allowed, in words.
         expected: &'static str,
+    },
+    /// Settings ask for an array that this machine has no memory for.
+    #[error(
+        "{what} of these settings would take {:.1} GiB, more than this machine gives; ask for \
+         fewer or smaller ones",
+        bytes / GIB
+    )]
+    Memory {
+        /// What the array would hold.
+        what: &'static str,
+        /// Its size in bytes.
+        bytes: f64,
     },
     /// A rollout buffer of T steps was given a step more.
     #[error(

@@ -1,5 +1,6 @@
 //! Checks that settings of all kinds share.
 
+use std::hint::black_box;
 use std::ops::RangeInclusive;
 
 use crate::error::RlError;
@@ -37,6 +38,21 @@ pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlEr
         expected,
         (1..=MAX_WIDTH).contains(&width),
     )
+}
+
+/// Refuses an array of these sizes, in bytes, that this machine has no memory for: allocating it
+/// would end the program.
+pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
+    let bytes = sizes
+        .iter()
+        .try_fold(1_usize, |n, &size| n.checked_mul(size));
+    // without the black box, the compiler removes an allocation that nobody uses
+    let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
+    if bytes.is_some_and(fits) {
+        return Ok(());
+    }
+    let bytes = sizes.iter().map(|&size| size as f64).product();
+    Err(RlError::Memory { what, bytes })
 }
 
 /// Refuses what is not a finite number above 0.

@@ -97,3 +97,14 @@ fn a_reward_that_is_not_a_number_is_refused() {
         })
     ));
 }
+
+/// Settings can ask for any number; allocating it would end the program.
+#[test]
+fn a_rollout_that_no_memory_holds_is_refused() {
+    for (num_envs, steps) in [(usize::MAX, 2), (1 << 20, 1 << 30)] {
+        let spec = EnvSpec { num_envs, ..spec() };
+        let error = RolloutBuffer::new(&spec, steps).unwrap_err();
+        assert!(matches!(error, RlError::Memory { .. }), "{error}");
+        assert!(error.to_string().contains("GiB"), "{error}");
+    }
+}

@@ -1,7 +1,7 @@
 //! Reads arrays of numbers from an npz archive: a zip of npy files, as NumPy writes them.
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::path::Path;
 
 use zip::ZipArchive;
@@ -16,8 +16,8 @@ const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + (1 << 16);
 const TOO_LARGE: &str = "it has more than 2^25 values";
 
 /// An open archive.
-pub(crate) struct Npz {
-    archive: ZipArchive<File>,
+pub(crate) struct Npz<R> {
+    archive: ZipArchive<R>,
 }
 
 /// An array of numbers, last index fastest.
@@ -43,11 +43,16 @@ impl Array {
     }
 }
 
-impl Npz {
+impl Npz<File> {
     pub(crate) fn open(path: &Path) -> Result<Self, RecordingError> {
-        let file = File::open(path).map_err(|source| RecordingError::Open { source })?;
-        let archive =
-            ZipArchive::new(file).map_err(|source| RecordingError::NotAnArchive { source })?;
+        Self::new(File::open(path).map_err(|source| RecordingError::Open { source })?)
+    }
+}
+
+impl<R: Read + Seek> Npz<R> {
+    pub(crate) fn new(source: R) -> Result<Self, RecordingError> {
+        let archive = ZipArchive::new(source);
+        let archive = archive.map_err(|source| RecordingError::NotAnArchive { source })?;
         Ok(Self { archive })
     }
 
@@ -74,18 +79,13 @@ impl Npz {
     }
 
     fn member(&mut self, name: &'static str) -> Result<Vec<u8>, RecordingError> {
-        let known: Vec<String> = self
-            .archive
-            .file_names()
-            .filter_map(|known| known.ok().map(|known| known.into_owned()))
-            .collect();
-        let file = match self.archive.by_name(&format!("{name}.npy")) {
-            Ok(file) => file,
-            Err(zip::result::ZipError::FileNotFound) => {
-                return Err(RecordingError::Missing { name, known });
-            }
-            Err(source) => return Err(RecordingError::NotAnArchive { source }),
+        let Some(index) = self.archive.index_for_name(&format!("{name}.npy")) else {
+            let known = self.archive.file_names().filter_map(Result::ok);
+            let known = known.map(|known| known.into_owned()).collect();
+            return Err(RecordingError::Missing { name, known });
         };
+        let file = self.archive.by_index(index);
+        let file = file.map_err(|source| RecordingError::NotAnArchive { source })?;
         if file.size() > MOST_BYTES {
             return Err(RecordingError::Damaged {
                 name,

@@ -17,11 +17,14 @@ pub(crate) struct Found<T> {
     pub value: T,
     /// Where.
     pub path: PathBuf,
-    /// Why not from a newer one: each that was passed over, and its error.
-    pub passed_over: Vec<String>,
+    /// Those newer ones that could not be read.
+    pub passed_over: Vec<PathBuf>,
+    /// What is wrong with each of them.
+    pub problems: Vec<String>,
 }
 
-/// Writes the checkpoint of a run with this many rollouts and removes all but the `keep` newest.
+/// Writes the checkpoint of a run with this many rollouts; of it and those before it, removes all but
+/// the `keep` newest.
 pub(crate) fn save(
     disk: &dyn Disk,
     folder: &Path,
@@ -30,9 +33,20 @@ pub(crate) fn save(
     keep: usize,
 ) -> Result<(), CoversError> {
     replace(disk, &path(folder, rollouts), bytes)?;
-    for (_, old) in list(folder)?.iter().skip(keep) {
+    let mut checkpoints = list(folder)?;
+    checkpoints.retain(|(number, _)| *number <= rollouts);
+    for (_, old) in checkpoints.iter().skip(keep) {
         let removed = disk.remove(old);
         removed.map_err(|error| CoversError::write(old, error))?;
+    }
+    Ok(())
+}
+
+/// Gives checkpoints another name, so that none of them stands before one that the run will write.
+pub(crate) fn put_aside(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), CoversError> {
+    for path in paths {
+        let moved = disk.rename(path, &path.with_added_extension("damaged"));
+        moved.map_err(|error| CoversError::write(path, error))?;
     }
     Ok(())
 }
@@ -74,7 +88,7 @@ pub(crate) fn newest<T>(
     folder: &Path,
     read: impl Fn(&Path) -> Result<T, CoversError>,
 ) -> Result<Option<Found<T>>, CoversError> {
-    let mut passed_over = Vec::new();
+    let (mut passed_over, mut problems) = (Vec::new(), Vec::new());
     for (_, path) in list(folder)? {
         match read(&path) {
             Ok(value) => {
@@ -82,9 +96,13 @@ pub(crate) fn newest<T>(
                     value,
                     path,
                     passed_over,
+                    problems,
                 }));
             }
-            Err(error @ CoversError::Read { .. }) => passed_over.push(error.to_string()),
+            Err(error @ CoversError::Read { .. }) => {
+                passed_over.push(path);
+                problems.push(error.to_string());
+            }
             Err(error) => return Err(error),
         }
     }
@@ -93,7 +111,7 @@ pub(crate) fn newest<T>(
     }
     Err(CoversError::NoCheckpoint {
         folder: folder.to_owned(),
-        problems: passed_over.join("; "),
+        problems: problems.join("; "),
     })
 }
 

@@ -16,7 +16,6 @@ use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
 
 use super::checkpoints;
-use super::lock::Lock;
 
 /// The file of a run's settings.
 const EXPERIMENT: &str = "experiment.json";
@@ -38,6 +37,7 @@ const FILES: [&str; 7] = [
 pub struct RunFolder {
     path: PathBuf,
     disk: Arc<dyn Disk>,
+    overwrite: bool,
 }
 
 impl RunFolder {
@@ -69,20 +69,12 @@ impl RunFolder {
         &self.path
     }
 
-    /// Creates exactly this folder, which must not exist.
-    ///
-    /// # Errors
-    /// [`CoversError::Write`].
-    pub fn create_exactly(path: &Path) -> Result<Self, CoversError> {
-        create_dir(path).map_err(|error| CoversError::write(path, error))?;
-        Ok(Self::open(path))
-    }
-
     /// Names a folder that an earlier run wrote.
     pub fn open(path: &Path) -> Self {
         Self {
             path: path.to_owned(),
             disk: Arc::new(LocalDisk),
+            overwrite: false,
         }
     }
 
@@ -92,29 +84,47 @@ impl RunFolder {
         self
     }
 
-    /// Removes the files of the run that is there, so that another can begin; other files stay.
-    ///
-    /// # Errors
-    /// [`CoversError::Locked`] where a process works on that run, [`CoversError::Write`].
-    pub fn clear(&self) -> Result<(), CoversError> {
-        if !self.holds_run() {
-            return Ok(());
+    /// The same folder, in which a run may begin even where it holds another, whose files are then
+    /// removed.
+    pub fn overwriting(mut self) -> Self {
+        self.overwrite = true;
+        self
+    }
+
+    /// Whether a run may begin here.
+    pub(crate) fn is_free(&self) -> Result<bool, CoversError> {
+        let checkpoints = checkpoints::list(&self.checkpoints())?;
+        Ok(self.overwrite || !self.holds_run() && checkpoints.is_empty())
+    }
+
+    /// Removes the files of the run that is there, so that another can begin; other files stay. Its
+    /// checkpoints go first and for good: none may be taken for one of the next run.
+    pub(super) fn clear(&self) -> Result<(), CoversError> {
+        let checkpoints = checkpoints::list(&self.checkpoints())?;
+        let sync = |folder: &Path| {
+            let synced = self.disk.sync_folder(folder);
+            synced.map_err(|error| CoversError::write(folder, error))
+        };
+        for (_, path) in &checkpoints {
+            self.remove(path)?;
         }
-        let _lock = Lock::take(&self.path)?;
-        let checkpoints = checkpoints::list(&self.checkpoints())?.into_iter();
-        let others = FILES
-            .iter()
-            .chain([&EXPERIMENT])
-            .map(|name| self.file(name));
-        for path in checkpoints.map(|(_, path)| path).chain(others) {
-            match self.disk.remove(&path) {
-                Err(error) if error.kind() != ErrorKind::NotFound => {
-                    return Err(CoversError::write(&path, error));
-                }
-                _ => {}
+        if !checkpoints.is_empty() {
+            sync(&self.checkpoints())?;
+        }
+        for name in FILES.iter().chain([&EXPERIMENT]) {
+            self.remove(&self.file(name))?;
+        }
+        sync(&self.path)
+    }
+
+    /// Removes a file, where there is one.
+    fn remove(&self, path: &Path) -> Result<(), CoversError> {
+        match self.disk.remove(path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                Err(CoversError::write(path, error))
             }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Whether a run began here.
@@ -175,14 +185,25 @@ impl RunFolder {
         found.map(|found| found.value.0).ok_or_else(none)
     }
 
-    /// Writes the only checkpoint of a folder that no run works on.
+    /// Creates a folder with settings and one checkpoint, which no run works on. Nothing is created
+    /// where the learner cannot be saved.
     ///
     /// # Errors
     /// As [`Learner::save`].
-    pub fn save_learner(&self, learner: &dyn Learner, extent: Extent) -> Result<(), CoversError> {
-        self.prepare()?;
-        let path = checkpoints::path(&self.checkpoints(), 0);
-        learner.save(&path, extent, "")
+    pub fn pack(
+        path: &Path,
+        experiment: &Experiment,
+        learner: &dyn Learner,
+        extent: Extent,
+    ) -> Result<Self, CoversError> {
+        let folder = Self::open(path);
+        let checkpoint = checkpoints::path(&folder.checkpoints(), 0);
+        let bytes = learner.encode(&checkpoint, extent, "")?;
+        create_dir(path).map_err(|error| CoversError::write(path, error))?;
+        folder.prepare()?;
+        folder.write_experiment(experiment)?;
+        replace(folder.disk(), &checkpoint, &bytes)?;
+        Ok(folder)
     }
 
     pub(crate) fn disk(&self) -> &dyn Disk {
@@ -206,18 +227,36 @@ impl RunFolder {
     /// Adds a line to a file. It comes to the disk with the next checkpoint.
     pub(crate) fn append(&self, name: &str, line: &str) -> Result<(), CoversError> {
         let path = self.file(name);
+        let there = std::fs::read(&path).unwrap_or_default();
+        // a line that was torn by a full disk or a power cut stays alone
+        let torn = there.last().is_some_and(|&last| last != b'\n');
+        let line = format!("{}{line}\n", if torn { "\n" } else { "" });
         let added = self.disk.append(&path, line.as_bytes());
         added.map_err(|error| CoversError::write(&path, error))
+    }
+
+    /// Brings files to the disk, those that are there.
+    pub(crate) fn sync(&self, names: &[&str]) -> Result<(), CoversError> {
+        for path in names.iter().map(|name| self.file(name)) {
+            match self.disk.sync(&path) {
+                Err(error) if error.kind() != ErrorKind::NotFound => {
+                    return Err(CoversError::write(&path, error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// Makes the folder of checkpoints and removes what a process left there that was interrupted
     /// while it wrote.
     pub(crate) fn prepare(&self) -> Result<(), CoversError> {
-        let path = self.checkpoints();
+        let (path, parent) = (self.checkpoints(), folder_of(&self.path));
         let write = |error| CoversError::write(&path, error);
         match self.disk.create_folder(&path) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(write(error)),
-            _ => [&self.path, folder_of(&self.path)]
+            // the folder may be new, and so may the one that it is in
+            _ => [&self.path, parent, folder_of(parent)]
                 .into_iter()
                 .try_for_each(|folder| self.disk.sync_folder(folder))
                 .map_err(write)?,

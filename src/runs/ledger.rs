@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ledger {
-    /// The group that each policy was opened for.
-    pub opened_for: Vec<String>,
+    /// The group that each policy was opened for: that of its first rollout of one group alone.
+    pub opened_for: Vec<Option<String>>,
     /// Rollouts learnt from.
     pub rollouts: usize,
     /// Decisions taken while learning.
@@ -31,8 +31,10 @@ pub struct Ledger {
 impl Ledger {
     /// Books one rollout of one group; `returns` says that its group was visited before.
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
-        self.open(group, policy);
-        let first = self.opened_for.iter().position(|opened| opened == group);
+        self.open(policy);
+        self.opened_for[policy].get_or_insert_with(|| group.to_owned());
+        let mut opened = self.opened_for.iter();
+        let first = opened.position(|opened| opened.as_deref() == Some(group));
         let right = usize::from(first == Some(policy));
         self.rollouts += 1;
         self.right += right;
@@ -42,32 +44,32 @@ impl Ledger {
         }
     }
 
-    /// Books one rollout that began in this group and ended in another.
-    pub(crate) fn record_straddling(&mut self, group: &str, policy: usize) {
-        self.open(group, policy);
+    /// Books one rollout that began in one group and ended in another.
+    pub(crate) fn record_straddling(&mut self, policy: usize) {
+        self.open(policy);
         self.rollouts += 1;
         self.straddled += 1;
     }
 
-    fn open(&mut self, group: &str, policy: usize) {
-        if policy == self.opened_for.len() {
-            self.opened_for.push(group.to_owned());
-        }
+    fn open(&mut self, policy: usize) {
+        let policies = self.opened_for.len().max(policy + 1);
+        self.opened_for.resize(policies, None);
     }
 
     /// Share of rollouts of one group assigned to the first policy that was opened for it, in
-    /// `[0, 1]`.
-    pub fn accuracy(&self) -> f64 {
-        self.right as f64 / (self.rollouts - self.straddled).max(1) as f64
+    /// `[0, 1]`; none where there was no such rollout.
+    pub fn accuracy(&self) -> Option<f64> {
+        share(self.right, self.rollouts - self.straddled)
     }
 
-    /// That share among the rollouts of groups that came back; 1 where none did.
-    pub fn return_accuracy(&self) -> f64 {
-        match self.returns {
-            0 => 1.0,
-            returns => self.right_returns as f64 / returns as f64,
-        }
+    /// That share among the rollouts of groups that came back; none where none did.
+    pub fn return_accuracy(&self) -> Option<f64> {
+        share(self.right_returns, self.returns)
     }
+}
+
+fn share(part: usize, whole: usize) -> Option<f64> {
+    (whole > 0).then(|| part as f64 / whole as f64)
 }
 
 #[cfg(test)]
@@ -88,26 +90,40 @@ mod tests {
     #[test]
     fn a_policy_for_each_group_is_right() {
         let ledger = ledger(&[(B, false, 0), (B, false, 0), (D, false, 1), (B, true, 0)]);
-        assert_eq!((ledger.accuracy(), ledger.return_accuracy()), (1.0, 1.0));
-        assert_eq!(ledger.opened_for, [B, D]);
+        assert_eq!(
+            (ledger.accuracy(), ledger.return_accuracy()),
+            (Some(1.0), Some(1.0))
+        );
+        assert_eq!(ledger.opened_for, [Some(B.to_owned()), Some(D.to_owned())]);
     }
 
     #[test]
     fn rollouts_of_two_groups_are_counted_and_neither_right_nor_wrong() {
         let mut ledger = ledger(&[(B, false, 0)]);
-        ledger.record_straddling(D, 1);
+        ledger.record_straddling(1);
+        assert_eq!((ledger.rollouts, ledger.straddled), (2, 1));
         assert_eq!(
-            (ledger.rollouts, ledger.straddled, ledger.accuracy()),
-            (2, 1, 1.0)
+            (ledger.accuracy(), ledger.return_accuracy()),
+            (Some(1.0), None)
         );
-        assert_eq!(ledger.opened_for, [B, D]);
+        // the policy belongs to the group of its first rollout of one group
+        ledger.record(D, false, 1);
+        assert_eq!(ledger.accuracy(), Some(1.0));
+        assert_eq!(ledger.opened_for[1].as_deref(), Some(D));
+        assert_eq!(Ledger::default().accuracy(), None);
     }
 
     #[test]
     fn mixing_groups_and_splitting_a_group_are_both_wrong() {
         let mixed = ledger(&[(B, false, 0), (D, false, 0), (D, false, 0), (B, true, 0)]);
-        assert_eq!((mixed.accuracy(), mixed.return_accuracy()), (0.5, 1.0));
+        assert_eq!(
+            (mixed.accuracy(), mixed.return_accuracy()),
+            (Some(0.5), Some(1.0))
+        );
         let split = ledger(&[(B, false, 0), (D, false, 1), (B, true, 2), (B, true, 0)]);
-        assert_eq!((split.accuracy(), split.return_accuracy()), (0.75, 0.5));
+        assert_eq!(
+            (split.accuracy(), split.return_accuracy()),
+            (Some(0.75), Some(0.5))
+        );
     }
 }

@@ -53,9 +53,19 @@ impl Logs {
 
     /// Seconds of learning so far, as far as they are known.
     pub fn seconds(&self) -> f64 {
+        self.known_timings().iter().map(|timing| timing.total).sum()
+    }
+
+    /// Decisions per second over the rollouts whose seconds are known.
+    pub fn decisions_per_second(&self) -> Option<f64> {
+        let timings = self.known_timings();
+        let decisions: usize = timings.iter().map(|timing| timing.decisions).sum();
+        (!timings.is_empty()).then(|| decisions as f64 / self.seconds())
+    }
+
+    fn known_timings(&self) -> Vec<Timing> {
         let mut reader = csv::Reader::from_reader(self.timings.text());
-        let timings = reader.deserialize::<Timing>().map_while(Result::ok);
-        timings.map(|timing| timing.total).sum()
+        reader.deserialize().map_while(Result::ok).collect()
     }
 
     /// Brings all rows to the disk.
@@ -78,18 +88,22 @@ impl Logs {
     }
 }
 
-/// The header and the rows of the first rollouts of a file of timings, up to the first row that is
-/// no such row: the one file that no checkpoint holds, since clocks differ between equal runs.
+/// The header and those rows of a file of timings that are whole and of the first rollouts: the one
+/// file that no checkpoint holds, since clocks differ between equal runs.
 fn first_rows(timings: &[u8], rollouts: usize) -> String {
     let text = String::from_utf8_lossy(timings);
-    let mut kept = String::new();
-    for (line, row) in text.split_inclusive('\n').enumerate().take(rollouts + 1) {
-        let number = line.checked_sub(1).map(|rollout| format!("{rollout},"));
-        let fits = number.is_none_or(|number| row.starts_with(&number));
-        if !fits || !row.ends_with('\n') {
-            break;
+    let mut lines = text.split_inclusive('\n');
+    let Some(header) = lines.next().filter(|line| line.ends_with('\n')) else {
+        return String::new();
+    };
+    let commas = |line: &str| line.matches(',').count();
+    let mut kept = header.to_owned();
+    for row in lines {
+        let rollout = row.split(',').next().and_then(|cell| cell.parse().ok());
+        let early = rollout.is_some_and(|rollout: usize| rollout < rollouts);
+        if early && row.ends_with('\n') && commas(row) == commas(header) {
+            kept.push_str(row);
         }
-        kept.push_str(row);
     }
     kept
 }
@@ -130,6 +144,8 @@ impl<'a> ScoreRow<'a> {
 #[derive(Serialize, Deserialize)]
 struct Timing {
     rollout: usize,
+    /// Those of this rollout.
+    decisions: usize,
     total: f64,
     /// Physics and pictures.
     environments: f64,
@@ -144,6 +160,7 @@ impl Timing {
         let seconds = &progress.turn.seconds;
         Self {
             rollout: progress.rollout,
+            decisions: progress.turn.decisions,
             total: progress.seconds,
             environments: progress.environment_seconds,
             inference: seconds.collection - progress.environment_seconds,
@@ -161,6 +178,8 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
         ("rollout", progress.rollout.to_string()),
         ("decisions", progress.decisions.to_string()),
         ("group", progress.group.name().to_owned()),
+        ("last_group", progress.last_group.name().to_owned()),
+        ("straddles", progress.straddles.to_string()),
         ("policy", turn.policy.to_string()),
         ("created", turn.created.to_string()),
         ("reward", number(progress.reward)),
@@ -178,13 +197,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn timings_are_kept_up_to_the_checkpoint_or_the_first_gap() {
+    fn timings_are_kept_up_to_the_checkpoint() {
         let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
         let kept = |text: &str, rollouts| first_rows(text.as_bytes(), rollouts);
         assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
         assert_eq!(kept(text, 9), text);
         assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));
-        assert_eq!(kept(&text.replace("1,2.5\n", ""), 9), kept(text, 1));
-        assert_eq!(kept("", 2), "");
+        let gap = text.replace("1,2.5\n", "");
+        assert_eq!(kept(&gap, 9), gap);
+        assert_eq!((kept("", 2), kept("rollout,to", 2)), Default::default());
     }
 }

@@ -12,11 +12,13 @@ mod run;
 mod stop;
 mod summary;
 mod table;
+mod workers;
 
 pub use folder::RunFolder;
 pub use ledger::Ledger;
 pub use progress::{Evaluation, Event, Progress};
 pub use provenance::Provenance;
-pub use run::{Run, thread_pool};
+pub use run::Run;
 pub use stop::Stop;
 pub use summary::Summary;
+pub use workers::thread_pool;

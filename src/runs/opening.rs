@@ -1,6 +1,6 @@
 //! How a run begins, and how it goes on after an interruption.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use envs::TaskRegistry;
 use serde::{Deserialize, Serialize};
@@ -62,6 +62,8 @@ pub(super) struct Opened {
     pub learner: Box<dyn Learner>,
     pub labels: Labels,
     pub note: Note,
+    /// Checkpoints that could not be read.
+    pub passed_over: Vec<PathBuf>,
     /// What is to be told about the beginning.
     pub notice: String,
 }
@@ -74,34 +76,41 @@ pub(super) fn start(
 ) -> Result<Opened, CoversError> {
     experiment.check(&tasks)?;
     let lock = Lock::take(folder.path())?;
-    if folder.holds_run() {
+    if !folder.is_free()? {
         return Err(CoversError::Occupied {
             folder: folder.path().to_owned(),
         });
     }
-    folder.write_experiment(&experiment)?;
     let claim = Claim {
         experiment,
         tasks,
         folder,
         lock,
     };
-    begin(claim, "begun".to_owned())
+    begin(claim, true, "begun".to_owned())
 }
 
-fn begin(claim: Claim, notice: String) -> Result<Opened, CoversError> {
-    let experiment = &claim.experiment;
+/// Begins; a `new` run removes what is there of another and leaves its settings.
+fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, CoversError> {
+    let (experiment, folder) = (&claim.experiment, &claim.folder);
     let groups = experiment.schedule.resolve(&claim.tasks)?;
     // First of all, while the process has one thread: loading a model tunes software rendering
     // by an environment variable.
     let sheet = contact_sheet(&experiment.envs, &groups)?;
-    claim.folder.write_png("contact_sheet.png", &sheet)?;
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+    let learner = experiment.learner.start(&spec, &labels)?;
+    // what can fail for other reasons than the disk's has not failed
+    if new {
+        folder.clear()?;
+        folder.write_experiment(experiment)?;
+    }
+    folder.write_png("contact_sheet.png", &sheet)?;
     Ok(Opened {
-        learner: experiment.learner.start(&spec, &labels)?,
+        learner,
         claim,
         labels,
         note: Note::default(),
+        passed_over: Vec::new(),
         notice,
     })
 }
@@ -112,11 +121,16 @@ pub(super) fn resume(
     threads: Option<usize>,
     tasks: TaskRegistry,
 ) -> Result<Opened, CoversError> {
+    if !folder.holds_run() {
+        let folder = folder.path().to_owned();
+        return Err(CoversError::NoRun { folder });
+    }
+    let lock = Lock::take(folder.path())?;
     let mut experiment = folder.experiment()?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     let claim = Claim {
-        lock: Lock::take(folder.path())?,
+        lock,
         experiment,
         tasks,
         folder,
@@ -131,7 +145,7 @@ pub(super) fn resume(
     };
     let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
         let notice = "there is no checkpoint yet: begun anew".to_owned();
-        return begin(claim, notice);
+        return begin(claim, false, notice);
     };
     let (learner, signed) = found.value;
     same(
@@ -140,7 +154,8 @@ pub(super) fn resume(
         &signed.experiment,
     )?;
     Ok(Opened {
-        notice: notice(&signed.note, &found.path, &found.passed_over),
+        notice: notice(&signed.note, &found.path, &found.problems),
+        passed_over: found.passed_over,
         claim,
         learner,
         labels,
@@ -149,10 +164,10 @@ pub(super) fn resume(
 }
 
 /// What is told about a resumption.
-fn notice(note: &Note, path: &Path, passed_over: &[String]) -> String {
+fn notice(note: &Note, path: &Path, problems: &[String]) -> String {
     let rollouts = note.ledger.rollouts;
     let mut notice = format!("goes on after {rollouts} rollouts from {}", path.display());
-    for problem in passed_over {
+    for problem in problems {
         notice = format!("{notice}; passed over a newer checkpoint: {problem}");
     }
     notice

@@ -13,8 +13,12 @@ pub struct Progress {
     pub rollout: usize,
     /// Decisions taken so far.
     pub decisions: usize,
-    /// The group that ran.
+    /// The group that ran when the learner's turn began.
     pub group: TaskGroup,
+    /// The group that ran when it ended.
+    pub last_group: TaskGroup,
+    /// Whether the group changed within the turn.
+    pub straddles: bool,
     /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`;
     /// none where none ended.
     pub reward: Option<f64>,
@@ -43,7 +47,7 @@ pub struct Evaluation {
 #[derive(Clone, Debug)]
 pub enum Event {
     /// The learner learnt from a rollout.
-    Rollout(Progress),
+    Rollout(Box<Progress>),
     /// All variants were scored.
     Evaluation(Evaluation),
 }

@@ -60,21 +60,16 @@ impl Provenance {
         }
     }
 
-    /// Reads the lines of a folder, the first process first.
+    /// Reads the lines of a folder, the first process first; a line that a full disk or a power cut
+    /// tore is left out.
     ///
     /// # Errors
     /// [`CoversError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, CoversError> {
         let path = folder.join(Self::FILE);
         let text = std::fs::read_to_string(&path).map_err(|e| CoversError::read(&path, e))?;
-        text.lines()
-            .map(|line| serde_json::from_str(line).map_err(|e| CoversError::read(&path, e)))
-            .collect()
-    }
-
-    /// This line of the file.
-    pub(crate) fn line(&self) -> Result<String, serde_json::Error> {
-        serde_json::to_string(self).map(|line| line + "\n")
+        let lines = text.lines();
+        Ok(lines.flat_map(serde_json::from_str).collect())
     }
 }
 

@@ -1,8 +1,6 @@
 //! One run over a stream, from the first rollout to the final scores; it can stop anywhere and go
 //! on later.
 
-use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::Instant;
 
@@ -12,7 +10,6 @@ use rayon::ThreadPool;
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
 use crate::learners::{Extent, Learner, Turn};
 use crate::world::World;
 
@@ -26,6 +23,9 @@ use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
 use super::stop::Stop;
 use super::summary::Summary;
+use super::workers::{guarded, thread_pool};
+
+const LOG: &str = "log.txt";
 
 /// A run in progress. Nobody else can write to its folder meanwhile.
 pub struct Run {
@@ -38,7 +38,6 @@ pub struct Run {
     world: World,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
-    labels: Labels,
     ledger: Ledger,
     /// Rounds of the evaluation that is due after the last rollout; 0 for none.
     due: usize,
@@ -118,11 +117,12 @@ impl Run {
             rows,
         } = note;
         // environments before threads: the first model of a process tunes software rendering
-        let world = World::new(&experiment, &tasks, ledger.decisions)?;
-        let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels.clone())?;
+        let world = World::new(&experiment, &tasks, labels.clone(), ledger.decisions)?;
+        let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels)?;
         let pool = thread_pool(envs.threads)?;
         // last: where anything else fails, no rows are cut off
         folder.prepare()?;
+        checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
         ledger.seconds = logs.seconds();
         let run = Self {
@@ -136,7 +136,6 @@ impl Run {
             folder,
             _lock: lock,
             learner: opened.learner,
-            labels,
             ledger,
             due,
             last_scores: Vec::new(),
@@ -155,14 +154,14 @@ impl Run {
         let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
         let (rollouts, threads) = (self.ledger.rollouts, self.experiment.envs.threads);
         let provenance = Provenance::here(rollouts, threads, renderer);
-        let line = provenance.line();
+        let line = serde_json::to_string(&provenance);
         let line = line.map_err(|error| CoversError::write(self.folder.path(), error))?;
         self.folder.append(Provenance::FILE, &line)?;
         self.log(&self.notice)
     }
 
     fn log(&self, line: &str) -> Result<(), CoversError> {
-        self.folder.append("log.txt", &format!("{line}\n"))
+        self.folder.append(LOG, line)
     }
 
     /// The run stops at `stop`'s wish.
@@ -229,7 +228,7 @@ impl Run {
             (0, Some(index)) => {
                 let progress = self.learn(index)?;
                 self.due = self.evaluation_rounds(index);
-                Event::Rollout(progress)
+                Event::Rollout(Box::new(progress))
             }
             (rounds, _) => match self.score(rounds)? {
                 Some(evaluation) => Event::Evaluation(evaluation),
@@ -264,18 +263,17 @@ impl Run {
         let returns = before.iter().any(|earlier| earlier.group == visit.group);
         let (learner, world) = (&mut self.learner, &mut self.world);
         world.begin(rollout, index)?;
-        self.labels.set(group.name());
         let failures = world.stream().failures();
         let environment_seconds = world.stream().seconds();
         let turn: Turn = guarded(&self.pool, || learner.learn(world))?;
         let seconds = clock.elapsed().as_secs_f64();
         let ledger = &mut self.ledger;
-        if world.changed_within(turn.decisions) {
-            ledger.record_straddling(group.name(), turn.policy);
+        if world.straddles() {
+            ledger.record_straddling(turn.policy);
         } else {
             ledger.record(group.name(), returns, turn.policy);
         }
-        ledger.decisions += turn.decisions;
+        ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
         let reward = turn.rollout.mean_return();
@@ -283,6 +281,8 @@ impl Run {
             rollout,
             decisions: ledger.decisions,
             group,
+            last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
+            straddles: world.straddles(),
             reward: reward.map(|sum| sum * world.stream().reward_scale()),
             success: turn.rollout.success_rate(),
             turn,
@@ -359,6 +359,7 @@ impl Run {
         let note = note.map_err(|error| CoversError::write(&path, error))?;
         let bytes = self.learner.encode(&path, Extent::Everything, &note)?;
         self.logs.sync()?;
+        self.folder.sync(&[Provenance::FILE, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         checkpoints::save(disk, &self.folder.checkpoints(), rollouts, &bytes, keep)?;
         self.saved = Some((rollouts, due));
@@ -379,9 +380,10 @@ impl Run {
         let summary = Summary {
             decisions: ledger.decisions,
             seconds: ledger.seconds,
-            decisions_per_second: ledger.decisions as f64 / ledger.seconds,
+            decisions_per_second: self.logs.decisions_per_second(),
             policies: self.learner.policies(),
             failures: ledger.failures,
+            straddled: ledger.straddled,
             assignment_accuracy: ledger.accuracy(),
             return_accuracy: ledger.return_accuracy(),
             groups: by_group(&self.last_scores),
@@ -393,52 +395,5 @@ impl Run {
             self.folder.replace(SUMMARY, text.as_bytes())?;
         }
         Ok(summary)
-    }
-}
-
-/// Works on the threads of `pool`. A panic, wherever it happened, is an error.
-fn guarded<T: Send>(
-    pool: &ThreadPool,
-    work: impl FnOnce() -> Result<T, CoversError> + Send,
-) -> Result<T, CoversError> {
-    let result = catch_unwind(AssertUnwindSafe(|| pool.install(work)));
-    result.unwrap_or_else(|panic| {
-        Err(CoversError::Panicked {
-            message: message_of(&*panic),
-        })
-    })
-}
-
-fn message_of(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "without a message".to_owned())
-}
-
-/// The threads that networks run on.
-pub fn thread_pool(threads: usize) -> Result<ThreadPool, CoversError> {
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build()
-        .map_err(|source| CoversError::Threads { threads, source })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_panic_of_any_worker_is_an_error_with_its_message() {
-        use rayon::prelude::*;
-        let pool = thread_pool(2).unwrap();
-        let work = || {
-            (0..8)
-                .into_par_iter()
-                .for_each(|i| assert!(i != 5, "item {i} fell over"));
-            Ok(())
-        };
-        let message = guarded(&pool, work).unwrap_err().to_string();
-        assert!(message.contains("item 5 fell over"), "{message}");
-        assert!(guarded(&pool, || Ok(7)).is_ok_and(|seven| seven == 7));
     }
 }

@@ -9,18 +9,22 @@ use crate::evaluation::{GroupScore, Score};
 pub struct Summary {
     /// Decisions taken while learning.
     pub decisions: usize,
-    /// Wall-clock seconds of learning, without evaluations.
+    /// Wall-clock seconds of learning, without evaluations, as far as they are known.
     pub seconds: f64,
-    /// Decisions per second of learning.
-    pub decisions_per_second: f64,
+    /// Decisions per second of learning, over the rollouts whose seconds are known; none where no
+    /// rollout's are.
+    pub decisions_per_second: Option<f64>,
     /// Policies created.
     pub policies: usize,
     /// Failures of single environments while learning, see [`crate::Stream::failures`].
     pub failures: usize,
-    /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`.
-    pub assignment_accuracy: f64,
-    /// The same share among rollouts of groups that came back.
-    pub return_accuracy: f64,
+    /// Rollouts within which the group changed; the shares below leave them out.
+    pub straddled: usize,
+    /// Share of rollouts assigned to the first policy that was opened for their group, in `[0, 1]`;
+    /// none where there was no rollout of one group.
+    pub assignment_accuracy: Option<f64>,
+    /// The same share among rollouts of groups that came back; none where none did.
+    pub return_accuracy: Option<f64>,
     /// Scores of the groups after the stream.
     pub groups: Vec<GroupScore>,
     /// Scores of all their variants.

@@ -52,8 +52,7 @@ fn a_finished_run_is_overwritten_only_when_told() {
     );
     assert_eq!(Provenance::read(folder.path()).unwrap().len(), lines);
     fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-    folder.clear().unwrap();
-    assert!(!folder.holds_run());
+    let folder = folder.overwriting();
     let other = finish(Run::start(experiment.with_seed(9), folder.clone()).unwrap());
     assert!(other[Path::new("metrics.csv")] != expected[Path::new("metrics.csv")]);
     let notes = fs::read_to_string(folder.path().join("notes.txt")).unwrap();

@@ -145,6 +145,9 @@ impl<'a> Checkpoint<'a> {
     ) -> Result<(Covers, String), CoversError> {
         let (header, file): (Header<'static>, _) = TensorFile::open(self.path, &self.bytes)?;
         let mut grouping = grouping(&header.settings)?;
+        // sizes are read by what the settings say, so those come first
+        let checked = header.settings.steps_per_env(spec, grouping.min_episodes());
+        checked.map_err(|error| error.in_file(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
         let arrays = Arrays {

@@ -1,0 +1,76 @@
+//! Scenes of others: what they name, and what MuJoCo makes of them.
+
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use envs::mujoco::Model;
+
+use super::{Reading, Target, accepted, measured};
+
+pub const MJCF: Target = Target {
+    name: "mjcf",
+    read: |input| read(input, |files| accepted(Model::check_files(NAMES[0], files))),
+    seeds,
+    multiple: 32,
+    constant: 1 << 10,
+    trials: 20_000,
+};
+
+/// Its memory is Rust's alone: the virtual file system and what an error says.
+pub const COMPILER: Target = Target {
+    name: "compiler",
+    read: |input| read(input, compile),
+    seeds,
+    multiple: 32,
+    constant: 1 << 21,
+    trials: 500,
+};
+
+/// A file on the disk that no model may show.
+static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {
+    let path = std::env::temp_dir().join("covers-fuzz-bait.xml");
+    let part = "<mujoco><worldbody><body name='of_the_disk'/></worldbody></mujoco>";
+    std::fs::write(&path, part).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    path
+});
+
+/// Names and contents.
+type Files<'a> = [(&'a str, &'a [u8])];
+
+const NAMES: [&str; 4] = ["scene.xml", "task.xml", "a.xml", "b.xml"];
+
+/// The files stand one after the other, with a zero between them.
+fn read(input: &[u8], with: fn(&Files) -> bool) -> Option<Reading> {
+    LazyLock::force(&BAIT);
+    let parts = input.split(|&byte| byte == 0);
+    let files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(parts).collect();
+    measured(|| with(&files))
+}
+
+fn compile(files: &Files) -> bool {
+    let model = Model::from_files(NAMES[0], files);
+    if let Ok(model) = &model {
+        assert!(model.body("of_the_disk").is_err(), "the disk was read");
+    }
+    accepted(model)
+}
+
+fn seeds() -> Vec<Vec<u8>> {
+    let bait = BAIT.display();
+    let texts = [
+        "<mujoco><include file='task.xml'/></mujoco>\0<mujocoinclude><worldbody>\
+         <body name='object' mocap='true'><geom size='0.1'/></body></worldbody></mujocoinclude>"
+            .to_owned(),
+        "<mujoco><compiler meshdir='m'/><asset><mesh name='m' vertex='0 0 0 1 0 0 0 1 0 0 0 1'/>\
+         </asset><worldbody><geom type='mesh' mesh='m'/></worldbody></mujoco>"
+            .to_owned(),
+        "<mujoco><worldbody><body><joint name='j' type='hinge'/><geom type='box' size='1 1 1'/>\
+         </body></worldbody><actuator><motor joint='j'/></actuator></mujoco>"
+            .to_owned(),
+        format!("<mujoco><!-- --><include file='{bait}'/></mujoco>"),
+        format!("<mujoco><include file='../../../../../..{bait}'/></mujoco>"),
+        format!("<mujoco><asset><hfield name='h' file='{bait}' size='1 1 1 1'/></asset></mujoco>"),
+        "<robot name='r'><link name='l'/></robot>".to_owned(),
+    ];
+    texts.map(String::into_bytes).to_vec()
+}

@@ -1,0 +1,139 @@
+//! What is fuzzed: one target for each kind of input. The libFuzzer program and the test
+//! `tests/fuzz.rs` run the same list.
+
+use std::fmt::Display;
+use std::path::Path;
+
+use allocation_counter::measure;
+
+mod mjcf;
+mod npz;
+mod tensors;
+mod text;
+
+/// Something that reads what others wrote. Reading panics for no input.
+pub struct Target {
+    /// Its name on the command line, and of its folder in `corpus`.
+    pub name: &'static str,
+    /// Reads an input through [`measured`].
+    read: fn(&[u8]) -> Option<Reading>,
+    /// Valid inputs to start from.
+    seeds: fn() -> Vec<Vec<u8>>,
+    /// Bytes that reading may hold at a time, a byte of the input.
+    multiple: u64,
+    /// The same, whatever the input is: tables, buffers and what a valid input builds.
+    constant: u64,
+    /// Mutations that the test tries.
+    pub trials: u32,
+}
+
+/// All targets.
+pub const TARGETS: [Target; 9] = [
+    text::NOTATION,
+    text::SETTINGS,
+    text::OVERRIDES,
+    text::COMMAND_LINE,
+    tensors::CHECKPOINT,
+    tensors::NETWORK,
+    npz::NPZ,
+    mjcf::MJCF,
+    mjcf::COMPILER,
+];
+
+/// How reading an input went.
+pub struct Reading {
+    /// The most bytes that this thread held at a time.
+    peak: u64,
+    /// Whether the input was valid.
+    pub accepted: bool,
+    /// Bytes beyond the target's constant, for each byte of the input.
+    pub multiple: f64,
+}
+
+impl Target {
+    /// Reads one input; none where it is refused before it reaches the reader.
+    ///
+    /// # Panics
+    /// Where reading does, or allocates more than it may.
+    pub fn run(&self, input: &[u8]) -> Option<Reading> {
+        let (mut reading, length) = ((self.read)(input)?, input.len() as u64);
+        let (peak, most) = (reading.peak, self.multiple * length + self.constant);
+        let name = self.name;
+        assert!(
+            peak <= most,
+            "{name}: {peak} bytes were allocated for {length}, expected at most {most}"
+        );
+        let beyond = peak.saturating_sub(self.constant);
+        reading.multiple = beyond as f64 / length.max(1) as f64;
+        Some(reading)
+    }
+
+    /// Valid inputs to start from.
+    pub fn seeds(&self) -> Vec<Vec<u8>> {
+        (self.seeds)()
+    }
+}
+
+/// Measures `read`, which says whether the input was valid.
+fn measured(read: impl FnOnce() -> bool) -> Option<Reading> {
+    let mut accepted = false;
+    let peak = measure(|| accepted = read()).bytes_max;
+    Some(Reading {
+        peak,
+        accepted,
+        multiple: 0.0,
+    })
+}
+
+/// Whether reading succeeded. An error must have something to say.
+fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
+    if let Err(error) = &result {
+        assert!(!error.to_string().is_empty());
+    }
+    result.is_ok()
+}
+
+/// Puts `bytes` into a file of this process and target, and hands its path to `with`.
+fn in_file<R>(target: &str, bytes: &[u8], with: impl FnOnce(&Path) -> R) -> R {
+    let name = format!("covers-fuzz-{}-{target}", std::process::id());
+    let path = std::env::temp_dir().join(name);
+    std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let result = with(&path);
+    // where it fails, the next input overwrites it
+    let _ = std::fs::remove_file(&path);
+    result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A target whose reader holds as many bytes as the input says.
+    const GREEDY: Target = Target {
+        name: "greedy",
+        read: |input| measured(|| vec![1_u8; 100 * usize::from(input[0])].len() > 100),
+        seeds: Vec::new,
+        multiple: 10,
+        constant: 100,
+        trials: 0,
+    };
+
+    #[test]
+    fn what_is_allocated_is_measured() {
+        let reading = GREEDY.run(&[2; 20]).unwrap();
+        assert!(reading.accepted && reading.multiple == 5.0);
+        assert!(!GREEDY.run(&[1; 20]).unwrap().accepted);
+    }
+
+    #[test]
+    #[should_panic(expected = "greedy: 1000 bytes were allocated for 2, expected at most 120")]
+    fn more_than_the_stated_multiple_is_noticed() {
+        GREEDY.run(&[10; 2]);
+    }
+
+    #[test]
+    #[should_panic(expected = "index out of bounds")]
+    fn a_panic_is_noticed() {
+        GREEDY.run(&[]);
+    }
+}

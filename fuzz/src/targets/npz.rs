@@ -1,0 +1,92 @@
+//! Recordings: npz archives.
+
+use std::io::{Cursor, Write};
+
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
+
+use super::{Reading, Target, accepted, measured};
+
+// private to the crate that reads recordings
+#[allow(dead_code)]
+#[path = "../../../src/check/npz.rs"]
+mod reader;
+#[allow(dead_code)]
+#[path = "../../../src/check/recording_error.rs"]
+mod recording_error;
+
+/// Deflate makes at most 1032 bytes of one, whose copies are twice as large at most, and a truth
+/// value of one byte becomes a number of eight.
+pub const NPZ: Target = Target {
+    name: "npz",
+    read,
+    seeds,
+    multiple: 1032 * (2 + 8),
+    constant: 1 << 12,
+    trials: 5_000,
+};
+
+/// After an even byte there is an archive, after an odd one a file that is packed here: behind a
+/// checksum, hardly a mutation of an archive would reach the parser of its files.
+fn read(input: &[u8]) -> Option<Reading> {
+    let (&kind, rest) = input.split_first()?;
+    let archive = match kind % 2 {
+        0 => rest.to_vec(),
+        _ => pack(&[("reward", rest)], CompressionMethod::Stored)?,
+    };
+    measured(|| {
+        let npz = reader::Npz::new(Cursor::new(&archive));
+        let array = |npz: &mut reader::Npz<_>, name, shape| {
+            let array = npz.array(name, shape);
+            if let Ok(array) = &array {
+                assert!(!array.row(&[0]).is_empty());
+            }
+            accepted(array)
+        };
+        match npz {
+            Ok(mut npz) => array(&mut npz, "reward", &[0, 0]) | array(&mut npz, "qpos", &[0, 0, 3]),
+            Err(error) => accepted(Err::<(), _>(error)),
+        }
+    })
+}
+
+fn pack(files: &[(&str, &[u8])], method: CompressionMethod) -> Option<Vec<u8>> {
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(method);
+    for (name, content) in files {
+        archive.start_file(format!("{name}.npy"), options).ok()?;
+        archive.write_all(content).ok()?;
+    }
+    Some(archive.finish().ok()?.into_inner())
+}
+
+fn npy(kind: &str, shape: &str, values: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({shape}), }}\n");
+    let length = (header.len() as u16).to_le_bytes();
+    [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), values].concat()
+}
+
+fn seeds() -> Vec<Vec<u8>> {
+    let reward = npy(
+        "<f8",
+        "2, 1",
+        &[1.5_f64, -2.0].map(f64::to_le_bytes).concat(),
+    );
+    let qpos = npy("<f8", "1, 2, 3", &[0; 48]);
+    let bomb = npy("|b1", "100, 1000", &[1; 100_000]);
+    let files = [("reward", &reward[..]), ("qpos", &qpos)];
+    let archives = [
+        pack(&files, CompressionMethod::Stored),
+        pack(&files, CompressionMethod::Deflated),
+        pack(&[("reward", &bomb)], CompressionMethod::Deflated),
+    ];
+    let archives = archives
+        .into_iter()
+        .flatten()
+        .map(|archive| [&[0], &archive[..]].concat());
+    let members = [reward.clone(), qpos, npy("|b1", "2, 2", &[1, 0, 0, 1])];
+    let members = members
+        .into_iter()
+        .map(|member| [&[1], &member[..]].concat());
+    archives.chain(members).collect()
+}

@@ -1,0 +1,252 @@
+//! Texts that a person writes: field types, settings, command lines.
+
+use std::cell::RefCell;
+use std::ffi::OsString;
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Component, Path};
+
+use allocation_counter::opt_out;
+use clap::{CommandFactory, FromArgMatches, Subcommand};
+use covers::check::Check;
+use covers::cli::{StreamOptions, TrainOptions};
+use covers::commands::Command;
+use covers::presets::{Budget, Method};
+use covers::{CoversSettings, Experiment, LearnerSettings, Override};
+use envs::{Embodiment, TaskRegistry};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{Critic, Encoder, NetworkSettings};
+use symmetry::{FieldType, Group};
+
+use super::{Reading, Target, accepted, measured};
+
+pub const NOTATION: Target = Target {
+    name: "notation",
+    read: read_notation,
+    seeds: notations,
+    multiple: 8,
+    constant: 1 << 9,
+    trials: 20_000,
+};
+
+pub const SETTINGS: Target = Target {
+    name: "settings",
+    read: read_settings,
+    seeds: settings,
+    multiple: 32,
+    constant: 1 << 12,
+    trials: 2_000,
+};
+
+pub const COMMAND_LINE: Target = Target {
+    name: "command-line",
+    read: read_command_line,
+    seeds: command_lines,
+    multiple: 64,
+    constant: 1 << 16,
+    trials: 2_000,
+};
+
+fn read_notation(input: &[u8]) -> Option<Reading> {
+    let text = std::str::from_utf8(input).ok()?;
+    measured(|| {
+        let field = text.parse::<FieldType>();
+        if let Ok(field) = field {
+            assert_eq!(field.to_string().parse(), Ok(field), "{text:?}");
+        }
+        accepted(text.parse::<Group>()) | accepted(text.parse::<Embodiment>()) | accepted(field)
+    })
+}
+
+fn notations() -> Vec<Vec<u8>> {
+    let texts = [
+        "8 reg + 2 x",
+        "D1y: 3 1 + 4 y",
+        "C2: 1 reg",
+        "C1: 16777216 1",
+        "D1x: 0",
+        "2 xy",
+        "hand",
+    ];
+    texts.map(|text| text.as_bytes().to_vec()).to_vec()
+}
+
+fn read_settings(input: &[u8]) -> Option<Reading> {
+    measured(|| {
+        let text = std::str::from_utf8(input).unwrap_or_default();
+        let experiment = Experiment::parse(text);
+        if let Ok(experiment) = &experiment {
+            opt_out(|| check(experiment));
+        }
+        accepted(experiment)
+    })
+}
+
+/// Settings that were read: they are refused, or they survive another file.
+fn check(experiment: &Experiment) {
+    if !is_small(experiment) || experiment.check(&TaskRegistry::standard()).is_err() {
+        return;
+    }
+    let text = serde_json::to_string(experiment).unwrap_or_default();
+    let again = serde_json::from_str::<Experiment>(&text);
+    assert_eq!(again.ok().as_ref(), Some(experiment), "{text}");
+    let visits = experiment
+        .schedule
+        .visits(1, &mut ChaCha8Rng::seed_from_u64(0));
+    let decisions: usize = visits.iter().map(|visit| visit.decisions).sum();
+    assert_eq!(decisions, experiment.schedule.total_decisions());
+}
+
+/// Whether checking builds networks and rollouts that take no time: sizes are part of what a person
+/// asks for.
+fn is_small(experiment: &Experiment) -> bool {
+    let LearnerSettings::Covers(covers) = &experiment.learner;
+    let network = &covers.network;
+    let (Encoder::Strided { fields }
+    | Encoder::Pooled { fields, .. }
+    | Encoder::Keypoints { fields, .. }) = &network.encoder;
+    let (Critic::Pooled { width: critic } | Critic::Joint { fields: critic }) = network.critic;
+    let inner = match &network.encoder {
+        Encoder::Pooled { inner, .. } => inner.to_vec(),
+        Encoder::Keypoints { maps, .. } => vec![*maps],
+        Encoder::Strided { .. } => vec![],
+    };
+    let heads = [
+        network.top_fields,
+        network.vector_fields,
+        network.actor_fields,
+        critic,
+    ];
+    let mut widths = fields.iter().chain(&inner).chain(&heads);
+    widths.all(|&width| width <= 8)
+        && experiment.envs.camera.size <= 48
+        && covers.rollout_steps <= 400
+        && experiment.schedule.total_decisions() <= 100_000
+}
+
+/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
+fn small_network() -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![1; 4] },
+        top_fields: 1,
+        vector_fields: 1,
+        actor_fields: 1,
+        critic: Critic::Joint { fields: 1 },
+        ..NetworkSettings::default()
+    }
+}
+
+fn settings() -> Vec<Vec<u8>> {
+    let experiments = Method::ALL.map(|method| {
+        let mut experiment = Budget::Smoke.experiment(method);
+        let LearnerSettings::Covers(covers) = &mut experiment.learner;
+        *covers = CoversSettings {
+            network: NetworkSettings {
+                group: covers.network.group,
+                ..small_network()
+            },
+            ..covers.clone()
+        };
+        experiment.envs.camera.size = 16;
+        serde_json::to_vec(&experiment)
+    });
+    experiments.into_iter().flatten().collect()
+}
+
+pub const OVERRIDES: Target = Target {
+    name: "overrides",
+    read: read_overrides,
+    seeds: overrides,
+    multiple: 256,
+    constant: 1 << 17,
+    trials: 500,
+};
+
+/// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
+fn read_overrides(input: &[u8]) -> Option<Reading> {
+    let text = std::str::from_utf8(input).ok()?;
+    let experiment = Budget::Smoke.experiment(Method::Covers);
+    measured(|| {
+        let set: Result<Vec<Override>, _> = text.lines().map(str::parse).collect();
+        accepted(set.and_then(|set| covers::apply_overrides(&set, experiment)))
+    })
+}
+
+fn overrides() -> Vec<Vec<u8>> {
+    let lines = [
+        "covers.ppo.gamma=0.97",
+        "gamma=0.97",
+        "schedule.groups.3.variants=[\"flip x\"]\nschedule.cycles=2",
+        "covers.grouping=oracle",
+        "evaluation.every=null\n evaluation.rounds = 3",
+        "schedule.groups.18446744073709551615.decisions=1",
+    ];
+    lines.map(|line| line.as_bytes().to_vec()).to_vec()
+}
+
+thread_local! {
+    static COMMANDS: RefCell<[clap::Command; 2]> = RefCell::new([
+        Command::augment_subcommands(clap::Command::new("covers"))
+            .subcommand(Check::augment_subcommands(clap::Command::new("check"))),
+        StreamOptions::command(),
+    ]);
+}
+
+/// The arguments stand in lines.
+fn read_command_line(input: &[u8]) -> Option<Reading> {
+    let lines = input.split(|&byte| byte == b'\n');
+    let arguments = lines.map(|line| OsString::from(std::ffi::OsStr::from_bytes(line)));
+    let arguments: Vec<OsString> = [OsString::from("covers")]
+        .into_iter()
+        .chain(arguments)
+        .collect();
+    COMMANDS.with_borrow_mut(|[covers, stream]| {
+        measured(|| {
+            let matches = covers.try_get_matches_from_mut(&arguments);
+            if let Ok(matches) = &matches {
+                check_names(Command::from_arg_matches(matches).ok());
+            }
+            let stream_matches = stream.try_get_matches_from_mut(&arguments);
+            if let Ok(matches) = &stream_matches {
+                assert!(StreamOptions::from_arg_matches(matches).is_ok());
+            }
+            accepted(matches) | accepted(stream_matches)
+        })
+    })
+}
+
+/// The folder of a run lies in the folder that was asked for, whatever the settings' file is called.
+fn check_names(command: Option<Command>) {
+    let Some(Command::Train(options)) = command else {
+        return;
+    };
+    let preset = TrainOptions {
+        config: None,
+        ..options.clone()
+    };
+    let Ok(experiment) = preset.experiment() else {
+        return;
+    };
+    let name = options.run_name(&experiment);
+    let parts: Vec<Component> = Path::new(&name).components().collect();
+    assert!(matches!(parts[..], [Component::Normal(_)]), "{name:?}");
+}
+
+fn command_lines() -> Vec<Vec<u8>> {
+    let lines = [
+        "train\n--preset\nequi\n--budget\nsmoke\n--seed\n7\n--threads\n2\n--group\nC2\n--json",
+        "train\n--set\ncovers.ppo.gamma=0.97\n--set\nschedule.groups.0.decisions=80",
+        "train\n--folder\nx\n--overwrite",
+        "sweep\nplan.json\n--job\n3",
+        "train\n--config\n../a/b.json\n--runs\n/tmp/x\n--embodiment\nhand",
+        "resume\nruns/a\n--threads=1\n--json",
+        "eval\nruns/a\n--episodes\n20\n--embodiment\nsawyer",
+        "pack\nruns/a\nb\n--episodes=8",
+        "check\nexperts\n--embodiment\nhand\n--seeds\n3",
+        "check\nsymmetry\n--embodiment\nhand",
+        "check\nparity\nrecordings\n--json",
+        "--budget\nzero-shot\n--runs\nx",
+        "help\ntrain",
+    ];
+    lines.map(|line| line.as_bytes().to_vec()).to_vec()
+}

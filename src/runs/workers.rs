@@ -1,0 +1,55 @@
+//! The threads that a run works on, and what becomes of their panics.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use rayon::ThreadPool;
+
+use crate::error::CoversError;
+
+/// The threads that networks run on.
+pub fn thread_pool(threads: usize) -> Result<ThreadPool, CoversError> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|source| CoversError::Threads { threads, source })
+}
+
+/// Works on the threads of `pool`. A panic, wherever it happened, is an error.
+pub(super) fn guarded<T: Send>(
+    pool: &ThreadPool,
+    work: impl FnOnce() -> Result<T, CoversError> + Send,
+) -> Result<T, CoversError> {
+    let result = catch_unwind(AssertUnwindSafe(|| pool.install(work)));
+    result.unwrap_or_else(|panic| {
+        Err(CoversError::Panicked {
+            message: message_of(&*panic),
+        })
+    })
+}
+
+fn message_of(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "without a message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_any_worker_is_an_error_with_its_message() {
+        use rayon::prelude::*;
+        let pool = thread_pool(2).unwrap();
+        let work = || {
+            (0..8)
+                .into_par_iter()
+                .for_each(|i| assert!(i != 5, "item {i} fell over"));
+            Ok(())
+        };
+        let message = guarded(&pool, work).unwrap_err().to_string();
+        assert!(message.contains("item 5 fell over"), "{message}");
+        assert!(guarded(&pool, || Ok(7)).is_ok_and(|seven| seven == 7));
+    }
+}
