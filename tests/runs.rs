@@ -72,11 +72,13 @@ fn smoke() -> Experiment {
     Budget::Smoke.experiment(Method::Covers)
 }
 
-/// A run over three groups with visits of 2 rollouts, evaluated after each visit and after every
-/// third rollout.
+/// A run over three groups with visits of 4 rollouts, evaluated after each visit and after every
+/// third turn.
 fn experiment(seed: u64, threads: usize) -> Experiment {
     let mut experiment = smoke().with_seed(seed).with_threads(threads);
     experiment.schedule.groups.truncate(3);
+    let groups = &mut experiment.schedule.groups;
+    groups.iter_mut().for_each(|plan| plan.decisions = 4 * 80);
     experiment.evaluation.visit_rounds = 1;
     experiment.evaluation.every = Some(3);
     experiment
@@ -127,7 +129,8 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let (summary, reference) = whole(3, 1);
     assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
-    assert_eq!(lines(&reference[1]), 1 + 8, "a header and a line a rollout");
+    // two turns of one rollout, and two that hand over and take three
+    assert_eq!(lines(&reference[1]), 1 + 4, "a header and a row a turn");
     assert_eq!(
         lines(&reference[2]),
         1 + 16,
@@ -146,12 +149,15 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
-    let evaluated = [2, 3, 4, 6];
+    // turns that hand over take three rollouts
+    let evaluated = [3, 4, 6, 8];
+    assert_eq!(lines(&reference[1]), 1 + 8);
     assert_eq!(lines(&reference[2]), 1 + 12 * evaluated.len());
-    // checkpoints are written after 3 and 6 rollouts: the rows behind are written twice
-    let folder = crash_after(5, start(&scratch.0, experiment(3, 2)));
+    // checkpoints are written after 3, 6 and 8 turns: the row behind is written twice
+    let folder = crash_after(7, start(&scratch.0, experiment(3, 2)));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
-    assert_eq!(resumed.ledger().rollouts, 3);
+    assert_eq!(resumed.ledger().rollouts, 6);
+    assert_eq!(resumed.ledger().opened_for.len(), 2);
     let (again, bytes) = finish(resumed);
     let files = FILES.iter().chain(&["the last checkpoint"]);
     for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
@@ -280,7 +286,7 @@ fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     longer.schedule.groups[0].decisions += 80;
     let cases = [
         (settings.clone().with_seed(9), "`seed` 9 and 0"),
-        (longer, "`schedule.groups.0.decisions` 240 and 160"),
+        (longer, "`schedule.groups.0.decisions` 400 and 320"),
     ];
     for (edited, difference) in cases {
         folder.write_experiment(&edited).unwrap();

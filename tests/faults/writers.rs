@@ -17,7 +17,7 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     let refusals = [
         Run::resume(folder.path(), None).err(),
         Run::start(tiny(Method::Covers), folder.clone()).err(),
-        folder.clear().err(),
+        Run::start(tiny(Method::Covers), folder.clone().overwriting()).err(),
     ];
     for error in refusals.map(Option::unwrap) {
         let message = error.to_string();
