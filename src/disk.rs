@@ -10,11 +10,11 @@ use crate::error::CoversError;
 
 /// The operations by which a run changes its folder.
 ///
-/// Bytes of [`write`](Disk::write) survive a power cut, and so do those of [`append`](Disk::append)
-/// once [`sync`](Disk::sync) was called. Names survive once [`sync_folder`](Disk::sync_folder) was
-/// called on their folder: the rules of POSIX.
+/// The rules are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append) survive
+/// a power cut once [`sync`](Disk::sync) was called. Names survive once
+/// [`sync_folder`](Disk::sync_folder) was called on their folder.
 pub trait Disk: Debug + Send + Sync {
-    /// Creates a file or empties it, writes `bytes` and brings them to the disk.
+    /// Creates a file or empties it, and writes `bytes`.
     ///
     /// # Errors
     /// What the file system says.
@@ -63,9 +63,7 @@ pub struct LocalDisk;
 
 impl Disk for LocalDisk {
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        let mut file = File::create(path)?;
-        file.write_all(bytes)?;
-        file.sync_all()
+        fs::write(path, bytes)
     }
 
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
@@ -105,6 +103,7 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), 
     let partial = path.with_added_extension(PARTIAL);
     let written = disk
         .write(&partial, bytes)
+        .and_then(|()| disk.sync(&partial))
         .and_then(|()| disk.rename(&partial, path))
         .and_then(|()| disk.sync_folder(folder_of(path)));
     if written.is_err() {

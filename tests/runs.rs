@@ -72,11 +72,13 @@ fn smoke() -> Experiment {
     Budget::Smoke.experiment(Method::Covers)
 }
 
-/// A run over three groups with visits of 2 rollouts, evaluated after each visit and after every
-/// third rollout.
+/// A run over three groups with visits of 4 rollouts, evaluated after each visit and after every
+/// third turn.
 fn experiment(seed: u64, threads: usize) -> Experiment {
     let mut experiment = smoke().with_seed(seed).with_threads(threads);
     experiment.schedule.groups.truncate(3);
+    let groups = &mut experiment.schedule.groups;
+    groups.iter_mut().for_each(|plan| plan.decisions = 4 * 80);
     experiment.evaluation.visit_rounds = 1;
     experiment.evaluation.every = Some(3);
     experiment
@@ -86,11 +88,16 @@ fn start(parent: &Path, experiment: Experiment) -> Run {
     Run::start(experiment, RunFolder::create(parent, "run").unwrap()).unwrap()
 }
 
-/// Runs to the end; returns the summary and the bytes of the files.
+/// Runs to the end; returns the summary and the bytes of the files and of the last checkpoint.
 fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
     while run.advance().unwrap().is_some() {}
-    let bytes = FILES.map(|file| fs::read(run.folder().path().join(file)).unwrap());
-    (run.summary().unwrap(), bytes.to_vec())
+    let folder = run.folder().path();
+    let files = FILES.map(|file| folder.join(file)).into_iter();
+    let bytes = files
+        .chain([newest(folder)])
+        .map(|file| fs::read(file).unwrap());
+    let bytes = bytes.collect();
+    (run.summary().unwrap(), bytes)
 }
 
 /// Learns from this many rollouts, evaluates where that is due, and drops the run as a crash would.
@@ -122,7 +129,8 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let (summary, reference) = whole(3, 1);
     assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
-    assert_eq!(lines(&reference[1]), 1 + 8, "a header and a line a rollout");
+    // two turns of one rollout, and two that hand over and take three
+    assert_eq!(lines(&reference[1]), 1 + 4, "a header and a row a turn");
     assert_eq!(
         lines(&reference[2]),
         1 + 16,
@@ -130,21 +138,29 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     );
     let (_, two_threads) = whole(3, 2);
     assert!(two_threads[1..] == reference[1..], "two threads differ");
-    assert!(whole(4, 1).1[1] != reference[1], "the seed does nothing");
+    let (_, other) = whole(4, 1);
+    // the tables of metrics and the last checkpoints
+    for file in [1, FILES.len()] {
+        assert!(other[file] != reference[file], "the seed does nothing");
+    }
 }
 
 #[test]
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
-    let evaluated = [2, 3, 4, 6];
+    // turns that hand over take three rollouts
+    let evaluated = [3, 4, 6, 8];
+    assert_eq!(lines(&reference[1]), 1 + 8);
     assert_eq!(lines(&reference[2]), 1 + 12 * evaluated.len());
-    // checkpoints are written after 3 and 6 rollouts: the rows behind are written twice
-    let folder = crash_after(5, start(&scratch.0, experiment(3, 2)));
+    // checkpoints are written after 3, 6 and 8 turns: the row behind is written twice
+    let folder = crash_after(7, start(&scratch.0, experiment(3, 2)));
     let resumed = Run::resume(&folder, Some(1)).unwrap();
-    assert_eq!(resumed.ledger().rollouts, 3);
+    assert_eq!(resumed.ledger().rollouts, 6);
+    assert_eq!(resumed.ledger().opened_for.len(), 2);
     let (again, bytes) = finish(resumed);
-    for (file, (got, expected)) in FILES.iter().zip(bytes.iter().zip(&reference)) {
+    let files = FILES.iter().chain(&["the last checkpoint"]);
+    for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
         assert!(got == expected, "{file} differs");
     }
     let timeless = |summary: &Summary| Summary {
@@ -194,9 +210,18 @@ fn every_other_method_runs_its_smoke_budget() {
 #[test]
 fn an_interrupted_run_with_labels_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("labels");
-    let (_, reference) = finish(start(&scratch.0, small(Method::CoversGt)));
-    let folder = crash_after(3, start(&scratch.0, small(Method::CoversGt)));
-    let (_, bytes) = finish(Run::resume(&folder, Some(1)).unwrap());
+    let mut experiment = small(Method::CoversGt);
+    experiment.checkpoints.every = 4;
+    // the fourth turn hands over to the second policy and takes two rollouts; one more is left
+    let groups = &mut experiment.schedule.groups;
+    groups.iter_mut().for_each(|plan| plan.decisions = 3 * 80);
+    let (_, reference) = finish(start(&scratch.0, experiment.clone()));
+    let folder = crash_after(4, start(&scratch.0, experiment));
+    let resumed = Run::resume(&folder, Some(1)).unwrap();
+    assert_eq!(resumed.ledger().rollouts, 4);
+    assert_eq!(resumed.ledger().opened_for.len(), 2);
+    assert!(!resumed.is_finished());
+    let (_, bytes) = finish(resumed);
     assert!(bytes == reference);
 }
 
@@ -261,7 +286,7 @@ fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     longer.schedule.groups[0].decisions += 80;
     let cases = [
         (settings.clone().with_seed(9), "`seed` 9 and 0"),
-        (longer, "`schedule.groups.0.decisions` 240 and 160"),
+        (longer, "`schedule.groups.0.decisions` 400 and 320"),
     ];
     for (edited, difference) in cases {
         folder.write_experiment(&edited).unwrap();
@@ -306,7 +331,13 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
 
 #[test]
 fn a_packed_folder_is_not_resumed_and_says_what_is() {
-    let message = Run::resume(&pretrained(), None).err().unwrap().to_string();
+    let scratch = Scratch::new("packed");
+    let folder = RunFolder::create(&scratch.0, "run").unwrap();
+    fs::create_dir(folder.checkpoints()).unwrap();
+    for file in ["experiment.json", "checkpoints/000000.safetensors"] {
+        fs::copy(pretrained().join(file), folder.path().join(file)).unwrap();
+    }
+    let message = Run::resume(folder.path(), None).err().unwrap().to_string();
     for part in ["000000.safetensors", "policies only", "`covers eval`"] {
         assert!(message.contains(part), "{message}");
     }

@@ -13,7 +13,7 @@ use crate::common::{
     Scratch, assert_same, checkpoints, crash_after, expected, finish, full, newest, reference, tiny,
 };
 
-/// A run with checkpoints after 1, 2 and 3 rollouts of 4.
+/// A run with checkpoints after 1, 2 and 3 rollouts of 5, and two policies in the last.
 fn interrupted(scratch: &Scratch) -> PathBuf {
     let folder = crash_after(
         3,
@@ -25,6 +25,18 @@ fn interrupted(scratch: &Scratch) -> PathBuf {
 
 fn resume(folder: &Path) -> Result<Run, CoversError> {
     Run::resume(folder, Some(1))
+}
+
+#[test]
+fn a_run_of_several_policies_goes_on_to_the_same_bytes() {
+    let scratch = Scratch::new("policies");
+    let run = resume(&interrupted(&scratch)).unwrap();
+    assert_eq!(run.ledger().opened_for.len(), 2);
+    assert!(run.ledger().rollouts == 3 && !run.is_finished());
+    let written = finish(run);
+    assert_same(&written, expected());
+    let last = Path::new("checkpoints/000005.safetensors");
+    assert!(written.contains_key(last), "two rollouts were left");
 }
 
 #[test]
@@ -108,8 +120,8 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
 
 /// Parameters and the optimiser's moments alike.
 #[test]
-fn a_checkpoint_with_a_number_that_is_none_is_passed_over_and_the_number_named() {
-    let scratch = Scratch::new("none-number");
+fn a_checkpoint_with_a_number_that_is_not_finite_is_passed_over_and_the_number_named() {
+    let scratch = Scratch::new("not-finite");
     let folder = interrupted(&scratch);
     let path = newest(&folder);
     let whole = fs::read(&path).unwrap();

@@ -40,11 +40,16 @@ pub fn full() -> bool {
     std::env::var("COVERS_FAULTS").is_ok_and(|value| value == "full")
 }
 
-/// Two groups, two rollouts each, a checkpoint after every rollout; the paper's method with small
-/// pictures.
+/// Two groups and a checkpoint after every rollout; the paper's method with small pictures.
+///
+/// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
+/// and takes three, and two more are left.
 pub fn tiny(method: Method) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
     experiment.schedule.groups.truncate(2);
+    // this seed shuffles them: the second comes first
+    experiment.schedule.groups[0].decisions = 5 * 80;
+    experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
     // without an arm: quicker
     experiment.envs.embodiment = Embodiment::Hand;

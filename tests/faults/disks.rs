@@ -73,43 +73,68 @@ impl Disk for Failing {
     }
 }
 
-/// Runs until the disk fails; the error must name a file of the folder.
-fn run_until_failure(folder: &RunFolder, disk: Arc<Failing>) -> Option<CoversError> {
-    let experiment = tiny(Method::Covers);
-    let mut run = match Run::start(experiment, folder.clone().with_disk(disk)) {
-        Ok(run) => run,
-        Err(error) => return Some(error),
-    };
+/// Begins a run, lets it end, sums it up and overwrites it by another, until the disk fails. Notes
+/// how many operations there were before each of the four parts.
+fn run_until_failure(
+    folder: &RunFolder,
+    disk: &Arc<Failing>,
+    before: &mut Vec<usize>,
+) -> Result<(), CoversError> {
+    let mut begin_part = || before.push(disk.done.load(Ordering::Relaxed));
+    begin_part();
+    let folder = folder.clone().with_disk(Arc::<Failing>::clone(disk));
+    let mut run = Run::start(tiny(Method::Covers), folder.clone())?;
+    begin_part();
+    learn(&mut run)?;
+    begin_part();
+    run.summary()?;
+    drop(run);
+    begin_part();
+    Run::start(tiny(Method::Covers), folder.overwriting()).map(|_| ())
+}
+
+/// Runs to the end; after a failure nothing but that it failed can be had of the run.
+fn learn(run: &mut Run) -> Result<(), CoversError> {
     loop {
         match run.advance() {
             Ok(Some(_)) => {}
-            Ok(None) => return None,
+            Ok(None) => return Ok(()),
             Err(error) => {
-                let again = run.advance().err().unwrap();
+                let again = run.advance().unwrap_err();
                 assert!(matches!(again, CoversError::Broken), "{again}");
-                return Some(error);
+                return Err(error);
             }
         }
     }
 }
 
+/// How many operations happen before each failure: in the short version one in the middle of each
+/// part.
+fn cases(scratch: &Scratch) -> Vec<usize> {
+    let (disk, mut parts) = (Failing::new(usize::MAX, ErrorKind::Other), Vec::new());
+    run_until_failure(&scratch.run("whole"), &disk, &mut parts).unwrap();
+    parts.push(disk.done.load(Ordering::Relaxed));
+    if full() {
+        return (0..parts[4]).collect();
+    }
+    let middle = |part: &[usize]| part[0].midpoint(part[1]);
+    parts.windows(2).map(middle).collect()
+}
+
 #[test]
 fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
     let scratch = Scratch::new("failing");
-    let expected = expected();
-    let operations = Failing::new(usize::MAX, ErrorKind::Other);
-    assert!(run_until_failure(&scratch.run("whole"), Arc::clone(&operations)).is_none());
-    let operations = operations.done.load(Ordering::Relaxed);
-    let step = if full() { 1 } else { operations / 4 };
-    for after in (0..operations).step_by(step) {
-        let reason = [ErrorKind::StorageFull, ErrorKind::ReadOnlyFilesystem][after % 2];
+    let reasons = [ErrorKind::StorageFull, ErrorKind::ReadOnlyFilesystem];
+    let cases = cases(&scratch);
+    for (&after, reason) in cases.iter().zip(reasons.into_iter().cycle()) {
         let folder = scratch.run("run");
         let disk = Failing::new(after, reason);
-        let error = run_until_failure(&folder, disk).unwrap();
+        let error = run_until_failure(&folder, &disk, &mut Vec::new()).unwrap_err();
         let message = error.to_string();
+        let is_named = message.contains(folder.path().to_str().unwrap());
         assert!(matches!(error, CoversError::Write { .. }), "{message}");
         assert!(
-            message.contains(folder.path().to_str().unwrap()),
+            is_named && message.contains(&reason.to_string()),
             "{message}"
         );
         let run = if folder.holds_run() {
@@ -117,12 +142,9 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
         } else {
             Run::start(tiny(Method::Covers), folder).unwrap()
         };
-        assert_same(&finish(run), expected);
+        assert_same(&finish(run), expected());
     }
-    println!(
-        "{} of {operations} operations failed",
-        operations.div_ceil(step)
-    );
+    println!("failures after {cases:?} operations");
 }
 
 /// `/dev/full` is a disk without room.

@@ -2,8 +2,12 @@
 //! folder is rebuilt as a cut after any of them could have left it.
 //!
 //! The model is the loosest that POSIX allows. Bytes that were not synced are missing, cut anywhere,
-//! or zeros. A change of a name (a new file, a rename, a removal) that no sync of the folder followed
-//! may have happened or not, each by itself, but for one name in order.
+//! or zeros. A change of a name (a new file or folder, a rename, a removal) that no sync of its
+//! folder followed may have happened or not, each by itself, but for one name in order. With a
+//! folder's name all goes that is in it.
+//!
+//! What is promised is what a caller sees: the checkpoints that are there when `Run::advance`
+//! returns.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,7 +20,9 @@ use covers::{Disk, LocalDisk, Run, RunFolder};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::{Bytes, Scratch, assert_same, expected, finish, full, tiny};
+use crate::common::{
+    Bytes, Scratch, assert_same, bytes, checkpoints, expected, finish, full, tiny,
+};
 
 #[derive(Clone, Debug)]
 enum Operation {
@@ -25,7 +31,10 @@ enum Operation {
     Sync(PathBuf),
     Rename(PathBuf, PathBuf),
     Remove(PathBuf),
+    CreateFolder(PathBuf),
     SyncFolder(PathBuf),
+    /// No operation: from here on the checkpoint after this many rollouts must not be lost.
+    Promise(usize),
 }
 
 /// The real disk, and a list of all that was done to it.
@@ -65,8 +74,9 @@ impl Disk for Recording {
     }
 
     fn create_folder(&self, path: &Path) -> io::Result<()> {
-        // always synced at once; a cut before leaves a folder without checkpoints either way
-        LocalDisk.create_folder(path)
+        LocalDisk.create_folder(path)?;
+        self.note(Operation::CreateFolder(path.to_owned()));
+        Ok(())
     }
 
     fn sync_folder(&self, path: &Path) -> io::Result<()> {
@@ -82,32 +92,50 @@ struct File {
     written: Vec<u8>,
 }
 
+/// What a name points to.
+#[derive(Clone, Copy)]
+enum Entry {
+    /// The file of this number.
+    File(usize),
+    Folder,
+}
+
 /// A file system before a cut: files by number, and what names point to.
-#[derive(Clone, Default)]
 struct Model {
+    root: PathBuf,
     files: Vec<File>,
-    durable: BTreeMap<PathBuf, usize>,
-    now: BTreeMap<PathBuf, usize>,
+    durable: BTreeMap<PathBuf, Entry>,
+    now: BTreeMap<PathBuf, Entry>,
     /// What happened to names since their folder was synced.
-    pending: Vec<(PathBuf, Option<usize>)>,
+    pending: Vec<(PathBuf, Option<Entry>)>,
 }
 
 impl Model {
-    fn name(&mut self, path: &Path, file: Option<usize>) {
-        match file {
-            Some(file) => self.now.insert(path.to_owned(), file),
-            None => self.now.remove(path),
+    /// A folder that was just made.
+    fn new(root: &Path) -> Self {
+        let mut model = Self {
+            root: root.to_owned(),
+            files: Vec::new(),
+            durable: BTreeMap::new(),
+            now: BTreeMap::new(),
+            pending: Vec::new(),
         };
-        self.pending.push((path.to_owned(), file));
+        model.name(root, Some(Entry::Folder));
+        model
+    }
+
+    fn name(&mut self, path: &Path, entry: Option<Entry>) {
+        change(&mut self.now, path.to_owned(), entry);
+        self.pending.push((path.to_owned(), entry));
     }
 
     fn file(&mut self, path: &Path) -> usize {
-        if let Some(&file) = self.now.get(path) {
+        if let Some(&Entry::File(file)) = self.now.get(path) {
             return file;
         }
         self.files.push(File::default());
         let file = self.files.len() - 1;
-        self.name(path, Some(file));
+        self.name(path, Some(Entry::File(file)));
         file
     }
 
@@ -116,7 +144,6 @@ impl Model {
             Operation::Write(path, bytes) => {
                 let file = self.file(path);
                 self.files[file].written.clone_from(bytes);
-                self.files[file].durable.clone_from(bytes);
             }
             Operation::Append(path, bytes) => {
                 let file = self.file(path);
@@ -128,39 +155,46 @@ impl Model {
             }
             Operation::Rename(from, to) => {
                 let file = self.file(from);
-                self.name(to, Some(file));
+                self.name(to, Some(Entry::File(file)));
                 self.name(from, None);
             }
             Operation::Remove(path) => self.name(path, None),
+            Operation::CreateFolder(path) => self.name(path, Some(Entry::Folder)),
             Operation::SyncFolder(folder) => {
                 let of_folder = |path: &PathBuf| path.parent() == Some(folder);
                 let synced = self.pending.extract_if(.., |(path, _)| of_folder(path));
-                for (path, file) in synced {
-                    change(&mut self.durable, path, file);
+                for (path, entry) in synced {
+                    change(&mut self.durable, path, entry);
                 }
             }
+            Operation::Promise(_) => {}
         }
     }
 
-    /// Writes into `folder` what a cut could leave of `original`.
-    fn cut(&self, original: &Path, folder: &Path, rng: &mut ChaCha8Rng) {
+    /// Makes of `folder` what a cut could leave of the root: possibly nothing.
+    fn cut(&self, folder: &Path, rng: &mut ChaCha8Rng) {
         let mut names = self.durable.clone();
-        for (path, file) in &self.pending {
+        for (path, entry) in &self.pending {
             if rng.random_range(0..2) == 0 {
-                change(&mut names, path.clone(), *file);
+                change(&mut names, path.clone(), *entry);
             }
         }
-        fs::create_dir_all(folder.join("checkpoints")).unwrap();
-        for (path, file) in names {
-            let path = folder.join(path.strip_prefix(original).unwrap());
-            fs::write(path, self.files[file].left(rng)).unwrap();
+        // in the order of paths: a folder comes before what is in it
+        for (path, entry) in names {
+            let path = folder.join(path.strip_prefix(&self.root).unwrap());
+            let is_lost = path.parent().is_none_or(|parent| !parent.is_dir());
+            match entry {
+                _ if is_lost => {}
+                Entry::File(file) => fs::write(path, self.files[file].left(rng)).unwrap(),
+                Entry::Folder => fs::create_dir(path).unwrap(),
+            }
         }
     }
 }
 
-fn change(names: &mut BTreeMap<PathBuf, usize>, path: PathBuf, file: Option<usize>) {
-    match file {
-        Some(file) => names.insert(path, file),
+fn change(names: &mut BTreeMap<PathBuf, Entry>, path: PathBuf, entry: Option<Entry>) {
+    match entry {
+        Some(entry) => names.insert(path, entry),
         None => names.remove(&path),
     };
 }
@@ -168,32 +202,39 @@ fn change(names: &mut BTreeMap<PathBuf, usize>, path: PathBuf, file: Option<usiz
 impl File {
     /// What a cut leaves: synced bytes, and of the others some, none, or zeros.
     fn left(&self, rng: &mut ChaCha8Rng) -> Vec<u8> {
-        let synced = self.durable.len();
-        if !self.written.starts_with(&self.durable) {
+        let kept = if self.written.starts_with(&self.durable) {
+            self.durable.len()
+        } else if rng.random_range(0..2) == 0 {
             return self.durable.clone();
-        }
+        } else {
+            0
+        };
         let mut left = self.written.clone();
-        left.truncate(rng.random_range(synced..=left.len()));
+        left.truncate(rng.random_range(kept..=left.len()));
         if rng.random_range(0..3) == 0 {
-            left[synced..].fill(0);
+            left[kept..].fill(0);
         }
         left
     }
 }
 
-/// Rollouts of the newest checkpoint whose writing had returned within these operations.
+/// Rollouts of the newest checkpoint that must survive these operations.
 fn promised(operations: &[Operation]) -> usize {
-    let number = |path: &Path| {
-        let name = path.to_str()?.strip_suffix(".safetensors")?;
-        name.rsplit('/').next()?.parse().ok()
-    };
-    let mut promised = 0;
-    for pair in operations.windows(2) {
-        if let [Operation::Rename(_, to), Operation::SyncFolder(_)] = pair {
-            promised = promised.max(number(to).unwrap_or(0));
-        }
-    }
-    promised
+    let promises = operations.iter().filter_map(|operation| match operation {
+        Operation::Promise(rollouts) => Some(*rollouts),
+        _ => None,
+    });
+    promises.max().unwrap_or(0)
+}
+
+/// Rollouts of the newest checkpoint that is there.
+fn saved(folder: &Path) -> Option<usize> {
+    let names = checkpoints(folder).into_iter();
+    let numbers = names.filter_map(|path| {
+        let name = path.file_name()?.to_str()?;
+        name.strip_suffix(".safetensors")?.parse().ok()
+    });
+    numbers.max()
 }
 
 /// The recorded operations of a whole run, and its folder.
@@ -203,25 +244,36 @@ fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
         .run("recorded")
         .with_disk(Arc::<Recording>::clone(&disk));
     let path = folder.path().to_owned();
-    finish(Run::start(tiny(Method::Covers), folder).unwrap());
+    let mut run = Run::start(tiny(Method::Covers), folder).unwrap();
+    while run.advance().unwrap().is_some() {
+        disk.note(Operation::Promise(saved(&path).unwrap()));
+    }
+    assert_same(&bytes(&path), expected());
     let operations = disk.0.lock().unwrap().clone();
     (path, operations)
 }
 
+/// Goes on in what a cut left.
+fn go_on(folder: &Path) -> Run {
+    if RunFolder::open(folder).holds_run() {
+        return Run::resume(folder, Some(2)).unwrap();
+    }
+    fs::create_dir_all(folder).unwrap();
+    Run::start(tiny(Method::Covers), RunFolder::open(folder)).unwrap()
+}
+
 fn check(folder: &Path, promised: usize, expected: &Bytes, to_the_end: bool) {
-    let run = if RunFolder::open(folder).holds_run() {
-        Run::resume(folder, Some(2)).unwrap()
-    } else {
-        assert_eq!(promised, 0);
-        Run::start(tiny(Method::Covers), RunFolder::open(folder)).unwrap()
-    };
+    let run = go_on(folder);
     let rollouts = run.ledger().rollouts;
     assert!(
         rollouts >= promised,
         "{rollouts} rollouts, {promised} were promised"
     );
+    // a header, and a row for each rollout; nothing before the first
+    let rows = if rollouts > 0 { 1 + rollouts } else { 0 };
+    let lines = expected[Path::new("metrics.csv")].split_inclusive(|&byte| byte == b'\n');
     let metrics = fs::read(folder.join("metrics.csv")).unwrap();
-    assert!(expected[Path::new("metrics.csv")].starts_with(&metrics));
+    assert!(metrics == lines.take(rows).collect::<Vec<_>>().concat());
     if to_the_end {
         assert_same(&finish(run), expected);
     }
@@ -233,16 +285,16 @@ fn a_power_cut_after_any_operation_loses_no_checkpoint_that_was_written() {
     let expected = expected();
     let (original, operations) = record(&scratch);
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let (step, trials, ends) = if full() { (1, 4, 10) } else { (13, 1, 4) };
-    let (mut model, mut cuts) = (Model::default(), 0);
+    let (step, trials, ends) = if full() { (1, 4, 10) } else { (19, 1, 5) };
+    let (mut model, mut cuts) = (Model::new(&original), 0);
     for (index, operation) in operations.iter().enumerate() {
         model.apply(operation);
-        if index % step > 0 {
+        if index % step > 0 && !matches!(operation, Operation::Promise(_)) {
             continue;
         }
         for _ in 0..trials {
             let folder = scratch.0.join("cut");
-            model.cut(&original, &folder, &mut rng);
+            model.cut(&folder, &mut rng);
             let promised = promised(&operations[..=index]);
             check(&folder, promised, expected, cuts % ends == 0);
             fs::remove_dir_all(&folder).unwrap();
@@ -252,37 +304,73 @@ fn a_power_cut_after_any_operation_loses_no_checkpoint_that_was_written() {
     println!("{cuts} cuts after {} operations", operations.len());
 }
 
+/// What 100 cuts leave of a file.
+fn cuts(scratch: &Scratch, model: &Model, name: &str) -> Vec<Option<Vec<u8>>> {
+    let cut = |seed| {
+        let folder = scratch.0.join("left");
+        model.cut(&folder, &mut ChaCha8Rng::seed_from_u64(seed));
+        let left = fs::read(folder.join(name)).ok();
+        let _ = fs::remove_dir_all(&folder);
+        left
+    };
+    (0..100).map(cut).collect()
+}
+
 #[test]
 fn the_model_loses_what_was_not_synced() {
     let scratch = Scratch::new("model");
-    let (from, to) = (PathBuf::from("/run/a.partial"), PathBuf::from("/run/a"));
-    let mut model = Model::default();
-    model.apply(&Operation::Write(from.clone(), b"whole".to_vec()));
-    model.apply(&Operation::Rename(from, to.clone()));
-    model.apply(&Operation::Append(
-        PathBuf::from("/run/log"),
-        b"row".to_vec(),
-    ));
-    let left = |model: &Model, seed| {
-        let folder = scratch.0.join("left");
-        model.cut(
-            Path::new("/run"),
-            &folder,
-            &mut ChaCha8Rng::seed_from_u64(seed),
-        );
-        let read = |name: &str| fs::read(folder.join(name)).ok();
-        let left = (read("a"), read("log"));
-        fs::remove_dir_all(&folder).unwrap();
-        left
+    let path = |name: &str| Path::new("/run").join(name);
+    let mut model = Model::new(&path(""));
+    let apply = |model: &mut Model, operations: &[Operation]| {
+        operations
+            .iter()
+            .for_each(|operation| model.apply(operation));
     };
-    let cuts: Vec<_> = (0..100).map(|seed| left(&model, seed)).collect();
-    assert!(cuts.iter().any(|(a, _)| a.is_none()));
-    assert!(cuts.iter().any(|(a, _)| a.as_deref() == Some(b"whole")));
-    assert!(cuts.iter().any(|(_, log)| log.as_deref() == Some(b"ro")));
-    assert!(
+    let left = |model: &Model, name: &str, bytes: &[u8]| {
+        let cuts = cuts(&scratch, model, name);
         cuts.iter()
-            .any(|(_, log)| log.as_deref() == Some(b"\0\0\0"))
+            .filter(|left| left.as_deref() == Some(bytes))
+            .count()
+    };
+    let sync = |path: &str| Operation::SyncFolder(PathBuf::from(path));
+    let write = |name: &str| Operation::Write(path(name), b"whole".to_vec());
+    apply(&mut model, &[write("a.partial"), sync("/run"), sync("/")]);
+    // names are there, bytes are not yet
+    for part in [&b""[..], b"who", b"\0\0\0", b"whole"] {
+        assert!(
+            (1..100).contains(&left(&model, "a.partial", part)),
+            "{part:?}"
+        );
+    }
+    let rename = Operation::Rename(path("a.partial"), path("a"));
+    apply(&mut model, &[Operation::Sync(path("a.partial")), rename]);
+    assert!((1..100).contains(&left(&model, "a", b"whole")));
+    apply(&mut model, &[sync("/run")]);
+    assert_eq!(left(&model, "a", b"whole"), 100);
+    assert_eq!(left(&model, "a.partial", b"whole"), 0);
+    // what was synced stays when more is appended, and may go when it is written anew
+    apply(&mut model, &[Operation::Append(path("a"), b"row".to_vec())]);
+    for part in [&b"whole"[..], b"wholero", b"whole\0\0\0"] {
+        assert!(left(&model, "a", part) > 0, "{part:?}");
+    }
+    assert_eq!(left(&model, "a", b"who"), 0);
+    apply(
+        &mut model,
+        &[Operation::Write(path("a"), b"other".to_vec())],
     );
-    model.apply(&Operation::SyncFolder(PathBuf::from("/run")));
-    assert!((0..100).all(|seed| left(&model, seed).0.as_deref() == Some(b"whole")));
+    for part in [&b"whole"[..], b"oth", b"other"] {
+        assert!(left(&model, "a", part) > 0, "{part:?}");
+    }
+    // a folder goes with all that is in it
+    let folder = Operation::CreateFolder(path("folder"));
+    let synced = [
+        write("folder/b"),
+        Operation::Sync(path("folder/b")),
+        sync("/run/folder"),
+    ];
+    apply(&mut model, &[folder]);
+    apply(&mut model, &synced);
+    assert!((1..100).contains(&left(&model, "folder/b", b"whole")));
+    apply(&mut model, &[sync("/run")]);
+    assert_eq!(left(&model, "folder/b", b"whole"), 100);
 }

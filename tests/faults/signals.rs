@@ -2,9 +2,11 @@
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
 
-use covers::Experiment;
 use covers::presets::Method;
+use covers::{Experiment, LearnerSettings, Run};
 
 use crate::common::{Scratch, assert_same, bytes, reference, tiny};
 
@@ -57,14 +59,13 @@ fn train(scratch: &Scratch, experiment: &Experiment) -> Process {
     Process::start(&["train", "--config", config, "--folder", folder])
 }
 
-/// Sends the signal after the first rollout, waits for the end, and lets the run go on.
+/// Sends the signal after the first rollout and waits for the end.
 fn stop_after_a_rollout(scratch: &Scratch, experiment: &Experiment, signal: &str) -> String {
     let mut process = train(scratch, experiment);
     process.wait_for("policy 0");
     process.signal(signal);
     let said = process.wait_for("stopped after");
     assert_eq!(process.end(), Some(3));
-    goes_on(scratch, experiment);
     said
 }
 
@@ -86,6 +87,7 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
         experiment.checkpoints.every = 100;
         let said = stop_after_a_rollout(&scratch, &experiment, signal);
         assert!(said.contains("covers resume"), "{said}");
+        goes_on(&scratch, &experiment);
     }
 }
 
@@ -102,20 +104,31 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
     // the evaluation after the first visit has begun or is about to
     let said = stop_after_a_rollout(&scratch, &experiment, "INT");
     assert!(said.contains("stopped after 1 rollouts"), "{said}");
+    let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
+    assert_eq!(rows, "", "the evaluation was broken off");
+    goes_on(&scratch, &experiment);
 }
 
 #[test]
 fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
-    let scratch = Scratch::new("twice");
-    let mut experiment = tiny(Method::Covers);
-    experiment.evaluation.rounds = 3;
-    let mut process = train(&scratch, &experiment);
-    process.wait_for("policy 0");
-    process.wait_for("policy ");
-    process.signal("INT");
-    process.signal("INT");
-    let code = process.end();
-    // the first signal may have been served before the second came
-    assert!(code == Some(130) || code == Some(3), "{code:?}");
-    goes_on(&scratch, &experiment);
+    for (signal, code) in [("INT", 130), ("TERM", 143)] {
+        let scratch = Scratch::new("twice");
+        let mut experiment = tiny(Method::Covers);
+        // the second rollout goes on for much longer than the signals take
+        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+        settings.rollout_steps = 1600;
+        let groups = &mut experiment.schedule.groups;
+        groups.iter_mut().for_each(|plan| plan.decisions = 2 * 1600);
+        let mut process = train(&scratch, &experiment);
+        process.wait_for("policy 0");
+        process.signal(signal);
+        // two signals that are waiting count as one
+        sleep(Duration::from_millis(100));
+        let ended = process.child.try_wait().unwrap();
+        assert!(ended.is_none(), "the first signal waits for the rollout");
+        process.signal(signal);
+        assert_eq!(process.end(), Some(code));
+        let run = Run::resume(&scratch.0.join("run"), Some(1)).unwrap();
+        assert_eq!(run.ledger().rollouts, 1, "{}", run.notice());
+    }
 }

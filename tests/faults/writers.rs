@@ -14,28 +14,16 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     let mut run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
     run.advance().unwrap();
     let folder = run.folder().clone();
-    // a lock is the process's own, so another one must ask
-    let program = env!("CARGO_BIN_EXE_covers");
-    let path = folder.path().to_str().unwrap();
-    for arguments in [
-        vec!["resume", path],
-        vec!["train", "--budget", "smoke", "--folder", path],
-        vec![
-            "train",
-            "--budget",
-            "smoke",
-            "--folder",
-            path,
-            "--overwrite",
-        ],
-    ] {
-        let output = std::process::Command::new(program)
-            .args(&arguments)
-            .output();
-        let output = output.unwrap();
-        let message = String::from_utf8(output.stderr).unwrap();
+    let refusals = [
+        Run::resume(folder.path(), None).err(),
+        Run::start(tiny(Method::Covers), folder.clone()).err(),
+        Run::start(tiny(Method::Covers), folder.clone().overwriting()).err(),
+    ];
+    for error in refusals.map(Option::unwrap) {
+        let message = error.to_string();
         let process = format!("process {}", std::process::id());
-        assert_eq!(output.status.code(), Some(1), "{message}");
+        let path = folder.path().to_str().unwrap();
+        assert!(matches!(error, CoversError::Locked { .. }), "{message}");
         assert!(
             message.contains(&process) && message.contains(path),
             "{message}"
@@ -77,10 +65,14 @@ fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
     let experiment = tiny(Method::Covers);
     let mut run = Run::start(experiment, scratch.run("run")).unwrap();
     run.advance().unwrap();
-    for file in ["metrics.csv", "evaluation.csv", "timings.csv", "log.txt"] {
-        fs::remove_file(run.folder().path().join(file)).unwrap();
+    let folder = run.folder().path().to_owned();
+    for file in ["metrics.csv", "evaluation.csv", "timings.csv"] {
+        fs::remove_file(folder.join(file)).unwrap();
     }
-    assert_same(&finish(run), expected());
+    let written = finish(run);
+    assert_same(&written, expected());
+    let metrics = &written[Path::new("metrics.csv")];
+    assert_eq!(rollouts(&timings(&folder)), rollouts(metrics));
 }
 
 #[test]
@@ -92,8 +84,27 @@ fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let metrics = folder.join("metrics.csv");
     let whole = fs::read(&metrics).unwrap();
     fs::write(&metrics, &whole[..whole.len() / 2]).unwrap();
-    fs::remove_file(folder.join("timings.csv")).unwrap();
-    assert_same(&finish(Run::resume(&folder, Some(1)).unwrap()), expected());
+    for file in ["timings.csv", "log.txt"] {
+        fs::remove_file(folder.join(file)).unwrap();
+    }
+    let written = finish(Run::resume(&folder, Some(1)).unwrap());
+    assert_same(&written, expected());
+    // no checkpoint holds what depends on clocks and processes: these files begin anew
+    let metrics = &written[Path::new("metrics.csv")];
+    assert_eq!(rollouts(&timings(&folder)), rollouts(metrics)[3..]);
+    let log = fs::read_to_string(folder.join("log.txt")).unwrap();
+    assert!(log.contains("goes on after 3 rollouts"), "{log}");
+}
+
+fn timings(folder: &Path) -> Vec<u8> {
+    fs::read(folder.join("timings.csv")).unwrap()
+}
+
+/// The first column of a table, without its name.
+fn rollouts(table: &[u8]) -> Vec<usize> {
+    let text = str::from_utf8(table).unwrap();
+    let first = |row: &str| row.split(',').next().unwrap().parse().unwrap();
+    text.lines().skip(1).map(first).collect()
 }
 
 #[test]
