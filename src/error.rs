@@ -77,7 +77,7 @@ pub enum CoversError {
         /// The newest format that this version reads.
         known: u32,
     },
-    /// A number that is none, on its way into a checkpoint.
+    /// A number that is not finite, on its way into a checkpoint.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
          Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...`)",

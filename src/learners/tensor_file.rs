@@ -52,7 +52,7 @@ impl Tensor {
         }
     }
 
-    /// Refuses numbers that are none.
+    /// Refuses numbers that are not finite.
     fn check(&self, path: &Path) -> Result<(), CoversError> {
         if self.dtype != Dtype::F32 {
             return Ok(());
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_are_not_written() {
+    fn numbers_that_are_not_finite_are_not_written() {
         let tensors = [Tensor::floats(
             "weights".to_owned(),
             vec![2],
