@@ -31,6 +31,10 @@ pub(crate) struct World {
     labels: Labels,
     /// Steps since all episodes began.
     steps: usize,
+    /// Whether episodes stand at their beginning, as the clock left them.
+    is_begun: bool,
+    /// Their first observations, for a learner that asks for a reset then.
+    begun: Observations,
 }
 
 /// The visits that one turn showed, by their indices.
@@ -54,8 +58,11 @@ impl World {
         decisions: usize,
     ) -> Result<Self, CoversError> {
         let groups = experiment.schedule.resolve(tasks)?;
+        let stream = Stream::new(experiment.envs, &groups)?;
         Ok(Self {
-            stream: Stream::new(experiment.envs, &groups)?,
+            begun: Observations::new(stream.spec()),
+            is_begun: false,
+            stream,
             tasks: tasks.clone(),
             timetable: experiment.timetable(),
             seeds: experiment.environment_seeds(),
@@ -165,12 +172,17 @@ impl VectorEnv for World {
     }
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        if self.is_begun {
+            out.clone_from(&self.begun);
+            return Ok(());
+        }
         self.follow_the_clock()?;
         self.stream.reset(out)
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
         self.show();
+        self.is_begun = false;
         self.stream.step(actions, out)?;
         self.now += self.spec().num_envs;
         self.steps += 1;
@@ -179,6 +191,8 @@ impl VectorEnv for World {
             cut(self.spec().image_len(), out);
             self.follow_the_clock()?;
             self.stream.reset(&mut out.observations)?;
+            self.begun.clone_from(&out.observations);
+            self.is_begun = true;
         }
         Ok(())
     }

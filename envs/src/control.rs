@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{EnvError, require};
 
+/// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
+pub const PHYSICS_STEPS: usize = 5;
+
 /// How actions become motion and how long an episode lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -59,7 +59,7 @@ mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
 pub use camera::{Camera, Light, Mark};
-pub use control::Control;
+pub use control::{Control, PHYSICS_STEPS};
 pub use embodiment::Embodiment;
 pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
@@ -70,7 +70,7 @@ pub use rows::Failure;
 pub use scene::Scene;
 pub use settings::VecEnvSettings;
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, PHYSICS_STEPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,

@@ -7,7 +7,7 @@ use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::control::{Control, clip};
+use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::error::EnvError;
 use crate::scene::{Scene, SceneKey};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
@@ -30,8 +30,6 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
     Irrep::Trivial,
 ];
 
-/// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
-pub const PHYSICS_STEPS: usize = 5;
 /// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 /// Claw distance of an open gripper (metres).

@@ -5,7 +5,7 @@
 #[path = "common/episodes.rs"]
 mod episodes;
 
-use episodes::{Episodes, STILL, Step, settings, spec};
+use episodes::{Episodes, Step, settings, spec};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -192,101 +192,43 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
     assert!(matches!(result, Err(RlError::Discontinued { env: 1 })));
 }
 
-/// What is spoilt, and whether an error is the right one.
+/// What is spoilt, and how the error begins.
 type Case = (
-    &'static str,
     fn(&mut Observations, &mut Vec<f32>, &mut Transition),
-    fn(&RlError) -> bool,
+    &'static str,
 );
 
 #[test]
 fn what_cannot_be_right_is_refused_and_changes_nothing() {
+    let still = "the last 1 channels of the picture of environment 1 differ";
     let cases: [Case; 7] = [
+        (|_, _, t| t.rewards[1] = f32::NAN, "a reward is NaN"),
         (
-            "a reward",
-            |_, _, t| t.rewards[1] = f32::NAN,
-            |e| {
-                matches!(
-                    e,
-                    RlError::NotFinite {
-                        what: "a reward",
-                        ..
-                    }
-                )
-            },
-        ),
-        (
-            "an action",
             |_, actions, _| actions[3] = f32::INFINITY,
-            |e| {
-                matches!(
-                    e,
-                    RlError::NotFinite {
-                        what: "an action",
-                        ..
-                    }
-                )
-            },
+            "an action is inf",
         ),
         (
-            "a vector",
             |now, _, _| now.vectors[0] = f32::NAN,
-            |e| matches!(e, RlError::NotFinite { .. }),
+            "a component of an observation vector is NaN",
         ),
         (
-            "a next vector",
             |_, _, t| t.observations.vectors[0] = f32::NAN,
-            |e| matches!(e, RlError::NotFinite { .. }),
+            "a component of an observation vector is NaN",
         ),
         (
-            "a picture that moves",
             |_, _, t| *t.observations.images.last_mut().unwrap() ^= 1,
-            |e| {
-                matches!(
-                    e,
-                    RlError::NotStill {
-                        env: 1,
-                        channels: STILL
-                    }
-                )
-            },
+            still,
         ),
-        (
-            "actions that are too many",
-            |_, actions, _| actions.push(0.0),
-            |e| {
-                matches!(
-                    e,
-                    RlError::Shape {
-                        what: "actions",
-                        got: 5,
-                        ..
-                    }
-                )
-            },
-        ),
-        (
-            "a missing pixel",
-            |now, _, _| now.images.truncate(35),
-            |e| {
-                matches!(
-                    e,
-                    RlError::Shape {
-                        what: "images",
-                        got: 35,
-                        ..
-                    }
-                )
-            },
-        ),
+        (|_, actions, _| actions.push(0.0), "actions: got 5 values"),
+        (|now, _, _| now.images.truncate(35), "images: got 35 values"),
     ];
     let (mut episodes, mut replay) = (Episodes::new(&[9, 9]), replay_of(2, 60));
     let all = fill(&mut episodes, &mut replay, 3, &[]);
-    for (what, spoil, right) in cases {
+    for (spoil, expected) in cases {
         let (mut now, mut actions, mut transition, _) = episodes.clone().step();
         spoil(&mut now, &mut actions, &mut transition);
         let error = replay.push(&now, &actions, &transition).unwrap_err();
-        assert!(right(&error), "{what}: {error}");
+        assert!(error.to_string().starts_with(expected), "{error}");
         check(&replay, &all);
     }
 }

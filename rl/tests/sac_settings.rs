@@ -36,98 +36,61 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let spec = spec();
-    let policy = SacPolicy::new(&network(), None, &spec, 0).unwrap();
-    let all = SacSettings::default;
-    let learned = |initial, target| SacSettings {
-        temperature: Temperature::Learned { initial, target },
-        ..all()
-    };
-    for (name, wrong) in [
-        (
-            "gamma",
-            SacSettings {
-                gamma: 1.5,
-                ..all()
-            },
-        ),
-        ("batch", SacSettings { batch: 0, ..all() }),
-        (
-            "updates_per_step",
-            SacSettings {
-                updates_per_step: -1.0,
-                ..all()
-            },
-        ),
-        (
-            "learning_rate",
-            SacSettings {
-                learning_rate: 0.0,
-                ..all()
-            },
-        ),
-        (
-            "adam_epsilon",
-            SacSettings {
-                adam_epsilon: 0.0,
-                ..all()
-            },
-        ),
-        (
-            "max_gradient",
-            SacSettings {
-                max_gradient: f32::NAN,
-                ..all()
-            },
-        ),
-        ("tau", SacSettings { tau: 0.0, ..all() }),
-        (
-            "newest_share",
-            SacSettings {
-                newest_share: 1.1,
-                ..all()
-            },
-        ),
-        (
-            "cloning_weight",
-            SacSettings {
-                cloning_weight: f32::INFINITY,
-                ..all()
-            },
-        ),
-        (
-            "temperature",
-            SacSettings {
-                temperature: Temperature::Fixed(-0.1),
-                ..all()
-            },
-        ),
-        ("temperature.initial", learned(0.0, -1.0)),
-        ("temperature.target", learned(1.0, f32::NAN)),
-    ] {
-        let message = Sac::new(wrong, &policy).unwrap_err().to_string();
+    type Spoil = fn(&mut SacSettings);
+    let cases: [(&str, Spoil); 12] = [
+        ("gamma", |s| s.gamma = 1.5),
+        ("batch", |s| s.batch = 0),
+        ("updates_per_step", |s| s.updates_per_step = -1.0),
+        ("learning_rate", |s| s.learning_rate = 0.0),
+        ("adam_epsilon", |s| s.adam_epsilon = 0.0),
+        ("max_gradient", |s| s.max_gradient = f32::NAN),
+        ("tau", |s| s.tau = 0.0),
+        ("newest_share", |s| s.newest_share = 1.1),
+        ("cloning_weight", |s| s.cloning_weight = f32::INFINITY),
+        ("temperature", |s| s.temperature = Temperature::Fixed(-0.1)),
+        ("temperature.initial", |s| {
+            s.temperature = learned(0.0, -1.0)
+        }),
+        ("temperature.target", |s| {
+            s.temperature = learned(1.0, f32::NAN)
+        }),
+    ];
+    let policy = SacPolicy::new(&network(), None, &spec(), 0).unwrap();
+    for (name, spoil) in cases {
+        let mut settings = SacSettings::default();
+        spoil(&mut settings);
+        let message = Sac::new(settings, &policy).unwrap_err().to_string();
         assert!(message.starts_with(&format!("{name} =")), "{message}");
     }
-    let of = |settings: &NetworkSettings, context| {
-        let message = SacPolicy::new(settings, context, &spec, 0)
-            .unwrap_err()
-            .to_string();
-        message.split(' ').next().unwrap().to_owned()
+}
+
+fn learned(initial: f32, target: f32) -> Temperature {
+    Temperature::Learned { initial, target }
+}
+
+#[test]
+fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
+    let refused = |settings: &NetworkSettings, context, name: &str| {
+        let error = SacPolicy::new(settings, context, &spec(), 0).unwrap_err();
+        assert!(
+            error.to_string().starts_with(&format!("{name} ")),
+            "{error}"
+        );
     };
     let pooled = NetworkSettings {
         critic: Critic::Pooled { width: 8 },
         ..network()
     };
-    assert_eq!(of(&pooled, None), "critic.pooled.width");
+    refused(&pooled, None, "critic.pooled.width");
     let narrow = NetworkSettings {
         log_std: -5.0,
         ..network()
     };
-    assert_eq!(of(&narrow, None), "log_std");
+    refused(&narrow, None, "log_std");
     let context = |size, length| Some(ContextSettings { size, length });
-    assert_eq!(of(&network(), context(30, 5)), "context.size");
-    assert_eq!(of(&network(), context(0, 5)), "context.size");
-    assert_eq!(of(&network(), context(8, 65)), "context.length");
+    refused(&network(), context(30, 5), "context.size");
+    refused(&network(), context(0, 5), "context.size");
+    refused(&network(), context(8, 65), "context.length");
 }
 
 #[test]

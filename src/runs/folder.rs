@@ -117,6 +117,11 @@ impl RunFolder {
         sync(&self.path)
     }
 
+    /// Says that the run is not at its end, whatever was there before.
+    pub(super) fn reopen(&self) -> Result<(), CoversError> {
+        self.remove(&self.file(SUMMARY))
+    }
+
     /// Removes a file, where there is one.
     fn remove(&self, path: &Path) -> Result<(), CoversError> {
         match self.disk.remove(path) {
@@ -255,11 +260,15 @@ impl RunFolder {
         let write = |error| CoversError::write(&path, error);
         match self.disk.create_folder(&path) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => return Err(write(error)),
-            // the folder may be new, and so may the one that it is in
-            _ => [&self.path, parent, folder_of(parent)]
-                .into_iter()
-                .try_for_each(|folder| self.disk.sync_folder(folder))
-                .map_err(write)?,
+            _ => self.disk.sync_folder(&self.path).map_err(write)?,
+        }
+        // the folder may be new, and so may the one that it is in
+        for folder in [parent, folder_of(parent)] {
+            match self.disk.sync_folder(folder) {
+                // somebody else's, who lets nobody list it: it is not new
+                Err(error) if error.kind() == ErrorKind::PermissionDenied => {}
+                other => other.map_err(write)?,
+            }
         }
         for folder in [&path, &self.path] {
             for entry in std::fs::read_dir(folder).map_err(write)? {

@@ -144,6 +144,7 @@ impl Run {
             notice: opened.notice,
         };
         if !run.is_finished() {
+            run.folder.reopen()?;
             run.sign()?;
         }
         Ok(run)

@@ -167,9 +167,15 @@ impl<W: Write> Worker<'_, W> {
 fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, CoversError> {
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(|error| CoversError::write(path, error))?;
-    let run = match Run::start(job.experiment.clone().with_threads(threads), folder.clone()) {
-        Err(CoversError::Occupied { .. }) => Run::resume(path, Some(threads))?,
-        other => other?,
+    let resume = || Run::resume(path, Some(threads));
+    let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
+    // a resumption asks for the lock before anything that takes time: workers that wait ask often
+    let run = match folder.holds_run() {
+        true => resume()?,
+        false => match start() {
+            Err(CoversError::Occupied { .. }) => resume()?,
+            other => other?,
+        },
     };
     // the lock is held from here on: what the folder held before may have been another run
     refuse_others(job, folder, run.experiment())?;
