@@ -1,4 +1,5 @@
-# The two commands of the README. `deps` installs what they need, but for the Rust toolchain.
+# The two commands of the README, stream and test, and longer checks. `deps` installs what the two
+# need, but for the Rust toolchain.
 
 # Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen
 # (Mesa's EGL, OSMesa).
@@ -12,11 +13,12 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
 .PHONY: stream test faults fuzz sanitise deps
-.PHONY: stream test faults fuzz sanitise deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
 
+# Packages are built in a new folder each time: cargo unpacks and compiles a version of a package
+# once for each path, and would go on with what it unpacked before a change.
 test: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --locked -- -D warnings
@@ -27,14 +29,16 @@ test: deps
 	$(EXAMPLES)/embed_equivariant
 	$(EXAMPLES)/continual_stream --budget smoke --json
 	$(EXAMPLES)/own_task --budget smoke
-	cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
-	  --target-dir $(TARGET)
+	packages=$$(mktemp -d -p $(TARGET)) && trap 'rm -rf "$$packages"' EXIT && \
+	  cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
+	  --target-dir "$$packages"
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps
 	COVERS_FAULTS=full cargo test --locked --test faults -- --nocapture
 
-# Ten million inputs for each of fuzz/README.md's targets; a tenth of a million through MuJoCo.
+# Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
+# It takes g++.
 FUZZ_RUNS := 10000000
 FUZZ_TARGETS := notation settings overrides command-line checkpoint network npz mjcf
 FUZZ := cargo run --release --locked --

@@ -99,7 +99,7 @@ fn backward_is_the_derivative_of_forward_for_every_group() {
     }
 }
 
-/// Three steps that follow one another, as one vector.
+/// Over three steps, each a multiple of one vector.
 #[test]
 fn the_unit_commutes_with_every_group() {
     for group in Group::ALL {
@@ -111,7 +111,8 @@ fn the_unit_commutes_with_every_group() {
             steps,
             Shape::vector(gru.out_type()),
             |x, y| {
-                let x = [x, x, x].concat();
+                let steps = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
+                let x: Vec<f32> = steps.into_iter().flatten().collect();
                 gru.forward(&params, &x, &[3], &mut pass);
                 y.copy_from_slice(pass.out());
             },
@@ -154,6 +155,30 @@ fn a_sequence_that_is_longer_than_its_slice_is_refused() {
     let mut pass = gru.pass(4, 1);
     let x = vec![0.0; 2 * gru.in_type().dim()];
     gru.forward(&drawn::<f32>(&gru), &x, &[3], &mut pass);
+}
+
+/// One forward pass and this many backward passes of a unit, in a pass that `other` made.
+fn passes(other: &Gru, backward: usize) {
+    let gru = unit(Group::D2);
+    let (params, x) = (drawn::<f64>(&gru), vec![0.5; gru.in_type().dim()]);
+    let mut pass = other.pass(1, 1);
+    gru.forward(&params, &x, &[1], &mut pass);
+    let (d_out, mut dparams) = (pass.out().to_vec(), vec![0.0; params.len()]);
+    for _ in 0..backward {
+        gru.backward(&params, &x, &d_out, None, &mut dparams, &mut pass);
+    }
+}
+
+#[test]
+#[should_panic(expected = "got a pass that holds no values")]
+fn a_second_backward_pass_is_refused() {
+    passes(&unit(Group::D2), 2);
+}
+
+#[test]
+#[should_panic(expected = "got a pass of a unit with")]
+fn a_pass_of_another_unit_is_refused() {
+    passes(&Gru::new(unit(Group::D2).in_type(), 1).unwrap(), 1);
 }
 
 #[test]

@@ -5,7 +5,8 @@
 mod common;
 
 use common::{layers, normal, params, scratch, unwritten};
-use equivariant::{Layer, Scalar, Scratch};
+use equivariant::{Layer, Relu, Scalar, Scratch, Shape};
+use symmetry::Group;
 
 const SAMPLES: usize = 3;
 
@@ -62,5 +63,28 @@ fn an_empty_scratch_in_its_place_is_noticed() {
         let message = panic.downcast_ref::<String>().unwrap();
         let expected = "got a scratch that forward left for 0 samples, expected one for the 3 of x";
         assert!(message.contains(expected), "{name}: {message}");
+    }
+}
+
+/// A layer that keeps nothing writes where another left what its backward pass needs.
+#[test]
+fn a_scratch_that_another_backward_pass_used_is_noticed() {
+    let relu = Relu::new(Shape::vector(Group::D2.trivial(1))).unwrap();
+    for (name, layer) in layers::<f32>()
+        .into_iter()
+        .filter(|(_, l)| l.keeps_scratch())
+    {
+        let used = |mut scratch| {
+            let dx = &mut [0.0];
+            relu.backward(&[], &[1.0], &[1.0], &[1.0], Some(dx), &mut [], &mut scratch);
+            scratch
+        };
+        let spoilt = || gradients(layer.as_ref(), used);
+        let panic = std::panic::catch_unwind(std::panic::AssertUnwindSafe(spoilt)).unwrap_err();
+        let message = panic.downcast_ref::<String>().unwrap();
+        assert!(
+            message.contains("forward left for 0 samples"),
+            "{name}: {message}"
+        );
     }
 }

@@ -60,8 +60,8 @@ impl Model {
         Ok(Self { raw, warning })
     }
 
-    /// Looks at the names and paths of files without compiling them: whether
-    /// [`Model::from_files`] would hand them to MuJoCo.
+    /// Looks at the name of `main` and at the paths inside the XML without compiling anything: the
+    /// part of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
     /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside the

@@ -22,7 +22,7 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
     let mut nameless = references
         .files
         .iter()
-        .filter(|file| plain(file).is_empty());
+        .filter(|file| !file.is_empty() && plain(file).is_empty());
     let mut absolute = missing.iter().copied().filter(|file| is_absolute(file));
     let refused = [
         (values.find(|value| value.contains('&')), ENTITY),
@@ -40,7 +40,7 @@ pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<()
 
 const ENTITY: &str = "it holds a character reference; write the character itself";
 // MuJoCo would end the process
-const NAMELESS: &str = "no file's name is empty; name a file";
+const NAMELESS: &str = "nothing follows its last slash; name a file";
 const ABSOLUTE: &str =
     "it is an absolute path; files are found among those given, by their plain name";
 const OUTSIDE: &str =
@@ -151,12 +151,8 @@ mod tests {
 
     #[test]
     fn names_that_end_with_a_slash_are_refused() {
-        for refused in [
-            "<include file='task.xml//'/>",
-            "<mesh file='meshes\\\\'/>",
-            "<include file=''/>",
-        ] {
-            assert_refused(check(refused), "no file's name is empty");
+        for refused in ["<include file='task.xml//'/>", "<mesh file='meshes\\\\'/>"] {
+            assert_refused(check(refused), "nothing follows");
         }
     }
 

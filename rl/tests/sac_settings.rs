@@ -37,10 +37,15 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
     type Spoil = fn(&mut SacSettings);
-    let cases: [(&str, Spoil); 12] = [
+    let cases: [(&str, Spoil); 17] = [
         ("gamma", |s| s.gamma = 1.5),
         ("batch", |s| s.batch = 0),
+        ("batch", |s| s.batch = 1 << 17),
+        ("window", |s| s.window = 0),
+        ("window", |s| s.window = 3),
+        ("window", |s| s.window = 1024),
         ("updates_per_step", |s| s.updates_per_step = -1.0),
+        ("updates_per_step", |s| s.updates_per_step = 1e30),
         ("learning_rate", |s| s.learning_rate = 0.0),
         ("adam_epsilon", |s| s.adam_epsilon = 0.0),
         ("max_gradient", |s| s.max_gradient = f32::NAN),

@@ -69,15 +69,17 @@ impl Plan {
     }
 
     fn job(&self, method: Method, seed: u64, set: &[Override]) -> Result<Job, CoversError> {
-        let experiment = self.budget.experiment(method).with_seed(seed);
-        let experiment = overrides::apply(set, experiment)?.with_threads(1);
-        if experiment.learner.seed() != seed {
+        let preset = self.budget.experiment(method);
+        // with a seed of another job, so that one that happens to be this job's is found, too
+        let other = overrides::apply(set, preset.clone().with_seed(!seed))?;
+        if other.learner.seed() != !seed {
             return Err(CoversError::Setting {
                 name: "set",
                 value: format!("{:?}", self.set),
                 expected: "no seed: `seeds` lists them",
             });
         }
+        let experiment = overrides::apply(set, preset.with_seed(seed))?.with_threads(1);
         experiment.check(&TaskRegistry::standard())?;
         let name = format!("{}-seed{seed}", method.name());
         Ok(Job { name, experiment })
@@ -148,6 +150,11 @@ mod tests {
                 "20, 21",
                 "7, 20, 20",
                 "`seeds` is a list that holds 20 twice",
+            ),
+            (
+                "covers.ppo.gamma=0.9",
+                "covers.seed=20",
+                "`set` is [\"covers.seed=20\"]",
             ),
             ("gamma=0.9", "gamma=7", "gamma = 7"),
             (

@@ -73,16 +73,13 @@ impl<W: Write> Worker<'_, W> {
     /// Goes through the jobs again and again until none is left; true for a stop before that.
     fn work(&mut self, jobs: &[Job]) -> Result<bool, CoversError> {
         let mut left: Vec<&Job> = jobs.iter().collect();
-        let mut told = 0;
+        let mut told = Vec::new();
         while !left.is_empty() {
             let Some(taken) = self.pass(&left)? else {
                 return Ok(true);
             };
             if taken.len() == left.len() {
-                if told != taken.len() {
-                    self.tell_of(&taken)?;
-                    told = taken.len();
-                }
+                self.tell_of(&taken, &mut told)?;
                 self.wait();
             }
             left = taken;
@@ -107,9 +104,17 @@ impl<W: Write> Worker<'_, W> {
         Ok(Some(taken))
     }
 
-    fn tell_of(&mut self, taken: &[&Job]) -> Result<(), CoversError> {
-        for job in taken {
-            self.say(job, "another worker has it: waiting")?;
+    /// Tells once of each job that is waited for.
+    fn tell_of<'j>(
+        &mut self,
+        taken: &[&'j Job],
+        told: &mut Vec<&'j str>,
+    ) -> Result<(), CoversError> {
+        for &job in taken {
+            if !told.contains(&job.name.as_str()) {
+                self.say(job, "another worker has it: waiting")?;
+                told.push(&job.name);
+            }
         }
         Ok(())
     }

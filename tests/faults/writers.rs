@@ -148,6 +148,8 @@ fn the_machines_clock_is_read_in_one_place_alone() {
         "envs/src",
         "equivariant/src",
         "mujoco/src",
+        "symmetry/src",
+        "inpainting/src",
         "rl/src",
     ] {
         sources(&root.join(folder), &mut found);

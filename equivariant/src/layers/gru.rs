@@ -47,10 +47,14 @@ pub struct Gru {
 /// sequences.
 #[derive(Clone, Debug)]
 pub struct GruPass<T> {
+    /// Channels of the input and of the state.
+    dims: [usize; 2],
     /// For how many steps and samples there is room.
     room: [usize; 2],
     /// Those of the last forward pass.
     sizes: [usize; 2],
+    /// Whether it holds what a forward pass left and no backward pass has written over.
+    holds_values: bool,
     /// Steps that each sample begins after, `[N]`.
     begins: Vec<usize>,
     /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
@@ -116,8 +120,10 @@ impl Gru {
         let zeros = |len: usize| vec![T::ZERO; len];
         let state = samples * self.out_type().dim();
         GruPass {
+            dims: [self.in_type().dim(), self.width()],
             room: [steps, samples],
             sizes: [0; 2],
+            holds_values: false,
             begins: Vec::with_capacity(samples),
             states: zeros((steps + 1) * state),
             coefficients: zeros((steps + 1) * state),
@@ -130,12 +136,13 @@ impl Gru {
         }
     }
 
-    /// Reads `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end, and what comes
-    /// before them is not looked at; [`GruPass::out`] then holds the last states. A sequence of no
-    /// steps leaves the state at zero.
+    /// Reads `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
+    /// [`GruPass::out`] then holds the last states. What comes before these steps counts for
+    /// nothing, but must be finite. A sequence of no steps leaves the state at zero.
     ///
     /// # Panics
-    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room.
+    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room or is
+    /// of a unit of other sizes.
     pub fn forward<T: Scalar>(
         &self,
         params: &[T],
@@ -149,7 +156,8 @@ impl Gru {
         let gates = steps * samples * 3 * self.width();
         let in_gates = &mut pass.gates[..gates];
         self.input.forward(input, x, in_gates, &mut pass.scratch);
-        self.to_regular(3, in_gates);
+        self.change_basis(3, in_gates);
+        pass.holds_values = true;
         pass.states[..samples * self.width()].fill(T::ZERO);
         pass.coefficients[..samples * self.width()].fill(T::ZERO);
         for step in 0..steps {
@@ -162,7 +170,8 @@ impl Gru {
     /// forward pass.
     ///
     /// # Panics
-    /// When a slice has a wrong length.
+    /// When a slice has a wrong length, the pass is of a unit of other sizes, or no forward pass
+    /// came since the last backward pass, which writes over what that left.
     pub fn backward<T: Scalar>(
         &self,
         params: &[T],
@@ -172,18 +181,23 @@ impl Gru {
         dparams: &mut [T],
         pass: &mut GruPass<T>,
     ) {
+        self.check_pass(pass);
+        assert!(
+            std::mem::take(&mut pass.holds_values),
+            "{self}: got a pass that holds no values, expected one that forward has just filled"
+        );
         let [steps, samples] = pass.sizes;
         self.check("d_out", d_out.len(), samples * self.width());
         self.check("dparams", dparams.len(), self.num_params());
         let at = self.input.num_params();
         let (d_input, d_hidden) = dparams.split_at_mut(at);
         pass.d_state[..d_out.len()].copy_from_slice(d_out);
-        self.to_regular(1, &mut pass.d_state[..d_out.len()]);
+        self.change_basis(1, &mut pass.d_state[..d_out.len()]);
         for step in (0..steps).rev() {
             self.step_backward(&params[at..], step, d_hidden, pass);
         }
         let gates = &mut pass.gates[..steps * samples * 3 * self.width()];
-        self.to_regular(3, gates);
+        self.change_basis(3, gates);
         let (input, gates) = (&params[..at], &*gates);
         // the values of the output are not looked at
         let scratch = &mut pass.scratch;
@@ -197,7 +211,7 @@ impl Gru {
     }
 
     /// Changes rows of `parts` states between the regular basis and that of the irreps.
-    fn to_regular<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
+    fn change_basis<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
         for row in rows.chunks_exact_mut(parts * self.width()) {
             hadamard(self.out_type().group(), row);
         }
@@ -207,6 +221,7 @@ impl Gru {
     fn begin<T>(&self, params: &[T], x: usize, lengths: &[usize], pass: &mut GruPass<T>) {
         let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
         let steps = x.checked_div(row).unwrap_or(0);
+        self.check_pass(pass);
         self.check("params", params.len(), self.num_params());
         self.check("x", x, steps * row);
         let longest = lengths.iter().max().copied().unwrap_or(0);
@@ -229,7 +244,7 @@ impl Gru {
         let coefficients = &pass.coefficients[rows.clone()];
         self.hidden
             .forward(hidden, coefficients, from_state, &mut pass.scratch);
-        self.to_regular(3, from_state);
+        self.change_basis(3, from_state);
         let samples = after
             .chunks_exact_mut(width)
             .zip(before.chunks_exact(width));
@@ -249,7 +264,7 @@ impl Gru {
         }
         let next = rows.end..rows.end + rows.len();
         pass.coefficients[next.clone()].copy_from_slice(&pass.states[next.clone()]);
-        self.to_regular(1, &mut pass.coefficients[next]);
+        self.change_basis(1, &mut pass.coefficients[next]);
     }
 
     /// One step of one sample in the regular basis. `gates` hold the input's part and then r, z, n.
@@ -303,7 +318,7 @@ impl Gru {
             }
         }
         let d_from_state = &mut pass.from_state[..3 * rows.len()];
-        self.to_regular(3, d_from_state);
+        self.change_basis(3, d_from_state);
         let d_before = &mut pass.d_before[..rows.len()];
         let (coefficients, d_from_state) = (&pass.coefficients[rows.clone()], &*d_from_state);
         self.hidden.backward(
@@ -316,7 +331,7 @@ impl Gru {
             d_hidden,
             &mut pass.scratch,
         );
-        self.to_regular(1, d_before);
+        self.change_basis(1, d_before);
         for (sum, &d) in pass.d_state.iter_mut().zip(&*d_before) {
             *sum += d;
         }
@@ -354,6 +369,15 @@ impl Gru {
         step * len..(step + 1) * len
     }
 
+    fn check_pass<T>(&self, pass: &GruPass<T>) {
+        let own = [self.in_type().dim(), self.width()];
+        assert!(
+            pass.dims == own,
+            "{self}: got a pass of a unit with {:?} channels of input and state, expected {own:?}",
+            pass.dims
+        );
+    }
+
     fn check(&self, name: &str, got: usize, expected: usize) {
         assert!(
             got == expected,
@@ -366,7 +390,7 @@ impl<T: Scalar> GruPass<T> {
     /// The states `[N, H]` after the last step of the last forward pass.
     pub fn out(&self) -> &[T] {
         let [steps, samples] = self.sizes;
-        let len = samples * self.d_state.len() / self.room[1].max(1);
+        let len = samples * self.dims[1];
         &self.coefficients[steps * len..(steps + 1) * len]
     }
 }

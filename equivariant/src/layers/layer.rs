@@ -132,6 +132,9 @@ pub trait Layer<T: Scalar>: Signature {
         check(self, slices);
         if self.keeps_scratch() {
             check_filled(self, samples, scratch.filled_by());
+        } else {
+            // another layer may have left something here, which this pass writes over
+            scratch.set_filled(0, 0);
         }
         self.run_backward(BackwardPass {
             params,

@@ -99,10 +99,12 @@ impl<'a> Recorded<'a> {
         Some(Self { step, ..*self })
     }
 
-    /// The step `count` further in the episode as it is stored; after its last step comes its
-    /// first. So, from a step that is drawn uniformly, one gets to another that is.
+    /// The step `count` further among those of its episode that the replay holds; after the last
+    /// comes the first of them. So, from a held step that is drawn uniformly, one gets to another
+    /// that is.
     pub(crate) fn along(&self, count: usize) -> Self {
-        let step = (self.step + count) % self.episode.steps();
+        let first = self.episode.steps() - self.episode.held;
+        let step = first + (self.step - first + count) % self.episode.held;
         Self { step, ..*self }
     }
 }

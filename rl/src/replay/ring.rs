@@ -98,7 +98,8 @@ impl Replay {
 
     /// Ends the running episodes where they stand: the next observations belong to others. Call it
     /// where a collection begins with a reset. Their last steps count as steps that go on, since
-    /// nothing is known of an end. Afterwards, the number of environments may be another.
+    /// nothing is known of an end. Afterwards, a collection may have another number of
+    /// environments.
     pub fn cut(&mut self) {
         for number in self.running.iter_mut().filter_map(Option::take) {
             if let Some(episode) = self.episodes.get_mut((number - self.first) as usize) {

@@ -126,17 +126,37 @@ impl ReplayState<'_> {
         require("replay.marked", marked, expected, |_| {
             self.marked <= self.recorded
         })?;
+        self.check_order()?;
+        let expected = "at least one environment";
+        require("replay.running", self.running.len(), expected, |n| n > 0)?;
+        for (env, &running) in self.running.iter().enumerate() {
+            let Some(number) = running else { continue };
+            let episode = self.episodes.get(number as usize);
+            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.vectors.is_empty());
+            let alone = !self.running[..env].contains(&running);
+            let expected = "episodes that have not ended, each of one environment";
+            require("replay.running", number as usize, expected, |_| {
+                runs && alone
+            })?;
+        }
+        Ok(())
+    }
+
+    /// The held steps of an episode are its last ones, each once and in order.
+    fn check_order(&self) -> Result<(), RlError> {
+        let mut next: Vec<Option<u32>> = vec![None; self.episodes.len()];
+        let expected = "the last steps of its episodes, in order";
         for &[episode, step] in &self.order {
             let steps = self.episodes.get(episode as usize).map(EpisodeState::steps);
-            let held = steps.is_some_and(|steps| steps.contains(&step));
-            let expected = "steps of its episodes";
-            require("replay.order", step as usize, expected, |_| held)?;
+            let stored = steps.is_some_and(|steps| steps.contains(&step));
+            let fits = stored && next[episode as usize].is_none_or(|next| next == step);
+            require("replay.order", step as usize, expected, |_| fits)?;
+            next[episode as usize] = Some(step + 1);
         }
-        for &running in self.running.iter().flatten() {
-            let episode = self.episodes.get(running as usize);
-            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.vectors.is_empty());
-            let expected = "episodes that have not ended";
-            require("replay.running", running as usize, expected, |_| runs)?;
+        for (episode, next) in self.episodes.iter().zip(next) {
+            let end = episode.steps().end;
+            let whole = next.is_none_or(|next| next == end);
+            require("replay.order", end as usize, expected, |_| whole)?;
         }
         Ok(())
     }
@@ -145,11 +165,15 @@ impl ReplayState<'_> {
 impl EpisodeState<'_> {
     /// Positions of the steps that are stored.
     fn steps(&self) -> std::ops::Range<u32> {
-        self.removed..self.removed + self.rewards.len() as u32
+        self.removed..self.removed.saturating_add(self.rewards.len() as u32)
     }
 
     fn check(&self, sizes: &Sizes) -> Result<(), RlError> {
         let steps = self.rewards.len();
+        let most = (u32::MAX - self.removed) as usize;
+        require("replay.episode", steps, "fewer than 2^32 steps", |n| {
+            n < most
+        })?;
         let frames = if self.vectors.is_empty() {
             0
         } else {

@@ -5,7 +5,12 @@ use symmetry::Group;
 
 use crate::error::RlError;
 use crate::ppo_settings::PpoSettings;
-use crate::require::{require, require_count, require_positive, require_share, require_weight};
+use crate::require::{require, require_positive, require_share, require_weight};
+
+/// The largest minibatch.
+const LARGEST_BATCH: usize = 1 << 16;
+/// The most gradient steps for one recorded step.
+const MOST_UPDATES: f32 = 1000.0;
 
 /// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
 ///
@@ -15,19 +20,22 @@ use crate::require::{require, require_count, require_positive, require_share, re
 pub struct SacSettings {
     /// Discount of the next decision's value, in [0, 1].
     pub gamma: f32,
-    /// Steps in a minibatch, at least 1.
+    /// Steps in a minibatch, 1 to 65536.
     pub batch: usize,
-    /// Steps of a minibatch that follow one another in an episode, at least 1. The first of them is
-    /// drawn; after an episode's last step comes its first, so that every step is drawn equally
-    /// often. They share observations, each of which is encoded once: a window of w steps takes
+    /// Steps of a minibatch that follow one another in an episode, a divisor of `batch`. The first
+    /// of them is drawn; after an episode's last held step comes its first, so that every step is
+    /// drawn equally often. Where [`Replay::mark`](crate::Replay::mark) stands within an episode,
+    /// windows of its newest steps reach back before the mark. They share observations, each of which is encoded once: a window of w steps takes
     /// w + 1 observations, and w + 1 + L with a context of L steps, where single steps take 2 w and
     /// (2 + L) w.
     pub window: usize,
     /// Gradient steps for each recorded step, at least 0; below 1, several recorded steps share a
     /// gradient step.
     ///
-    /// By default, a recorded step is passed through a gradient step as often as PPO's default
-    /// does it, 12 times on average ([`SacSettings::as_often_as`]): 12 / 512 gradient steps.
+    /// By default, a step that is recorded after the burn-in is passed through as many gradient
+    /// steps as PPO's default passes it through at most, 12 on average
+    /// ([`SacSettings::as_often_as`]): 12 / 512 gradient steps. The burn-in's are not made up for,
+    /// and PPO may stop early by its KL divergence.
     pub updates_per_step: f32,
     /// Recorded steps before the first gradient step.
     pub burn_in: u64,
@@ -44,7 +52,7 @@ pub struct SacSettings {
     /// Share of a minibatch, in [0, 1], that is drawn from the steps since the last
     /// [`Replay::mark`](crate::Replay::mark); the rest is drawn from all.
     pub newest_share: f32,
-    /// Every step of a minibatch is moved by a random element of this group: pictures, vectors and
+    /// Every window of a minibatch is moved by a random element of this group: pictures, vectors and
     /// actions. C1 leaves them as they are.
     pub augmentation: Group,
     /// Weight of the squared distance between the actor's mean action and the stored one, at least
@@ -109,9 +117,13 @@ impl SacSettings {
     /// [`RlError::Setting`] names the field, its value and its range.
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
-        require_count("batch", self.batch, 1, "at least 1")?;
-        require_count("window", self.window, 1, "at least 1")?;
-        require_weight("updates_per_step", self.updates_per_step)?;
+        let allowed = (1..=LARGEST_BATCH).contains(&self.batch);
+        require("batch", self.batch as f32, "1 to 65536", allowed)?;
+        let whole = self.window > 0 && self.batch.is_multiple_of(self.window);
+        require("window", self.window as f32, "a divisor of batch", whole)?;
+        let allowed = (0.0..=MOST_UPDATES).contains(&self.updates_per_step);
+        let expected = "a number in [0, 1000]";
+        require("updates_per_step", self.updates_per_step, expected, allowed)?;
         require_positive("learning_rate", self.learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;

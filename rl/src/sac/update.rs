@@ -150,15 +150,21 @@ impl Algorithm for Sac {
     /// Both moments of Adam and its number of steps, the target critics and the temperature.
     fn save(&self) -> AlgorithmState<'_> {
         let temperature = &self.temperature_optimiser;
-        AlgorithmState {
-            tensors: vec![
-                (FIRST_MOMENT, &self.optimiser.first_moment),
-                (SECOND_MOMENT, &self.optimiser.second_moment),
-                (TARGETS, &self.targets),
-                (TEMPERATURE, &self.log_temperature),
+        let mut tensors: Vec<(&str, &[f32])> = vec![
+            (FIRST_MOMENT, &self.optimiser.first_moment),
+            (SECOND_MOMENT, &self.optimiser.second_moment),
+            (TARGETS, &self.targets),
+        ];
+        // a fixed temperature has no state, and takes none from a learned one
+        if matches!(self.settings.temperature, Temperature::Learned { .. }) {
+            tensors.extend([
+                (TEMPERATURE, &self.log_temperature[..]),
                 (TEMPERATURE_FIRST, &temperature.first_moment),
                 (TEMPERATURE_SECOND, &temperature.second_moment),
-            ],
+            ]);
+        }
+        AlgorithmState {
+            tensors,
             counters: vec![(STEPS, self.optimiser.steps)],
         }
     }
@@ -175,7 +181,7 @@ impl Algorithm for Sac {
             &mut temperature.first_moment,
             &mut temperature.second_moment,
         ];
-        // the layout is that of `save`
+        // the layout is that of `save`, in which the last three are there for a learned one
         for (own, (_, saved)) in own.into_iter().zip(&state.tensors) {
             own.copy_from_slice(saved);
         }
