@@ -81,11 +81,13 @@ impl Episode {
 
     /// Writes the picture `[48, 48, 6]` and the hand's place.
     pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
-        let pairs = self.now.chunks(3).zip(self.first.chunks(3));
-        let both: Vec<u8> = pairs
-            .flat_map(|(now, first)| [now, first].concat())
-            .collect();
-        image.copy_from_slice(&self.variant.transform_image(&both, SIDE, SIDE, 6));
+        for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
+            // every variant is its own inverse, so the source is where the pixel goes
+            let (row, col) = self.variant.apply_pixel(at / SIDE, at % SIDE, SIDE, SIDE);
+            let from = 3 * (row * SIDE + col);
+            pixel[..3].copy_from_slice(&self.now[from..from + 3]);
+            pixel[3..].copy_from_slice(&self.first[from..from + 3]);
+        }
         vector.copy_from_slice(&mirrored(self.variant, self.hand));
     }
 

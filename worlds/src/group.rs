@@ -12,7 +12,8 @@ pub struct Group {
     /// How the hand moves.
     pub motion: Motion,
     /// How far each colour strays from the beginning of the stream, in 0..=255, once in a thousand
-    /// rounds there and back; zero where nothing drifts.
+    /// rounds there and back; zero where nothing
+    /// drifts.
     pub drift: [f32; 3],
 }
 

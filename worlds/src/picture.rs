@@ -46,11 +46,13 @@ impl Picture {
         picture
     }
 
-    /// What a camera sees, `[48, 48, 3]`.
+    /// What a camera sees, `[48, 48, 3]`: each value is wrong by at most `noise`.
     pub fn taken(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
-        let values = self.0.iter();
+        let mut grain = vec![0; self.0.len()];
+        rng.fill(&mut grain[..]);
+        let values = self.0.iter().zip(grain);
         values
-            .map(|value| (value + noise * rng.random_range(-1.0..=1.0)) as u8)
+            .map(|(value, grain): (_, u8)| (value + noise * (f32::from(grain) / 127.5 - 1.0)) as u8)
             .collect()
     }
 
