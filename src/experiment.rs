@@ -281,10 +281,18 @@ impl Seeds {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learners::CoversSettings;
     use crate::presets::{Budget, Method};
 
     fn smoke() -> Experiment {
         Budget::Smoke.experiment(Method::Covers)
+    }
+
+    fn covers(experiment: &mut Experiment) -> &mut CoversSettings {
+        match &mut experiment.learner {
+            LearnerSettings::Covers(settings) => settings,
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
@@ -332,17 +340,11 @@ mod tests {
             |e| e.envs.num_envs *= 2,
             |e| e.envs.camera.size = 44,
             |e| e.schedule.groups[0].group = "peg-insert".to_owned(),
-            |e| {
-                let LearnerSettings::Covers(covers) = &mut e.learner;
-                covers.rollout_steps += 1;
-            },
+            |e| covers(e).rollout_steps += 1,
             |e| e.envs.control.horizon *= 2,
             |e| e.envs.seed = 1,
             |e| e.schedule.groups[1].decisions = 79,
-            |e| {
-                let LearnerSettings::Covers(covers) = &mut e.learner;
-                covers.rollout_steps = 120;
-            },
+            |e| covers(e).rollout_steps = 120,
         ];
         for spoil in cases {
             let mut experiment = smoke();

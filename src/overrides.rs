@@ -227,7 +227,9 @@ mod tests {
             "covers.grouping=oracle",
         ])
         .unwrap();
-        let LearnerSettings::Covers(covers) = &changed.learner;
+        let LearnerSettings::Covers(covers) = &changed.learner else {
+            panic!("{:?}", changed.learner);
+        };
         assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
         assert_eq!(changed.evaluation.every, Some(5));
         assert_eq!(changed.schedule.groups[0].decisions, 9);

@@ -10,8 +10,8 @@ use covers::cli::StreamOptions;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
 use covers::{
-    Covers, CoversError, CoversSettings, Experiment, LearnerSettings, Run, RunFolder, Stream,
-    Summary,
+    Covers, CoversError, CoversSettings, Experiment, GroupingSettings, LearnerSettings, Run,
+    RunFolder, Stream, Summary,
 };
 use envs::tasks::DrawerClose;
 use envs::{
@@ -180,8 +180,9 @@ fn small(method: Method) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
     experiment.schedule.groups.truncate(2);
     experiment.checkpoints.every = 2;
-    if method == Method::Paper {
-        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+    if method == Method::Paper
+        && let LearnerSettings::Covers(settings) = &mut experiment.learner
+    {
         settings.network = CoversSettings::default().network;
         experiment.envs.camera.size = Camera::default().size;
     }
@@ -194,7 +195,11 @@ fn every_other_method_runs_its_smoke_budget() {
     // the runs of `covers` are those of the other tests
     for method in Method::ALL.into_iter().skip(1) {
         let (summary, _) = finish(start(&scratch.0, small(method)));
-        let single = matches!(method, Method::Equi | Method::Cnn);
+        let single = match &small(method).learner {
+            LearnerSettings::Covers(settings) => settings.grouping,
+            LearnerSettings::OffPolicy(settings) => settings.grouping,
+        };
+        let single = single == GroupingSettings::Single;
         assert_eq!(summary.policies == 1, single, "{method:?}");
         if method == Method::CoversGt {
             assert_eq!(
@@ -407,7 +412,9 @@ fn changes_reach_the_experiment() {
         .apply(options.budget.experiment(Method::Covers))
         .unwrap();
     assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
-    let LearnerSettings::Covers(settings) = experiment.learner;
+    let LearnerSettings::Covers(settings) = experiment.learner else {
+        panic!("{:?}", experiment.learner);
+    };
     assert_eq!(
         (settings.network.group, settings.ppo.gamma),
         (Group::C1, 0.97)

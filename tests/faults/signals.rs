@@ -115,7 +115,9 @@ fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
         let scratch = Scratch::new("twice");
         let mut experiment = tiny(Method::Covers);
         // the second rollout goes on for much longer than the signals take
-        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+        let LearnerSettings::Covers(settings) = &mut experiment.learner else {
+            panic!("{:?}", experiment.learner);
+        };
         settings.rollout_steps = 1600;
         let groups = &mut experiment.schedule.groups;
         groups.iter_mut().for_each(|plan| plan.decisions = 2 * 1600);
