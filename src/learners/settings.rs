@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::CoversError;
-use crate::groupings::Labels;
+use crate::groupings::{GroupingSettings, Labels};
 
 use super::collection::{Collection, CollectionSettings, Training};
 use super::covers::{CoversSettings, PpoTraining};
@@ -103,6 +103,12 @@ impl LearnerSettings {
             Self::Covers(settings) => settings.network.group = group,
             Self::OffPolicy(settings) => settings.network.group = group,
         }
+    }
+
+    /// Whether it may keep more than one policy.
+    pub fn tells_groups_apart(&self) -> bool {
+        let Self::Covers(settings) = self;
+        settings.grouping != GroupingSettings::Single
     }
 
     /// Decisions of one rollout, all environments together.
