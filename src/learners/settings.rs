@@ -9,7 +9,7 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::{GroupingSettings, Labels};
 
-use super::collection::{Collection, CollectionSettings, Training};
+use super::collection::{Collection, CollectionSettings, Shared, Training};
 use super::covers::{CoversSettings, PpoTraining};
 use super::learner::Learner;
 use super::off_policy::{OffPolicySettings, SacTraining};
@@ -81,12 +81,17 @@ impl LearnerSettings {
         }
     }
 
+    /// What every learner's settings say.
+    fn shared(&self) -> Shared {
+        match self {
+            Self::Covers(settings) => settings.shared(),
+            Self::OffPolicy(settings) => settings.shared(),
+        }
+    }
+
     /// Seed of everything that the learner draws.
     pub fn seed(&self) -> u64 {
-        match self {
-            Self::Covers(settings) => settings.seed,
-            Self::OffPolicy(settings) => settings.seed,
-        }
+        self.shared().seed
     }
 
     /// Changes the seed.
@@ -107,16 +112,12 @@ impl LearnerSettings {
 
     /// Whether it may keep more than one policy.
     pub fn tells_groups_apart(&self) -> bool {
-        let Self::Covers(settings) = self;
-        settings.grouping != GroupingSettings::Single
+        self.shared().grouping != GroupingSettings::Single
     }
 
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
-        match self {
-            Self::Covers(settings) => settings.rollout_steps,
-            Self::OffPolicy(settings) => settings.rollout_steps,
-        }
+        self.shared().rollout_steps
     }
 }
 

@@ -1,6 +1,6 @@
 //! Settings of off-policy learners, and the methods that they make.
 
-use rl::{ContextSettings, EnvSpec, NetworkSettings, ReplaySettings, SacSettings};
+use rl::{ContextSettings, EnvSpec, NetworkSettings, PpoSettings, ReplaySettings, SacSettings};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
@@ -56,7 +56,11 @@ impl OffPolicySettings {
                 ..NetworkSettings::default()
             },
             context: None,
-            sac: SacSettings::paper(),
+            sac: SacSettings {
+                // with few and large gradient steps, SAC's 0.005 would lag 8000 decisions behind
+                tau: 0.05,
+                ..SacSettings::paper()
+            },
             capacity: 200_000,
             warm_up: 1000,
             // the picture at the beginning of the episode
@@ -93,11 +97,15 @@ impl OffPolicySettings {
         Self {
             network: NetworkSettings::default(),
             sac: SacSettings {
+                batch: 128,
+                learning_rate: 1e-3,
+                tau: 0.02,
                 burn_in: 1000,
                 newest_share: 0.0,
                 augmentation: Group::D2,
                 ..clear.sac
-            },
+            }
+            .as_often_as(&PpoSettings::measured()),
             grouping: GroupingSettings::default(),
             ..clear
         }
