@@ -64,7 +64,7 @@ impl Default for CheckpointPlan {
 pub struct EvaluationPlan {
     /// Episodes in each environment and variant after the stream, at least 1.
     pub rounds: usize,
-    /// The same after each visit; none where it is 0.
+    /// The same before the stream and after each visit; none where it is 0.
     pub visit_rounds: usize,
     /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
     /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a
@@ -281,10 +281,18 @@ impl Seeds {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learners::CoversSettings;
     use crate::presets::{Budget, Method};
 
     fn smoke() -> Experiment {
         Budget::Smoke.experiment(Method::Covers)
+    }
+
+    fn covers(experiment: &mut Experiment) -> &mut CoversSettings {
+        match &mut experiment.learner {
+            LearnerSettings::Covers(settings) => settings,
+            other => panic!("{other:?}"),
+        }
     }
 
     #[test]
@@ -332,17 +340,11 @@ mod tests {
             |e| e.envs.num_envs *= 2,
             |e| e.envs.camera.size = 44,
             |e| e.schedule.groups[0].group = "peg-insert".to_owned(),
-            |e| {
-                let LearnerSettings::Covers(covers) = &mut e.learner;
-                covers.rollout_steps += 1;
-            },
+            |e| covers(e).rollout_steps += 1,
             |e| e.envs.control.horizon *= 2,
             |e| e.envs.seed = 1,
             |e| e.schedule.groups[1].decisions = 79,
-            |e| {
-                let LearnerSettings::Covers(covers) = &mut e.learner;
-                covers.rollout_steps = 120;
-            },
+            |e| covers(e).rollout_steps = 120,
         ];
         for spoil in cases {
             let mut experiment = smoke();

@@ -6,8 +6,9 @@
 //! group by the 1-Wasserstein distance of invariant features, recalls old policies, and solves
 //! symmetric variants that it never trained on.
 //!
-//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper; it learns from
-//!   anything that implements [`rl::VectorEnv`].
+//! - [`Learner`]: what a run trains. [`Covers`] is Algorithm 1 of the paper, [`OffPolicy`] the
+//!   same with replays, and CLEAR and 3RL; they learn from anything that implements
+//!   [`rl::VectorEnv`].
 //! - [`Grouping`]: the decision which policy a rollout belongs to.
 //! - [`Stream`]: task groups on MuJoCo as such an environment.
 //! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows; it can stop
@@ -28,6 +29,7 @@ mod groupings;
 mod learners;
 mod overrides;
 pub mod presets;
+pub mod report;
 mod runs;
 pub mod schedule;
 pub mod sheet;
@@ -42,8 +44,9 @@ pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Single};
 pub use learners::{
-    Covers, CoversSettings, Embedding, Extent, Handover, Learner, LearnerSettings, Metric, Metrics,
-    NewPolicy, Seconds, Turn,
+    Collection, CollectionSettings, Covers, CoversSettings, Embedding, Extent, Handover, Learner,
+    LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Seconds, Shared,
+    Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

@@ -91,7 +91,7 @@ pub(crate) fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<
 }
 
 /// The fields in which two values differ, each with the value in one and in the other.
-fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
+pub(crate) fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
     Ok(differing.join("; "))
@@ -227,7 +227,9 @@ mod tests {
             "covers.grouping=oracle",
         ])
         .unwrap();
-        let LearnerSettings::Covers(covers) = &changed.learner;
+        let LearnerSettings::Covers(covers) = &changed.learner else {
+            panic!("{:?}", changed.learner);
+        };
         assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
         assert_eq!(changed.evaluation.every, Some(5));
         assert_eq!(changed.schedule.groups[0].decisions, 9);

@@ -7,7 +7,7 @@ use symmetry::{D2, Group};
 
 use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 use crate::groupings::GroupingSettings;
-use crate::learners::{CoversSettings, LearnerSettings};
+use crate::learners::{CoversSettings, LearnerSettings, OffPolicySettings};
 use crate::schedule::Schedule;
 
 /// Side of the paper's pictures (pixels).
@@ -27,18 +27,35 @@ pub enum Method {
     Equi,
     /// One ordinary policy for everything.
     Cnn,
+    /// COVERS with ordinary networks that learn from randomly mirrored decisions.
+    CnnAug,
+    /// Soft actor-critic with a replay: one ordinary policy for everything.
+    Clear,
+    /// CLEAR with cloning of the actions in its replay.
+    ClearBc,
+    /// CLEAR with a recurrent context.
+    #[value(name = "3rl")]
+    #[serde(rename = "3rl")]
+    ThreeRl,
+    /// Soft actor-critic with D2-equivariant policies and a replay for each, grouped by distances.
+    EquiSac,
     /// COVERS read literally: the paper's network, pictures, rule and hyper-parameters. Slow.
     Paper,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 11] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
         Self::Equi,
         Self::Cnn,
+        Self::CnnAug,
+        Self::Clear,
+        Self::ClearBc,
+        Self::ThreeRl,
+        Self::EquiSac,
         Self::Paper,
     ];
 
@@ -50,23 +67,40 @@ impl Method {
             Self::CoversCnn => "covers-cnn",
             Self::Equi => "equi",
             Self::Cnn => "cnn",
+            Self::CnnAug => "cnn-aug",
+            Self::Clear => "clear",
+            Self::ClearBc => "clear-bc",
+            Self::ThreeRl => "3rl",
+            Self::EquiSac => "equi-sac",
             Self::Paper => "paper",
         }
     }
 
     /// The learner's settings.
-    pub fn learner(self) -> CoversSettings {
+    pub fn learner(self) -> LearnerSettings {
+        LearnerSettings::OffPolicy(match self {
+            Self::Clear => OffPolicySettings::clear(),
+            Self::ClearBc => OffPolicySettings::clear_bc(),
+            Self::ThreeRl => OffPolicySettings::three_rl(),
+            Self::EquiSac => OffPolicySettings::equi_sac(),
+            _ => return LearnerSettings::Covers(self.covers()),
+        })
+    }
+
+    /// COVERS, or what differs from it in its settings.
+    fn covers(self) -> CoversSettings {
         let mut settings = match self {
             Self::Paper => CoversSettings::paper(),
             _ => CoversSettings::default(),
         };
-        if matches!(self, Self::CoversCnn | Self::Cnn) {
+        if matches!(self, Self::CoversCnn | Self::Cnn | Self::CnnAug) {
             settings.network.group = Group::C1;
         }
         match self {
             Self::CoversGt => settings.grouping = GroupingSettings::Oracle,
             Self::Equi | Self::Cnn => settings.grouping = GroupingSettings::Single,
-            Self::Covers | Self::CoversCnn | Self::Paper => {}
+            Self::CnnAug => settings.augmentation = Group::D2,
+            _ => {}
         }
         settings
     }
@@ -113,12 +147,11 @@ impl Budget {
         if self == Self::Smoke {
             envs.num_envs = 8;
             envs.control.horizon = 100;
-            learner.rollout_steps = 8 * 10;
-            learner.ppo.epochs = 1;
+            hurry(&mut learner);
         }
-        let rollout = learner.rollout_steps;
+        let rollout = learner.rollout_steps();
         Experiment {
-            learner: LearnerSettings::Covers(learner),
+            learner,
             envs,
             schedule: self.schedule(rollout),
             evaluation: self.evaluation(),
@@ -161,6 +194,26 @@ impl Budget {
     }
 }
 
+/// Short rollouts of eight environments and little to do with each, but something of everything.
+fn hurry(learner: &mut LearnerSettings) {
+    const ROLLOUT: usize = 8 * 10;
+    match learner {
+        LearnerSettings::Covers(settings) => {
+            settings.rollout_steps = ROLLOUT;
+            settings.ppo.epochs = 1;
+        }
+        LearnerSettings::OffPolicy(settings) => {
+            settings.rollout_steps = ROLLOUT;
+            settings.capacity = 3 * ROLLOUT;
+            settings.warm_up = 40;
+            settings.newest_steps = 40;
+            settings.sac.burn_in = ROLLOUT as u64;
+            settings.sac.batch = 32;
+            settings.sac.updates_per_step = 0.05;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use envs::TaskRegistry;
@@ -184,18 +237,20 @@ mod tests {
     }
 
     #[test]
-    fn methods_differ_in_networks_and_groupings_alone() {
-        let covers = Method::Covers.learner();
+    fn methods_of_covers_differ_in_networks_groupings_and_data_alone() {
+        let covers = Method::Covers.covers();
         for method in [
             Method::CoversGt,
             Method::CoversCnn,
             Method::Equi,
             Method::Cnn,
+            Method::CnnAug,
         ] {
-            let mut settings = method.learner();
+            let mut settings = method.covers();
             assert_ne!(settings, covers, "{method:?}");
             settings.network.group = covers.network.group;
             settings.grouping = covers.grouping;
+            settings.augmentation = covers.augmentation;
             assert_eq!(settings, covers, "{method:?}");
         }
     }

@@ -2,101 +2,18 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[path = "common/bars.rs"]
+mod bars;
+
+use bars::{Bars, HORIZON};
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
     Handover, Learner, Metric, NewPolicy, Turn,
 };
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings, Transition,
-    VectorEnv,
-};
-use symmetry::{D2, Irrep};
-
-const SIZE: usize = 8;
-const HORIZON: usize = 5;
-
-/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place;
-/// the reward is the first action.
-#[derive(Clone)]
-struct Bars {
-    spec: EnvSpec,
-    group: usize,
-    time: usize,
-    rng: ChaCha8Rng,
-    /// Whether the time limit is told.
-    limited: bool,
-}
-
-impl Bars {
-    fn new() -> Self {
-        Self {
-            spec: EnvSpec {
-                num_envs: 10,
-                image: [SIZE, SIZE, 1],
-                vector: vec![Irrep::X, Irrep::Y],
-                action: vec![Irrep::Trivial],
-            },
-            group: 0,
-            time: 0,
-            rng: ChaCha8Rng::seed_from_u64(1),
-            limited: false,
-        }
-    }
-
-    fn draw(&mut self, out: &mut Observations) {
-        for (image, vector) in out
-            .images
-            .chunks_mut(SIZE * SIZE)
-            .zip(out.vectors.chunks_mut(2))
-        {
-            let mut bar: Vec<u8> = (0..SIZE * SIZE)
-                .map(|_| self.rng.random_range(0..40))
-                .collect();
-            for i in 0..3 {
-                let (row, column) = if self.group == 0 { (i, 1) } else { (1, i) };
-                bar[row * SIZE + column] = 250;
-            }
-            let element = D2::ALL[self.rng.random_range(0..4)];
-            image.copy_from_slice(&element.transform_image(&bar, SIZE, SIZE, 1));
-            vector.fill_with(|| self.rng.random_range(-0.1..0.1));
-        }
-    }
-}
-
-impl VectorEnv for Bars {
-    fn spec(&self) -> &EnvSpec {
-        &self.spec
-    }
-
-    fn horizon(&self) -> Option<usize> {
-        self.limited.then_some(HORIZON)
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), rl::BoxError> {
-        self.time = 0;
-        self.draw(out);
-        Ok(())
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), rl::BoxError> {
-        self.time += 1;
-        out.rewards.copy_from_slice(actions);
-        self.draw(&mut out.observations);
-        let ended = self.time.is_multiple_of(HORIZON);
-        if ended {
-            self.draw(&mut out.final_observations);
-        }
-        out.outcomes.fill(if ended {
-            Outcome::Truncated
-        } else {
-            Outcome::Running
-        });
-        Ok(())
-    }
-}
+use rl::{Critic, Encoder, NetworkSettings, PpoSettings, VectorEnv};
 
 fn settings() -> CoversSettings {
     CoversSettings {

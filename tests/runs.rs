@@ -150,7 +150,7 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
     // turns that hand over take three rollouts
-    let evaluated = [3, 4, 6, 8];
+    let evaluated = [0, 3, 4, 6, 8];
     assert_eq!(lines(&reference[1]), 1 + 8);
     assert_eq!(lines(&reference[2]), 1 + 12 * evaluated.len());
     // checkpoints are written after 3, 6 and 8 turns: the row behind is written twice
@@ -180,8 +180,9 @@ fn small(method: Method) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
     experiment.schedule.groups.truncate(2);
     experiment.checkpoints.every = 2;
-    if method == Method::Paper {
-        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+    if method == Method::Paper
+        && let LearnerSettings::Covers(settings) = &mut experiment.learner
+    {
         settings.network = CoversSettings::default().network;
         experiment.envs.camera.size = Camera::default().size;
     }
@@ -194,8 +195,8 @@ fn every_other_method_runs_its_smoke_budget() {
     // the runs of `covers` are those of the other tests
     for method in Method::ALL.into_iter().skip(1) {
         let (summary, _) = finish(start(&scratch.0, small(method)));
-        let single = matches!(method, Method::Equi | Method::Cnn);
-        assert_eq!(summary.policies == 1, single, "{method:?}");
+        let many = small(method).learner.tells_groups_apart();
+        assert_eq!(summary.policies > 1, many, "{method:?}");
         if method == Method::CoversGt {
             assert_eq!(
                 (summary.policies, summary.assignment_accuracy),
@@ -204,6 +205,25 @@ fn every_other_method_runs_its_smoke_budget() {
             let mut groups = summary.groups.iter();
             assert!(groups.all(|group| group.policies.len() == 1));
         }
+    }
+}
+
+#[test]
+fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_threads() {
+    let scratch = Scratch::new("replays");
+    for method in [
+        Method::CnnAug,
+        Method::Clear,
+        Method::ClearBc,
+        Method::ThreeRl,
+        Method::EquiSac,
+    ] {
+        let (_, reference) = finish(start(&scratch.0, small(method)));
+        let folder = crash_after(3, start(&scratch.0, small(method)));
+        let resumed = Run::resume(&folder, Some(1)).unwrap();
+        assert_eq!(resumed.ledger().rollouts, 2);
+        let (_, bytes) = finish(resumed);
+        assert!(bytes[1..] == reference[1..], "{method:?}");
     }
 }
 
@@ -407,7 +427,9 @@ fn changes_reach_the_experiment() {
         .apply(options.budget.experiment(Method::Covers))
         .unwrap();
     assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
-    let LearnerSettings::Covers(settings) = experiment.learner;
+    let LearnerSettings::Covers(settings) = experiment.learner else {
+        panic!("{:?}", experiment.learner);
+    };
     assert_eq!(
         (settings.network.group, settings.ppo.gamma),
         (Group::C1, 0.97)
@@ -446,4 +468,83 @@ fn a_rollout_that_does_not_fit_the_environments_is_refused() {
     };
     let message = Covers::new(settings, &spec(16)).err().unwrap().to_string();
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
+}
+
+/// What `covers report` prints and writes of two short runs of one method and one of another.
+#[test]
+fn a_report_says_what_the_runs_files_say() {
+    let scratch = Scratch::new("report");
+    let folder = |name: &str| scratch.0.join(name);
+    let mut summaries = Vec::new();
+    for (name, method, seed) in [
+        ("covers-seed0", Method::CoversGt, 0),
+        ("covers-seed1", Method::CoversGt, 1),
+        ("cnn-seed0", Method::Cnn, 0),
+    ] {
+        let mut experiment = small(method).with_seed(seed);
+        experiment.evaluation.visit_rounds = 1;
+        let run = Run::start(experiment, RunFolder::create(&scratch.0, name).unwrap());
+        summaries.push(finish(run.unwrap()).0);
+    }
+    let runs = fs::read_dir(&scratch.0).unwrap();
+    assert_eq!(runs.count(), 3);
+    let out = folder("out");
+    let arguments = ["covers-seed0", "covers-seed1", "cnn-seed0"].map(folder);
+    let arguments = [&arguments[..], &[PathBuf::from("--out"), out.clone()]].concat();
+    let arguments = arguments.iter().map(|path| path.to_str().unwrap());
+    let text = command(&[&["report"], &arguments.collect::<Vec<_>>()[..]].concat()).unwrap();
+    // the accuracy of a row is that of the summaries
+    let accuracy = |summary: &Summary| summary.assignment_accuracy.unwrap();
+    let accuracy = f64::midpoint(accuracy(&summaries[0]), accuracy(&summaries[1]));
+    let rows: Vec<Vec<&str>> = text
+        .lines()
+        .map(|line| line.split(" | ").collect())
+        .collect();
+    let row = |name: &str, cells: usize| {
+        let name = format!("| {name}");
+        rows.iter()
+            .find(|row| row[0] == name && row.len() == cells)
+            .unwrap()
+    };
+    assert_eq!(row("covers", 13)[8], format!("{accuracy:.3}"));
+    assert!(
+        row("cnn", 13)[8].starts_with("- ("),
+        "one policy has no accuracy"
+    );
+    assert_eq!(
+        row("covers-seed1", 7)[4],
+        summaries[1].decisions.to_string()
+    );
+    assert!(text.contains("covers in the paper (1)") && text.contains("do not compare one to one"));
+    assert_eq!(
+        fs::read_to_string(out.join("report.md"))
+            .unwrap()
+            .trim_end(),
+        text.trim_end()
+    );
+    for file in [
+        "results.csv",
+        "seeds.tex",
+        "covers-seed0.svg",
+        "methods-seed0.svg",
+    ] {
+        assert!(fs::metadata(out.join(file)).unwrap().len() > 200, "{file}");
+    }
+    // a run that was never scored, and one of other settings under the same name
+    fs::remove_file(folder("cnn-seed0/evaluation.csv")).unwrap();
+    let cnn = folder("cnn-seed0");
+    let error = command(&["report", cnn.to_str().unwrap()])
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("evaluation.csv"), "{error}");
+    fs::rename(folder("covers-seed0"), folder("again-seed0")).unwrap();
+    let other = small(Method::Equi).with_seed(2);
+    let run = Run::start(other, RunFolder::create(&scratch.0, "again-seed2").unwrap());
+    finish(run.unwrap());
+    let pair = ["again-seed0", "again-seed2"].map(folder);
+    let pair = pair.each_ref().map(|path| path.to_str().unwrap());
+    let error = command(&["report", pair[0], pair[1]])
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("learner.covers.grouping"), "{error}");
 }

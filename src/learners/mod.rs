@@ -2,13 +2,17 @@
 //!
 //! To add one: implement [`Learner`], and give it a value of [`LearnerSettings`].
 
+mod collection;
 mod covers;
 mod learner;
 mod metrics;
+mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub use covers::{Covers, CoversSettings, Embedding, Handover, NewPolicy};
+pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub use covers::{Covers, CoversSettings};
 pub use learner::{Extent, Learner, Seconds, Turn};
 pub use metrics::{Metric, Metrics};
+pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

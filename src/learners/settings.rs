@@ -7,10 +7,12 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::CoversError;
-use crate::groupings::Labels;
+use crate::groupings::{GroupingSettings, Labels};
 
-use super::covers::{Covers, CoversSettings};
+use super::collection::{Collection, CollectionSettings, Shared, Training};
+use super::covers::{CoversSettings, PpoTraining};
 use super::learner::Learner;
+use super::off_policy::{OffPolicySettings, SacTraining};
 
 /// What learns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,7 +20,12 @@ use super::learner::Learner;
 pub enum LearnerSettings {
     /// A collection of policies trained by PPO: COVERS and the paper's PPO baselines.
     Covers(CoversSettings),
+    /// A policy, or a collection of them, trained by soft actor-critic from replays: CLEAR, 3RL and
+    /// what came after.
+    OffPolicy(OffPolicySettings),
 }
+
+type Read = Result<(Box<dyn Learner>, String), CoversError>;
 
 impl Default for LearnerSettings {
     fn default() -> Self {
@@ -33,11 +40,8 @@ impl LearnerSettings {
     /// A setting out of range, or images that the network cannot take.
     pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, CoversError> {
         match self {
-            Self::Covers(settings) => {
-                let grouping = settings.grouping.build_with(labels)?;
-                let covers = Covers::with_grouping(settings.clone(), spec, grouping)?;
-                Ok(Box::new(covers))
-            }
+            Self::Covers(settings) => start::<PpoTraining>(settings, spec, labels),
+            Self::OffPolicy(settings) => start::<SacTraining>(settings, spec, labels),
         }
     }
 
@@ -51,7 +55,7 @@ impl LearnerSettings {
         path: &Path,
         spec: &EnvSpec,
         labels: &Labels,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    ) -> Read {
         self.read(path, spec, labels, false)
     }
 
@@ -65,43 +69,73 @@ impl LearnerSettings {
         path: &Path,
         spec: &EnvSpec,
         labels: &Labels,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    ) -> Read {
         self.read(path, spec, labels, true)
     }
 
-    fn read(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-        whole: bool,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
-        let Self::Covers(settings) = self;
-        let (covers, note) = Covers::read(path, spec, settings, labels, whole)?;
-        Ok((Box::new(covers), note))
+    fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Read {
+        let place = (path, spec, labels);
+        match self {
+            Self::Covers(settings) => read::<PpoTraining>(settings, place, whole),
+            Self::OffPolicy(settings) => read::<SacTraining>(settings, place, whole),
+        }
+    }
+
+    /// What every learner's settings say.
+    fn shared(&self) -> Shared {
+        match self {
+            Self::Covers(settings) => settings.shared(),
+            Self::OffPolicy(settings) => settings.shared(),
+        }
     }
 
     /// Seed of everything that the learner draws.
     pub fn seed(&self) -> u64 {
-        let Self::Covers(settings) = self;
-        settings.seed
+        self.shared().seed
     }
 
     /// Changes the seed.
     pub fn set_seed(&mut self, seed: u64) {
-        let Self::Covers(settings) = self;
-        settings.seed = seed;
+        match self {
+            Self::Covers(settings) => settings.seed = seed,
+            Self::OffPolicy(settings) => settings.seed = seed,
+        }
     }
 
     /// Changes the group that networks are equivariant under, at equal width.
     pub fn set_group(&mut self, group: Group) {
-        let Self::Covers(settings) = self;
-        settings.network.group = group;
+        match self {
+            Self::Covers(settings) => settings.network.group = group,
+            Self::OffPolicy(settings) => settings.network.group = group,
+        }
+    }
+
+    /// Whether it may keep more than one policy.
+    pub fn tells_groups_apart(&self) -> bool {
+        self.shared().grouping != GroupingSettings::Single
     }
 
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
-        let Self::Covers(settings) = self;
-        settings.rollout_steps
+        self.shared().rollout_steps
     }
+}
+
+fn start<T: Training>(
+    settings: &T::Settings,
+    spec: &EnvSpec,
+    labels: &Labels,
+) -> Result<Box<dyn Learner>, CoversError> {
+    let grouping = settings.shared().grouping.build_with(labels)?;
+    let learner = Collection::<T>::with_grouping(settings.clone(), spec, grouping)?;
+    Ok(Box::new(learner))
+}
+
+fn read<T: Training>(
+    settings: &T::Settings,
+    (path, spec, labels): (&Path, &EnvSpec, &Labels),
+    whole: bool,
+) -> Read {
+    let (learner, note) = Collection::<T>::read(path, spec, settings, labels, whole)?;
+    Ok((Box::new(learner), note))
 }

@@ -34,7 +34,7 @@ struct Format {
 }
 
 /// One array of a file.
-pub(super) struct Tensor {
+pub struct Tensor {
     name: String,
     dtype: Dtype,
     shape: Vec<usize>,
@@ -47,6 +47,16 @@ impl Tensor {
         Self {
             name,
             dtype: Dtype::F32,
+            shape,
+            bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect(),
+        }
+    }
+
+    /// An array of whole numbers.
+    pub fn integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
+        Self {
+            name,
+            dtype: Dtype::U64,
             shape,
             bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect(),
         }
@@ -176,7 +186,7 @@ fn check_format(path: &Path, format: u32) -> Result<(), CoversError> {
 }
 
 /// The arrays of an open file.
-pub(super) struct TensorFile<'a> {
+pub struct TensorFile<'a> {
     path: &'a Path,
     file: SafeTensors<'a>,
 }
@@ -217,6 +227,13 @@ impl<'a> TensorFile<'a> {
             return Err(self.damaged(problem));
         }
         Ok((tensor.shape().to_vec(), values))
+    }
+
+    /// Values of an array of whole numbers.
+    pub fn integers(&self, name: &str) -> Result<Vec<u64>, CoversError> {
+        let tensor = self.tensor(name, Dtype::U64)?;
+        let (numbers, _) = tensor.data().as_chunks::<8>();
+        Ok(numbers.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
     /// Shape and values of an array of bytes.

@@ -53,8 +53,9 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.checkpoints.every = 1;
     // without an arm: quicker
     experiment.envs.embodiment = Embodiment::Hand;
-    if method == Method::Paper {
-        let LearnerSettings::Covers(settings) = &mut experiment.learner;
+    if method == Method::Paper
+        && let LearnerSettings::Covers(settings) = &mut experiment.learner
+    {
         settings.network = CoversSettings::default().network;
         experiment.envs.camera.size = Camera::default().size;
     }

@@ -110,7 +110,9 @@ fn a_panic_in_a_task_is_a_failure_of_its_environment_alone() {
 /// The first update leaves parameters that are finite, but so large that the second overflows.
 fn diverging() -> Experiment {
     let mut experiment = tiny(Method::Covers);
-    let covers::LearnerSettings::Covers(settings) = &mut experiment.learner;
+    let covers::LearnerSettings::Covers(settings) = &mut experiment.learner else {
+        panic!("{:?}", experiment.learner);
+    };
     settings.ppo.head_learning_rate = 1e6;
     settings.ppo.encoder_learning_rate = 1e6;
     // one step of the optimiser

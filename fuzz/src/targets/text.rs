@@ -11,7 +11,7 @@ use covers::check::Check;
 use covers::cli::{StreamOptions, TrainOptions};
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
-use covers::{CoversSettings, Experiment, LearnerSettings, Override};
+use covers::{Experiment, LearnerSettings, Override};
 use envs::{Embodiment, TaskRegistry};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -100,8 +100,10 @@ fn check(experiment: &Experiment) {
 /// Whether checking builds networks and rollouts that take no time: sizes are part of what a person
 /// asks for.
 fn is_small(experiment: &Experiment) -> bool {
-    let LearnerSettings::Covers(covers) = &experiment.learner;
-    let network = &covers.network;
+    let (network, context) = match &experiment.learner {
+        LearnerSettings::Covers(settings) => (&settings.network, None),
+        LearnerSettings::OffPolicy(settings) => (&settings.network, settings.context),
+    };
     let fields = match &network.encoder {
         Encoder::Strided { fields }
         | Encoder::Pooled { fields, .. }
@@ -122,8 +124,9 @@ fn is_small(experiment: &Experiment) -> bool {
     ];
     let mut widths = fields.iter().chain(&inner).chain(&heads);
     widths.all(|&width| width <= 8)
+        && context.is_none_or(|context| context.size <= 32 && context.length <= 8)
         && experiment.envs.camera.size <= 48
-        && covers.rollout_steps <= 400
+        && experiment.learner.rollout_steps() <= 400
         && experiment.schedule.total_decisions() <= 100_000
 }
 
@@ -142,13 +145,13 @@ fn small_network() -> NetworkSettings {
 fn settings() -> Vec<Vec<u8>> {
     let experiments = Method::ALL.map(|method| {
         let mut experiment = Budget::Smoke.experiment(method);
-        let LearnerSettings::Covers(covers) = &mut experiment.learner;
-        *covers = CoversSettings {
-            network: NetworkSettings {
-                group: covers.network.group,
-                ..small_network()
-            },
-            ..covers.clone()
+        let network = match &mut experiment.learner {
+            LearnerSettings::Covers(settings) => &mut settings.network,
+            LearnerSettings::OffPolicy(settings) => &mut settings.network,
+        };
+        *network = NetworkSettings {
+            group: network.group,
+            ..small_network()
         };
         experiment.envs.camera.size = 16;
         serde_json::to_vec(&experiment)

@@ -111,7 +111,13 @@ impl Replay {
     /// Marks the present: what is recorded from here on is the newest experience, of which
     /// [`Replay::sample`] takes a share. At first, everything is.
     pub fn mark(&mut self) {
-        self.marked = self.recorded;
+        self.mark_newest(0);
+    }
+
+    /// Marks the moment since which `steps` steps were recorded: those are the newest experience,
+    /// all of them where there are fewer.
+    pub fn mark_newest(&mut self, steps: u64) {
+        self.marked = self.recorded.saturating_sub(steps);
     }
 
     /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1] of

@@ -1,13 +1,9 @@
-//! COVERS: a collection of policies, one for each group of symmetric tasks.
+//! COVERS: a collection of policies that are trained by PPO.
 //!
 //! With other networks and groupings the same learner is each of the paper's PPO baselines.
 
-mod algorithm;
-mod checkpoint;
-mod collection;
-mod first_frames;
-mod member;
 mod settings;
+mod training;
 
-pub use collection::Covers;
-pub use settings::{CoversSettings, Embedding, Handover, NewPolicy};
+pub use settings::CoversSettings;
+pub use training::{Covers, PpoTraining};

@@ -1,11 +1,12 @@
 //! Settings of the learner. Where the paper leaves a gap or this project departs from it, the
 //! paper's reading is a value, too.
 
-use rl::{EnvSpec, NetworkSettings, PpoSettings};
+use rl::{NetworkSettings, PpoSettings};
 use serde::{Deserialize, Serialize};
+use symmetry::Group;
 
-use crate::error::CoversError;
 use crate::groupings::GroupingSettings;
+use crate::learners::collection::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
 
 /// Settings of [`Covers`](crate::Covers).
 ///
@@ -34,44 +35,12 @@ pub struct CoversSettings {
     pub embedding: Embedding,
     /// Where a new policy starts.
     pub new_policy: NewPolicy,
+    /// Before an update, every decision of the rollout is moved by a random element of this group:
+    /// picture, vector and action. The policy says anew how probable it was and what it is worth
+    /// ([`RolloutBuffer::augment`](rl::RolloutBuffer::augment)). C1 leaves decisions as they are.
+    pub augmentation: Group,
     /// Seed of everything that the learner draws.
     pub seed: u64,
-}
-
-/// What becomes of a rollout that another policy is assigned to than the one that collected it. The
-/// paper's Algorithm 1 updates the assigned policy with it and does not say how.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Handover {
-    /// Its first frames feed the buffer; the assigned policy collects a rollout of its own to learn
-    /// from. Both count as decisions.
-    #[default]
-    CollectAgain,
-    /// The assigned policy learns from it, with its own log-probabilities and values
-    /// ([`RolloutBuffer::revalue`](rl::RolloutBuffer::revalue)).
-    Reuse,
-}
-
-/// Which features of a policy's frames assignment compares.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Embedding {
-    /// Those of the policy as it is now: features drift while a policy learns.
-    #[default]
-    Afresh,
-    /// Those of the policy as it was when the frames arrived, before it learnt from their rollout.
-    AtArrival,
-}
-
-/// Where a new policy starts; its optimiser is fresh in any case.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum NewPolicy {
-    /// From random parameters, as in the paper.
-    #[default]
-    Random,
-    /// From the parameters of the nearest policy, its exploration included.
-    Copy,
 }
 
 impl Default for CoversSettings {
@@ -86,6 +55,7 @@ impl Default for CoversSettings {
             handover: Handover::default(),
             embedding: Embedding::default(),
             new_policy: NewPolicy::default(),
+            augmentation: Group::C1,
             seed: 0,
         }
     }
@@ -106,46 +76,24 @@ impl CoversSettings {
             handover: Handover::Reuse,
             embedding: Embedding::Afresh,
             new_policy: NewPolicy::Random,
+            augmentation: Group::C1,
             seed: 0,
         }
     }
+}
 
-    /// Episodes that a buffer holds at most.
-    pub(super) fn buffer_capacity(&self) -> usize {
-        self.buffer_episodes.unwrap_or(usize::MAX)
-    }
-
-    /// Decisions of each environment in a rollout, once the settings are found to fit the
-    /// environments and each other. A policy must keep `min_episodes` for the grouping.
-    pub(super) fn steps_per_env(
-        &self,
-        spec: &EnvSpec,
-        min_episodes: usize,
-    ) -> Result<usize, CoversError> {
-        let setting = |name, value: usize, expected| CoversError::Setting {
-            name,
-            value: value.to_string(),
-            expected,
-        };
-        if self.first_frames == 0 {
-            return Err(setting("first_frames", 0, "at least 1 frame"));
+impl CollectionSettings for CoversSettings {
+    fn shared(&self) -> Shared {
+        Shared {
+            grouping: self.grouping,
+            first_frames: self.first_frames,
+            rollout_steps: self.rollout_steps,
+            buffer_episodes: self.buffer_episodes,
+            handover: self.handover,
+            embedding: self.embedding,
+            new_policy: self.new_policy,
+            seed: self.seed,
         }
-        if let Some(episodes) = self.buffer_episodes
-            && episodes < min_episodes
-        {
-            let expected = "at least the min_episodes of the grouping";
-            return Err(setting("buffer_episodes", episodes, expected));
-        }
-        if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {
-            let expected = "a multiple of the number of environments";
-            return Err(setting("rollout_steps", self.rollout_steps, expected));
-        }
-        let steps = self.rollout_steps / spec.num_envs;
-        if steps < self.first_frames {
-            let expected = "at least first_frames decisions in every environment";
-            return Err(setting("rollout_steps", self.rollout_steps, expected));
-        }
-        Ok(steps)
     }
 }
 

@@ -2,35 +2,38 @@
 
 use cluster::Reservoir;
 use rand::RngExt;
-use rl::{ActorCriticPolicy, EnvSpec, Ppo, RolloutBuffer};
+use rl::EnvSpec;
 
 use crate::error::CoversError;
 use crate::groupings::Grouping;
 use crate::learners::learner::Seconds;
 
 use super::member::{Generators, Member};
-use super::settings::CoversSettings;
+use super::settings::{CollectionSettings, Shared};
+use super::training::Training;
 
 /// The learner: a growing collection of policies. It has no place for a task label.
-pub struct Covers {
-    pub(super) settings: CoversSettings,
+pub struct Collection<T: Training> {
+    pub(super) settings: T::Settings,
+    /// Of the settings, what does not depend on the training.
+    pub(super) shared: Shared,
     pub(super) spec: EnvSpec,
     pub(super) grouping: Box<dyn Grouping>,
-    pub(super) members: Vec<Member>,
+    pub(super) members: Vec<Member<T>>,
     pub(super) current: usize,
-    pub(super) rollout: RolloutBuffer,
+    pub(super) rollout: T::Rollout,
     pub(super) generators: Generators,
     pub(super) seconds: Seconds,
 }
 
-impl Covers {
+impl<T: Training> Collection<T> {
     /// A learner with one random policy and no frames, and the grouping that the settings name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
     /// cannot keep exactly symmetric.
-    pub fn new(settings: CoversSettings, spec: &EnvSpec) -> Result<Self, CoversError> {
-        let grouping = settings.grouping.build()?;
+    pub fn new(settings: T::Settings, spec: &EnvSpec) -> Result<Self, CoversError> {
+        let grouping = settings.shared().grouping.build()?;
         Self::with_grouping(settings, spec, grouping)
     }
 
@@ -39,23 +42,25 @@ impl Covers {
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
     pub fn with_grouping(
-        settings: CoversSettings,
+        settings: T::Settings,
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
     ) -> Result<Self, CoversError> {
-        let steps = settings.steps_per_env(spec, grouping.min_episodes())?;
-        let mut covers = Self {
+        let shared = settings.shared();
+        let steps = shared.steps_per_env(spec, grouping.min_episodes())?;
+        let mut collection = Self {
             spec: spec.clone(),
             grouping,
             members: Vec::new(),
             current: 0,
-            rollout: RolloutBuffer::new(spec, steps)?,
-            generators: Generators::new(settings.seed),
+            rollout: T::rollout(spec, steps)?,
+            generators: Generators::new(shared.seed),
             seconds: Seconds::default(),
             settings,
+            shared,
         };
-        covers.open_policy(None)?;
-        Ok(covers)
+        collection.open_policy(None)?;
+        Ok(collection)
     }
 
     /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
@@ -65,14 +70,14 @@ impl Covers {
             Some(parent) => self.members[parent].policy.clone(),
             None => {
                 let seed = self.generators.initialisation.random();
-                ActorCriticPolicy::new(&self.settings.network, &self.spec, seed)?
+                T::policy(&self.settings, &self.spec, seed)?
             }
         };
-        let ppo = Ppo::new(self.settings.ppo.clone(), &policy)?;
-        let buffer = Reservoir::new(self.settings.buffer_capacity())?;
+        let training = T::new(&self.settings, &self.spec, &policy)?;
+        let buffer = Reservoir::new(self.shared.buffer_capacity())?;
         self.members.push(Member {
             policy,
-            ppo,
+            training,
             buffer,
         });
         Ok(self.members.len() - 1)

@@ -3,28 +3,28 @@
 use cluster::{Candidate, Reservoir};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{ActorCriticPolicy, Ppo};
 use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::groupings::Candidates;
 
 use super::first_frames::{FirstFrames, embed, recall};
+use super::training::Training;
 
-/// A policy, its optimiser, and the first frames of the group that it oversees.
-pub(super) struct Member {
-    pub policy: ActorCriticPolicy,
-    pub ppo: Ppo,
+/// A policy, its training, and the first frames of the group that it oversees.
+pub(super) struct Member<T: Training> {
+    pub policy: T::Policy,
+    pub training: T,
     pub buffer: Reservoir<FirstFrames>,
 }
 
 /// The members beside the first frames of a rollout.
-pub(super) struct Clouds<'a> {
-    pub members: &'a mut [Member],
+pub(super) struct Clouds<'a, T: Training> {
+    pub members: &'a mut [Member<T>],
     pub rollout: &'a [FirstFrames],
 }
 
-impl Candidates for Clouds<'_> {
+impl<T: Training> Candidates for Clouds<'_, T> {
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
         let clouds = self.members.iter_mut().map(|member| {
             Ok(Candidate {

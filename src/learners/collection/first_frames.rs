@@ -1,7 +1,7 @@
 //! The first frames of episodes: what assignment looks at, since later ones depend on the policy.
 
 use cluster::Frames;
-use rl::{Features, Observations, RolloutBuffer};
+use rl::{EnvSpec, Features, Observations, Outcome, RolloutBuffer};
 
 use crate::error::CoversError;
 
@@ -44,14 +44,47 @@ impl FirstFrames {
     }
 }
 
+/// What one collection showed.
+pub trait Rollout {
+    /// The environments.
+    fn spec(&self) -> &EnvSpec;
+
+    /// T, the steps of every environment that were collected.
+    fn shown(&self) -> usize;
+
+    /// How step `step` of environment `env` left its episode.
+    fn outcome(&self, step: usize, env: usize) -> Outcome;
+
+    /// The picture `[H, W, C]` and the vector `[D]` that were acted on.
+    fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]);
+}
+
+impl Rollout for RolloutBuffer {
+    fn spec(&self) -> &EnvSpec {
+        self.spec()
+    }
+
+    fn shown(&self) -> usize {
+        self.steps()
+    }
+
+    fn outcome(&self, step: usize, env: usize) -> Outcome {
+        self.outcomes()[step * self.spec().num_envs + env]
+    }
+
+    fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
+        let row = step * self.spec().num_envs + env;
+        self.observations().sample(self.spec(), row)
+    }
+}
+
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin
 /// with a reset.
-pub(super) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames> {
-    let (envs, steps) = (rollout.spec().num_envs, rollout.steps());
+pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let mut episodes = Vec::new();
-    for env in 0..envs {
-        for start in 0..steps {
-            let begins = start == 0 || rollout.outcomes()[(start - 1) * envs + env].ended();
+    for env in 0..rollout.spec().num_envs {
+        for start in 0..rollout.shown() {
+            let begins = start == 0 || rollout.outcome(start - 1, env).ended();
             if begins && complete(rollout, env, start, k) {
                 episodes.push(copy(rollout, env, start..start + k));
             }
@@ -61,28 +94,22 @@ pub(super) fn first_frames(rollout: &RolloutBuffer, k: usize) -> Vec<FirstFrames
 }
 
 /// Whether `k` observations of the episode that begins at `start` are there.
-fn complete(rollout: &RolloutBuffer, env: usize, start: usize, k: usize) -> bool {
-    let envs = rollout.spec().num_envs;
-    let ended = |step: usize| rollout.outcomes()[step * envs + env].ended();
-    start + k <= rollout.steps() && !(start..start + k - 1).any(ended)
+fn complete<R: Rollout>(rollout: &R, env: usize, start: usize, k: usize) -> bool {
+    let ended = |step: usize| rollout.outcome(step, env).ended();
+    start + k <= rollout.shown() && !(start..start + k - 1).any(ended)
 }
 
-fn copy(rollout: &RolloutBuffer, env: usize, steps: std::ops::Range<usize>) -> FirstFrames {
-    let (spec, all) = (rollout.spec(), rollout.observations());
-    let (image, vector) = (spec.image_len(), spec.vector.len());
+fn copy<R: Rollout>(rollout: &R, env: usize, steps: std::ops::Range<usize>) -> FirstFrames {
+    let (image, vector) = (rollout.spec().image_len(), rollout.spec().vector.len());
     let count = steps.len();
     let mut frames = Observations {
         images: Vec::with_capacity(count * image),
         vectors: Vec::with_capacity(count * vector),
     };
     for step in steps {
-        let row = step * spec.num_envs + env;
-        frames
-            .images
-            .extend(&all.images[row * image..(row + 1) * image]);
-        frames
-            .vectors
-            .extend(&all.vectors[row * vector..(row + 1) * vector]);
+        let (image, vector) = rollout.observation(step, env);
+        frames.images.extend(image);
+        frames.vectors.extend(vector);
     }
     FirstFrames::new(count, frames)
 }
@@ -141,7 +168,7 @@ pub(super) fn recall<P: Features>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rl::{Decisions, EnvSpec, Outcome, Transition};
+    use rl::{Decisions, Transition};
     use symmetry::Irrep;
 
     /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env,

@@ -8,24 +8,22 @@ use std::time::Instant;
 
 use cluster::{Assignment, Decision, Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    Algorithm, Metrics as _, RolloutBuffer, RolloutState, RolloutStats, UpdateStats, VectorEnv,
-    collect,
-};
+use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
 
 use crate::error::CoversError;
 use crate::groupings::Grouping;
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
-use super::collection::Covers;
 use super::first_frames::{FirstFrames, first_frames, keep_features};
 use super::member::{Clouds, Member};
+use super::policies::Collection;
 use super::settings::{Embedding, Handover, NewPolicy};
+use super::training::Training;
 
 type Answer = Result<Assignment, CoversError>;
 
-impl Learner for Covers {
+impl<T: Training> Learner for Collection<T> {
     /// One turn of Algorithm 1: roll out, assign, update.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
         self.seconds = Seconds::default();
@@ -46,14 +44,14 @@ impl Learner for Covers {
         let created = self.adopt(&assignment, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            match self.settings.handover {
+            match self.shared.handover {
                 Handover::CollectAgain => {
                     stats = self.roll_out(env)?;
                     decisions += stats.decisions;
                 }
                 Handover::Reuse => {
                     let policy = &mut self.members[self.current].policy;
-                    self.rollout.revalue(policy)?;
+                    T::take_over(policy, &mut self.rollout)?;
                 }
             }
         }
@@ -61,7 +59,7 @@ impl Learner for Covers {
         Ok(Turn {
             policy: self.current,
             created,
-            metrics: metrics(&assignment.evidence, first_look.is_some(), &update),
+            metrics: metrics(&assignment.evidence, first_look.is_some(), update),
             evidence: assignment.evidence,
             first_look,
             decisions,
@@ -78,8 +76,8 @@ impl Learner for Covers {
         env: &mut dyn VectorEnv,
         rng: &mut ChaCha8Rng,
     ) -> Result<usize, CoversError> {
-        let k = self.settings.first_frames;
-        let mut glimpse = RolloutBuffer::new(env.spec(), k)?;
+        let k = self.shared.first_frames;
+        let mut glimpse = T::rollout(env.spec(), k)?;
         let mut frames = Vec::new();
         while frames.len() < self.grouping.min_episodes() {
             let policy = &mut self.members[self.current].policy;
@@ -124,14 +122,15 @@ impl Learner for Covers {
     }
 }
 
-impl Covers {
+impl<T: Training> Collection<T> {
     /// Collects `N_s` decisions with the current policy.
     fn roll_out(&mut self, env: &mut dyn VectorEnv) -> Result<RolloutStats, CoversError> {
         let clock = Instant::now();
-        if let Some(horizon) = env.horizon() {
-            self.rollout.check_horizon(horizon)?;
-        }
-        let policy = &mut self.members[self.current].policy;
+        self.check_horizon(env)?;
+        let Member {
+            policy, training, ..
+        } = &mut self.members[self.current];
+        training.prepare(&mut self.rollout);
         let mut state = RolloutState::reset(env, policy)?;
         let (buffer, rng) = (&mut self.rollout, &mut self.generators.actions);
         let stats = collect(env, policy, buffer, &mut state, rng)?;
@@ -139,9 +138,18 @@ impl Covers {
         Ok(stats)
     }
 
+    /// Refuses rollouts that end before an episode does: nothing would be learnt of late states.
+    fn check_horizon(&self, env: &dyn VectorEnv) -> Result<(), RlError> {
+        let steps = self.rollout.steps();
+        match env.horizon() {
+            Some(horizon) if steps < horizon => Err(RlError::ShortRollout { steps, horizon }),
+            Some(_) | None => Ok(()),
+        }
+    }
+
     /// The first frames of the rollout's episodes.
     fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
-        let frames = first_frames(&self.rollout, self.settings.first_frames);
+        let frames = first_frames(&self.rollout, self.shared.first_frames);
         self.check_episodes(frames.len())?;
         Ok(frames)
     }
@@ -155,7 +163,7 @@ impl Covers {
         Err(CoversError::TooFewEpisodes {
             got,
             needed,
-            first_frames: self.settings.first_frames,
+            first_frames: self.shared.first_frames,
         })
     }
 
@@ -172,7 +180,7 @@ impl Covers {
     fn ask(
         &mut self,
         rollout: &[FirstFrames],
-        question: impl Fn(&dyn Grouping, &mut Clouds, &mut ChaCha8Rng) -> Answer,
+        question: impl Fn(&dyn Grouping, &mut Clouds<T>, &mut ChaCha8Rng) -> Answer,
     ) -> Answer {
         // the paper starts with an empty `B`, for which no distance exists
         if !self.has_learnt() {
@@ -206,7 +214,7 @@ impl Covers {
         };
         self.grouping.adopt(self.current);
         let member = &mut self.members[self.current];
-        if self.settings.embedding == Embedding::AtArrival {
+        if self.shared.embedding == Embedding::AtArrival {
             keep_features(&mut member.policy, &mut frames)?;
         }
         for episode in frames {
@@ -219,7 +227,7 @@ impl Covers {
 
     /// The policy that a new one is copied from, if it is.
     fn parent(&self, assignment: &Assignment) -> Result<Option<usize>, CoversError> {
-        match (self.settings.new_policy, assignment.nearest()) {
+        match (self.shared.new_policy, assignment.nearest()) {
             (NewPolicy::Random, _) => Ok(None),
             (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
             (NewPolicy::Copy, None) => Err(CoversError::Setting {
@@ -248,17 +256,20 @@ impl Covers {
     }
 
     /// Improves the current policy by the rollout.
-    fn update(&mut self) -> Result<UpdateStats, CoversError> {
+    fn update(&mut self) -> Result<Vec<(String, f64)>, CoversError> {
         let clock = Instant::now();
-        let Member { policy, ppo, .. } = &mut self.members[self.current];
-        let stats = ppo.update(policy, &self.rollout, &mut self.generators.updates)?;
+        let Member {
+            policy, training, ..
+        } = &mut self.members[self.current];
+        let rng = &mut self.generators.updates;
+        let logged = training.learn(policy, &mut self.rollout, rng)?;
         self.seconds.update += clock.elapsed().as_secs_f64();
-        Ok(stats)
+        Ok(logged)
     }
 }
 
 /// What is logged: the evidence of the grouping, one number for each policy, and the update.
-fn metrics(evidence: &[Evidence], second_look: bool, update: &UpdateStats) -> Metrics {
+fn metrics(evidence: &[Evidence], second_look: bool, update: Vec<(String, f64)>) -> Metrics {
     let mut metrics = Metrics::default();
     metrics.number("looks", 1.0 + f64::from(u8::from(second_look)));
     metrics.per_policy("distances", evidence.iter().map(|e| Some(e.distance)));
@@ -273,7 +284,7 @@ fn metrics(evidence: &[Evidence], second_look: bool, update: &UpdateStats) -> Me
     for (name, figure) in figures {
         metrics.per_policy(name, evidence.iter().map(|e| e.test().map(figure)));
     }
-    for (name, value) in update.metrics() {
+    for (name, value) in update {
         metrics.number(name, value);
     }
     metrics

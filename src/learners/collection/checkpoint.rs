@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cluster::Reservoir;
-use rl::{ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Features, Observations, Ppo};
+use rl::{AlgorithmState, EnvSpec, Features, Observations};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -15,16 +16,23 @@ use crate::learners::learner::Extent;
 use crate::learners::tensor_file::{Tensor, TensorFile, encode};
 use crate::overrides::same;
 
-use super::collection::Covers;
 use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
-use super::settings::{CoversSettings, Embedding};
+use super::policies::Collection;
+use super::settings::{CollectionSettings, Embedding, Shared};
+use super::training::Training;
 
 /// What is not an array.
 #[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Header<'a> {
-    settings: Cow<'a, CoversSettings>,
+#[serde(
+    deny_unknown_fields,
+    bound(
+        serialize = "S: Clone + Serialize",
+        deserialize = "S: Clone + DeserializeOwned"
+    )
+)]
+struct Header<'a, S: Clone> {
+    settings: Cow<'a, S>,
     grouping: Value,
     current: usize,
     generators: Cow<'a, Generators>,
@@ -41,7 +49,7 @@ struct MemberHeader {
     seen: u64,
 }
 
-impl Covers {
+impl<T: Training> Collection<T> {
     /// The bytes of the learner's file, with a note of the caller's.
     pub(super) fn to_bytes(
         &self,
@@ -86,10 +94,10 @@ impl Covers {
     /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments;
     /// a grouping that needs labels, or one that does not take the saved state of another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
-        Checkpoint::read(path)?.open(spec, |settings| settings.grouping.build())
+        Checkpoint::read(path)?.open(spec, true, |shared| shared.grouping.build())
     }
 
-    /// As [`Covers::load`], with a grouping of the caller's.
+    /// As [`Collection::load`], with a grouping of the caller's.
     ///
     /// # Errors
     /// As there.
@@ -98,26 +106,27 @@ impl Covers {
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
     ) -> Result<(Self, String), CoversError> {
-        Checkpoint::read(path)?.open(spec, |_| Ok(grouping))
+        Checkpoint::read(path)?.open(spec, true, |_| Ok(grouping))
     }
 
-    /// As [`Covers::load`], in a run of these settings that writes `labels`. A `whole` learner
-    /// learns on to the same bits: a file of [`Extent::Policies`] is refused.
+    /// As [`Collection::load`], in a run of these settings that writes `labels`. A `whole` learner
+    /// learns on to the same bits: a file of [`Extent::Policies`] is refused. Another one acts and
+    /// recognises, and has a fresh training.
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
-        settings: &CoversSettings,
+        settings: &T::Settings,
         labels: &Labels,
         whole: bool,
     ) -> Result<(Self, String), CoversError> {
         let checkpoint = Checkpoint::read(path)?;
-        let header = checkpoint.header()?;
+        let header: Header<'static, T::Settings> = checkpoint.header()?;
         same(path, settings, &*header.settings)?;
         if whole && header.members.iter().any(|m| m.counters.is_none()) {
             let path = path.to_owned();
             return Err(CoversError::PoliciesOnly { path });
         }
-        checkpoint.open(spec, |settings| settings.grouping.build_with(labels))
+        checkpoint.open(spec, whole, |shared| shared.grouping.build_with(labels))
     }
 }
 
@@ -133,40 +142,49 @@ impl<'a> Checkpoint<'a> {
         Ok(Self { path, bytes })
     }
 
-    fn header(&self) -> Result<Header<'static>, CoversError> {
+    fn header<S: Clone + DeserializeOwned>(&self) -> Result<Header<'static, S>, CoversError> {
         Ok(TensorFile::open(self.path, &self.bytes)?.0)
     }
 
-    /// The learner and the note. What does not fit is an error that names the file.
-    fn open(
+    /// The learner and the note, with the state of its training where it is wanted and there. What
+    /// does not fit is an error that names the file.
+    fn open<T: Training>(
         self,
         spec: &EnvSpec,
-        grouping: impl FnOnce(&CoversSettings) -> Result<Box<dyn Grouping>, CoversError>,
-    ) -> Result<(Covers, String), CoversError> {
-        let (header, file): (Header<'static>, _) = TensorFile::open(self.path, &self.bytes)?;
-        let mut grouping = grouping(&header.settings)?;
+        training: bool,
+        grouping: impl FnOnce(&Shared) -> Result<Box<dyn Grouping>, CoversError>,
+    ) -> Result<(Collection<T>, String), CoversError> {
+        let (mut header, file): (Header<'static, T::Settings>, _) =
+            TensorFile::open(self.path, &self.bytes)?;
+        let shared = header.settings.shared();
+        let mut grouping = grouping(&shared)?;
         // sizes are read by what the settings say, so those come first
-        let checked = header.settings.steps_per_env(spec, grouping.min_episodes());
+        let checked = shared.steps_per_env(spec, grouping.min_episodes());
         checked.map_err(|error| error.in_file(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
+        if !training {
+            header.members.iter_mut().for_each(|m| m.counters = None);
+        }
         let arrays = Arrays {
             file,
             spec,
-            settings: &header.settings,
+            settings: &*header.settings,
+            shared,
         };
-        let members = arrays.members(&header);
+        let members = arrays.members::<T>(&header);
         let members = members.map_err(|error| error.in_file(self.path))?;
-        let mut covers = Covers::with_grouping(header.settings.into_owned(), spec, grouping)
-            .map_err(|error| error.in_file(self.path))?;
-        covers.members = members;
-        covers.current = header.current;
-        covers.generators = header.generators.into_owned();
-        Ok((covers, header.note.into_owned()))
+        let settings = header.settings.into_owned();
+        let collection = Collection::with_grouping(settings, spec, grouping);
+        let mut collection = collection.map_err(|error| error.in_file(self.path))?;
+        collection.members = members;
+        collection.current = header.current;
+        collection.generators = header.generators.into_owned();
+        Ok((collection, header.note.into_owned()))
     }
 }
 
-impl Member {
+impl<T: Training> Member<T> {
     fn header(&self, extent: Extent) -> MemberHeader {
         match extent {
             Extent::Everything => MemberHeader {
@@ -181,7 +199,7 @@ impl Member {
     }
 
     fn counters(&self) -> BTreeMap<String, u64> {
-        let counters = self.ppo.save().counters.into_iter();
+        let counters = self.training.state().counters.into_iter();
         counters
             .map(|(name, count)| (name.to_owned(), count))
             .collect()
@@ -200,10 +218,11 @@ impl Member {
         let name = |what: &str| format!("policy.{index}.{what}");
         let flat =
             |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
-        let mut tensors = vec![flat("params", self.policy.params())];
+        let mut tensors = vec![flat("params", T::params(&self.policy))];
         if extent == Extent::Everything {
-            let state = self.ppo.save().tensors.into_iter();
+            let state = self.training.state().tensors.into_iter();
             tensors.extend(state.map(|(name, values)| flat(name, values)));
+            tensors.extend(self.training.memory(&name("")));
         }
         let episodes = self.kept(extent);
         let frames = episodes.first().map_or(0, FirstFrames::count);
@@ -226,17 +245,21 @@ impl Member {
 }
 
 /// The arrays of an open file, and what they must fit.
-struct Arrays<'a> {
+struct Arrays<'a, S> {
     file: TensorFile<'a>,
     spec: &'a EnvSpec,
-    settings: &'a CoversSettings,
+    settings: &'a S,
+    shared: Shared,
 }
 
-impl Arrays<'_> {
-    fn members(&self, header: &Header<'_>) -> Result<Vec<Member>, CoversError> {
+impl<S: Clone> Arrays<'_, S> {
+    fn members<T: Training<Settings = S>>(
+        &self,
+        header: &Header<'_, S>,
+    ) -> Result<Vec<Member<T>>, CoversError> {
         let members = header.members.iter().enumerate();
         let members = members.map(|(index, member)| self.member(index, member));
-        let members: Vec<Member> = members.collect::<Result<_, _>>()?;
+        let members: Vec<Member<T>> = members.collect::<Result<_, _>>()?;
         if header.current < members.len() {
             return Ok(members);
         }
@@ -244,37 +267,39 @@ impl Arrays<'_> {
         Err(self.file.damaged(problem))
     }
 
-    fn member(&self, index: usize, header: &MemberHeader) -> Result<Member, CoversError> {
+    fn member<T: Training<Settings = S>>(
+        &self,
+        index: usize,
+        header: &MemberHeader,
+    ) -> Result<Member<T>, CoversError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
-        let policy = ActorCriticPolicy::with_params(&self.settings.network, self.spec, params)?;
-        let ppo = self.ppo(&policy, &name, header.counters.as_ref())?;
+        let policy = T::with_params(self.settings, self.spec, params)?;
+        let mut training = T::new(self.settings, self.spec, &policy)?;
+        if let Some(counters) = &header.counters {
+            self.restore_training(&name, counters, &mut training)?;
+        }
         let mut episodes = self.episodes(&name("images"), &name("vectors"))?;
-        if self.settings.embedding == Embedding::AtArrival && !episodes.is_empty() {
+        if self.shared.embedding == Embedding::AtArrival && !episodes.is_empty() {
             let dim = policy.feature_dim();
             self.restore_features(&name("features"), dim, &mut episodes)?;
         }
-        let capacity = self.settings.buffer_capacity();
+        let capacity = self.shared.buffer_capacity();
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
         Ok(Member {
             policy,
-            ppo,
+            training,
             buffer,
         })
     }
 
-    /// The update of a policy, fresh where its state was left out.
-    fn ppo(
+    fn restore_training<T: Training>(
         &self,
-        policy: &ActorCriticPolicy,
         name: &impl Fn(&str) -> String,
-        counters: Option<&BTreeMap<String, u64>>,
-    ) -> Result<Ppo, CoversError> {
-        let mut ppo = Ppo::new(self.settings.ppo.clone(), policy)?;
-        let Some(counters) = counters else {
-            return Ok(ppo);
-        };
-        let fresh = ppo.save().tensors.into_iter();
+        counters: &BTreeMap<String, u64>,
+        training: &mut T,
+    ) -> Result<(), CoversError> {
+        let fresh = training.state().tensors.into_iter();
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
         let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, CoversError>>()?;
         let state = AlgorithmState {
@@ -287,14 +312,14 @@ impl Arrays<'_> {
                 .map(|(name, n)| (name.as_str(), *n))
                 .collect(),
         };
-        let restored = ppo.restore(&state);
+        let restored = training.restore(&state);
         restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
-        Ok(ppo)
+        training.recall(&self.file, &name(""))
     }
 
     /// The frames that a policy keeps, without features.
     fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
-        let (spec, k) = (self.spec, self.settings.first_frames);
+        let (spec, k) = (self.spec, self.shared.first_frames);
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
@@ -321,7 +346,7 @@ impl Arrays<'_> {
         dim: usize,
         episodes: &mut [FirstFrames],
     ) -> Result<(), CoversError> {
-        let k = self.settings.first_frames;
+        let k = self.shared.first_frames;
         let (shape, features) = self.file.floats(name)?;
         self.check_shape(name, &shape, &[episodes.len(), k, dim])?;
         for (episode, features) in episodes.iter_mut().zip(features.chunks_exact(k * dim)) {

@@ -1,0 +1,15 @@
+//! A collection of policies, one for each group of symmetric tasks: what COVERS and its variants
+//! share, whatever trains the policies.
+
+mod algorithm;
+mod checkpoint;
+mod first_frames;
+mod member;
+mod policies;
+mod settings;
+mod training;
+
+pub use first_frames::Rollout;
+pub use policies::Collection;
+pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub use training::Training;

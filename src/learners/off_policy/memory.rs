@@ -1,0 +1,237 @@
+//! A replay in a checkpoint.
+
+use rl::{EpisodeState, Outcome, Replay, ReplayState};
+
+use crate::error::CoversError;
+use crate::learners::tensor_file::{Tensor, TensorFile};
+
+use super::pictures::Frames;
+
+/// Stands for an environment without a running episode.
+const NONE: u64 = u64::MAX;
+/// Numbers that are written of every episode.
+const FIELDS: usize = 4;
+
+/// Everything that a replay holds.
+pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
+    let state = replay.save();
+    let name = |what: &str| format!("{prefix}replay.{what}");
+    let integers = |what, width, values: &[u64]| {
+        let shape = vec![values.len() / width, width];
+        Tensor::integers(name(what), shape, values)
+    };
+    let floats = |what, of: for<'a> fn(&EpisodeState<'a>) -> &'a [f32]| {
+        let all: Vec<f32> = state.episodes.iter().flat_map(of).copied().collect();
+        Tensor::floats(name(what), vec![all.len()], &all)
+    };
+    let running = state.running.iter();
+    let running: Vec<u64> = running.map(|n| n.map_or(NONE, u64::from)).collect();
+    let order: Vec<u64> = state.order.iter().flatten().copied().map(u64::from).collect();
+    let episodes: Vec<u64> = state.episodes.iter().flat_map(numbers).collect();
+    let pictures = pack(replay, &state);
+    vec![
+        integers("counts", 2, &[state.recorded, state.marked]),
+        integers("running", 1, &running),
+        integers("order", 2, &order),
+        integers("episodes", FIELDS, &episodes),
+        Tensor::bytes(name("pictures"), vec![pictures.len()], pictures),
+        floats("vectors", |episode| episode.vectors),
+        floats("actions", |episode| episode.actions),
+        floats("rewards", |episode| episode.rewards),
+    ]
+}
+
+fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
+    let outcome = match episode.outcome {
+        Outcome::Running => 0,
+        Outcome::Terminated => 1,
+        Outcome::Truncated => 2,
+    };
+    let (steps, removed) = (episode.rewards.len() as u64, u64::from(episode.removed));
+    let is_there = u64::from(!episode.vectors.is_empty());
+    [steps, removed, outcome, is_there]
+}
+
+/// Sizes of a replay's arrays.
+struct Sizes {
+    frames: Frames,
+    still: usize,
+    vector: usize,
+    action: usize,
+}
+
+impl Sizes {
+    fn new(replay: &Replay) -> Self {
+        let (spec, still) = (replay.spec(), replay.settings().still_channels);
+        let [height, width, channels] = spec.image;
+        let pixel = channels - still;
+        Self {
+            frames: Frames {
+                len: height * width * pixel,
+                pixel: pixel.max(1),
+            },
+            still: height * width * still,
+            vector: spec.vector.len(),
+            action: spec.action.len(),
+        }
+    }
+}
+
+/// The pictures of all episodes: what stands still comes first and serves as the picture before the
+/// first one.
+fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
+    let frames = Sizes::new(replay).frames;
+    let (mut packed, mut pictures) = (Vec::new(), Vec::new());
+    for episode in &state.episodes {
+        pictures.clear();
+        pictures.extend_from_slice(episode.still);
+        pictures.extend_from_slice(episode.moving);
+        frames.pack(&mut pictures, &mut packed);
+    }
+    packed
+}
+
+/// Reads what [`tensors`] wrote of a replay with the settings of `fresh`.
+///
+/// # Errors
+/// [`CoversError::Read`] for arrays that are missing or do not fit.
+pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Replay, CoversError> {
+    let name = |what: &str| format!("{prefix}replay.{what}");
+    let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
+    let counts = file.integers(&name("counts"))?;
+    let &[recorded, marked] = &counts[..] else {
+        return Err(damaged("counts"));
+    };
+    let small = |what: &str, value: u64| u32::try_from(value).map_err(|_| damaged(what));
+    let running = file.integers(&name("running"))?.into_iter();
+    let running = running.map(|n| (n != NONE).then(|| small("running", n)).transpose());
+    let order = file.integers(&name("order"))?;
+    let (order, _) = order.as_chunks::<2>();
+    let order = order
+        .iter()
+        .map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
+    let sizes = Sizes::new(fresh);
+    let episodes = Episodes::read(file, &name, &sizes)?;
+    let state = ReplayState {
+        recorded,
+        marked,
+        running: running.collect::<Result<_, CoversError>>()?,
+        order: order.collect::<Result<_, CoversError>>()?,
+        episodes: episodes.states().ok_or_else(|| damaged("episodes"))?,
+    };
+    let restored = Replay::restore(fresh.settings().clone(), fresh.spec(), &state);
+    restored.map_err(|error| file.damaged(format!("`{}`: {error}", name("episodes"))))
+}
+
+/// The arrays of all episodes, one after the other.
+struct Episodes<'a> {
+    sizes: &'a Sizes,
+    rows: Vec<Row>,
+    pictures: Vec<u8>,
+    vectors: Vec<f32>,
+    actions: Vec<f32>,
+    rewards: Vec<f32>,
+}
+
+/// What is not in the arrays of an episode.
+struct Row {
+    steps: usize,
+    removed: u32,
+    outcome: Outcome,
+    is_there: bool,
+}
+
+impl Row {
+    fn new(numbers: [u64; FIELDS]) -> Option<Self> {
+        let [steps, removed, outcome, is_there] = numbers;
+        Some(Self {
+            steps: usize::try_from(steps).ok()?,
+            removed: u32::try_from(removed).ok()?,
+            outcome: match outcome {
+                0 => Outcome::Running,
+                1 => Outcome::Terminated,
+                2 => Outcome::Truncated,
+                _ => return None,
+            },
+            is_there: is_there == 1,
+        })
+    }
+
+    /// Observations that are kept.
+    fn frames(&self) -> usize {
+        if self.is_there { self.steps + 1 } else { 0 }
+    }
+
+    /// Bytes of what stands still.
+    fn still(&self, sizes: &Sizes) -> usize {
+        if self.is_there { sizes.still } else { 0 }
+    }
+
+    /// Bytes of what stands still and of what moves.
+    fn pictures(&self, sizes: &Sizes) -> usize {
+        self.still(sizes) + self.frames() * sizes.frames.len
+    }
+}
+
+/// The rows of episodes with this many steps in all.
+fn rows(numbers: &[u64], steps: usize) -> Option<Vec<Row>> {
+    let (numbers, _) = numbers.as_chunks::<FIELDS>();
+    let rows: Vec<Row> = numbers.iter().copied().map(Row::new).collect::<Option<_>>()?;
+    let mut rest = steps;
+    for row in &rows {
+        rest = rest.checked_sub(row.steps)?;
+    }
+    (rest == 0).then_some(rows)
+}
+
+impl<'a> Episodes<'a> {
+    fn read(
+        file: &TensorFile<'_>,
+        name: &impl Fn(&str) -> String,
+        sizes: &'a Sizes,
+    ) -> Result<Self, CoversError> {
+        let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
+        let floats = |what: &str| Ok::<_, CoversError>(file.floats(&name(what))?.1);
+        let rewards = floats("rewards")?;
+        let rows = rows(&file.integers(&name("episodes"))?, rewards.len());
+        let rows = rows.ok_or_else(|| damaged("episodes"))?;
+        let (_, packed) = file.bytes(&name("pictures"))?;
+        let pictures = unpack(&rows, sizes, &packed);
+        Ok(Self {
+            pictures: pictures.ok_or_else(|| damaged("pictures"))?,
+            vectors: floats("vectors")?,
+            actions: floats("actions")?,
+            rewards,
+            rows,
+            sizes,
+        })
+    }
+
+    fn states(&self) -> Option<Vec<EpisodeState<'_>>> {
+        let (mut pictures, mut vectors) = (&self.pictures[..], &self.vectors[..]);
+        let (mut actions, mut rewards) = (&self.actions[..], &self.rewards[..]);
+        let state = |row: &Row| {
+            Some(EpisodeState {
+                still: pictures.split_off(..row.still(self.sizes))?,
+                moving: pictures.split_off(..row.frames() * self.sizes.frames.len)?,
+                vectors: vectors.split_off(..row.frames() * self.sizes.vector)?,
+                actions: actions.split_off(..row.steps * self.sizes.action)?,
+                rewards: rewards.split_off(..row.steps)?,
+                outcome: row.outcome,
+                removed: row.removed,
+            })
+        };
+        self.rows.iter().map(state).collect()
+    }
+}
+
+fn unpack(rows: &[Row], sizes: &Sizes, mut packed: &[u8]) -> Option<Vec<u8>> {
+    let all = rows.iter().map(|row| row.pictures(sizes)).sum();
+    let mut pictures = vec![0; all];
+    let mut rest = &mut pictures[..];
+    for row in rows {
+        let own = rest.split_off_mut(..row.pictures(sizes))?;
+        packed = sizes.frames.unpack(packed, own)?;
+    }
+    packed.is_empty().then_some(pictures)
+}

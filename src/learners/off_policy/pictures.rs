@@ -1,0 +1,178 @@
+//! The pictures of a replay in a checkpoint: without loss, and much smaller.
+//!
+//! Most pixels of a table stay as they are from one picture to the next. So every picture is
+//! written as its difference from the one before it, the first one as differences of neighbouring
+//! pixels, and runs of zeros as their lengths.
+
+/// Zeros that end a run of other bytes: a shorter gap costs less than two more lengths.
+const GAP: [u8; 4] = [0; 4];
+
+/// Sizes of the pictures of an episode.
+#[derive(Clone, Copy, Debug)]
+pub struct Frames {
+    /// Bytes of one picture.
+    pub len: usize,
+    /// Bytes of one pixel.
+    pub pixel: usize,
+}
+
+impl Frames {
+    /// Appends the packed pictures to `out`. They are not needed afterwards: `pictures` holds
+    /// differences then.
+    pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
+        let (first, _) = pictures.split_at_mut(self.len.min(pictures.len()));
+        let first = first.len();
+        for start in (first..pictures.len()).step_by(self.len.max(1)).rev() {
+            let (before, own) = pictures.split_at_mut(start);
+            differ(own, &before[start - self.len..]);
+        }
+        for i in (self.pixel..first).rev() {
+            pictures[i] ^= pictures[i - self.pixel];
+        }
+        shorten(pictures, out);
+    }
+
+    /// Fills `pictures` from the front of `packed`; returns the rest, or nothing where it does not
+    /// fit.
+    pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
+        let rest = lengthen(packed, pictures)?;
+        let first = self.len.min(pictures.len());
+        for i in self.pixel..first {
+            pictures[i] ^= pictures[i - self.pixel];
+        }
+        for start in (first..pictures.len()).step_by(self.len.max(1)) {
+            let (before, own) = pictures.split_at_mut(start);
+            differ(own, &before[start - self.len..]);
+        }
+        Some(rest)
+    }
+}
+
+/// Replaces a picture by its difference from another one, or the difference by the picture.
+fn differ(picture: &mut [u8], other: &[u8]) {
+    let pairs = picture.iter_mut().zip(other);
+    pairs.for_each(|(own, other)| *own ^= other);
+}
+
+/// Writes runs as the number of zeros, the number of other bytes, and those.
+fn shorten(mut bytes: &[u8], out: &mut Vec<u8>) {
+    while !bytes.is_empty() {
+        let (zeros, rest) = bytes.split_at(leading_zeros(bytes));
+        let other = rest.windows(GAP.len()).position(|window| window == GAP);
+        let (other, rest) = rest.split_at(other.unwrap_or(rest.len()));
+        write_length(zeros.len(), out);
+        write_length(other.len(), out);
+        out.extend_from_slice(other);
+        bytes = rest;
+    }
+}
+
+fn leading_zeros(bytes: &[u8]) -> usize {
+    const BLOCK: usize = 64;
+    let blocks = bytes.chunks_exact(BLOCK);
+    let blocks = blocks.take_while(|block| block.iter().fold(0, |all, byte| all | byte) == 0);
+    let whole = BLOCK * blocks.count();
+    whole + bytes[whole..].iter().take_while(|&&byte| byte == 0).count()
+}
+
+fn lengthen<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
+    while !out.is_empty() {
+        let zeros = read_length(&mut packed)?;
+        let other = read_length(&mut packed)?;
+        let (to_zeros, rest) = out.split_at_mut_checked(zeros)?;
+        let (to_other, rest) = rest.split_at_mut_checked(other)?;
+        let (from, behind) = packed.split_at_checked(other)?;
+        to_zeros.fill(0);
+        to_other.copy_from_slice(from);
+        // no length of zero can be repeated for ever: both would be
+        if zeros + other == 0 {
+            return None;
+        }
+        (packed, out) = (behind, rest);
+    }
+    Some(packed)
+}
+
+/// Seven bits in each byte, the lowest first; the highest bit says that more follow.
+fn write_length(mut length: usize, out: &mut Vec<u8>) {
+    while length >= 0x80 {
+        out.push(length as u8 | 0x80);
+        length >>= 7;
+    }
+    out.push(length as u8);
+}
+
+fn read_length(packed: &mut &[u8]) -> Option<usize> {
+    let mut length = 0;
+    for shift in (0..usize::BITS).step_by(7) {
+        let (&byte, rest) = packed.split_first()?;
+        *packed = rest;
+        length |= usize::from(byte & 0x7f) << shift;
+        if byte < 0x80 {
+            return Some(length);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn packed(frames: Frames, pictures: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        frames.pack(&mut pictures.to_vec(), &mut out);
+        out
+    }
+
+    fn back(frames: Frames, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
+        let mut pictures = vec![7; len];
+        let rest = frames.unpack(packed, &mut pictures)?;
+        Some((pictures, rest.len()))
+    }
+
+    #[test]
+    fn a_table_on_which_little_moves_is_small() {
+        let frames = Frames {
+            len: 3 * 64 * 64,
+            pixel: 3,
+        };
+        let mut pictures = [90, 80, 70].repeat(64 * 64 * 51);
+        for (t, picture) in pictures.chunks_mut(frames.len).enumerate() {
+            picture[300 + 3 * t..][..30].fill(200);
+        }
+        let packed = packed(frames, &pictures);
+        assert!(packed.len() * 100 < pictures.len(), "{}", packed.len());
+        let again = back(frames, &packed, pictures.len());
+        assert!(again == Some((pictures, 0)));
+    }
+
+    #[test]
+    fn what_does_not_fit_is_noticed() {
+        let frames = Frames { len: 4, pixel: 1 };
+        let packed = packed(frames, &[5; 12]);
+        for cut in 0..packed.len() {
+            assert_eq!(back(frames, &packed[..cut], 12), None, "{cut} bytes");
+        }
+        assert_eq!(back(frames, &packed, 11), None);
+        assert_eq!(back(frames, &[0, 0], 12), None);
+        assert_eq!(back(frames, &[0x80; 20], 12), None);
+    }
+
+    proptest! {
+        #[test]
+        fn every_picture_comes_back(
+            bytes in prop::collection::vec(prop_oneof![3 => Just(0u8), 1 => any::<u8>()], 0..400),
+            len in 0..50usize,
+            pixel in 1..5usize,
+            behind in prop::collection::vec(any::<u8>(), 0..3),
+        ) {
+            let frames = Frames { len, pixel };
+            let mut packed = packed(frames, &bytes);
+            packed.extend(&behind);
+            prop_assert_eq!(back(frames, &packed, bytes.len()), Some((bytes, behind.len())));
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! A rollout that waits for the replay it belongs to.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rl::{Actor, EnvSpec, Experience, Observations, Outcome, Replay, RlError, Transition};
+
+use crate::learners::collection::Rollout;
+
+/// The collections since the last [`Recording::pour`], each of which begins with a reset.
+pub struct Recording {
+    spec: EnvSpec,
+    steps: usize,
+    /// Decisions at the beginning whose actions are drawn uniformly.
+    uniform: u64,
+    collections: Vec<Vec<Step>>,
+    /// Of the step that is being collected, `[N, A]`.
+    actions: Vec<f32>,
+}
+
+/// One step of N environments.
+struct Step {
+    observations: Observations,
+    actions: Vec<f32>,
+    transition: Transition,
+}
+
+impl Recording {
+    /// Collections of `steps` steps of every environment.
+    pub fn new(spec: &EnvSpec, steps: usize) -> Self {
+        Self {
+            spec: spec.clone(),
+            steps,
+            uniform: 0,
+            collections: Vec::new(),
+            actions: Vec::new(),
+        }
+    }
+
+    /// Draws the actions of the next `decisions` decisions uniformly from [-1, 1].
+    pub fn warm_up(&mut self, decisions: u64) {
+        self.uniform = decisions;
+    }
+
+    /// Hands everything over to `replay`.
+    pub fn pour(&mut self, replay: &mut Replay) -> Result<(), RlError> {
+        for steps in self.collections.drain(..) {
+            replay.cut();
+            for step in steps {
+                replay.push(&step.observations, &step.actions, &step.transition)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The last collection.
+    fn last(&self) -> &[Step] {
+        self.collections.last().map_or(&[], Vec::as_slice)
+    }
+}
+
+impl<A: Actor> Experience<A> for Recording {
+    fn steps(&self) -> usize {
+        self.steps
+    }
+
+    fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.spec = spec.clone();
+        self.actions
+            .resize(spec.num_envs * spec.action.len(), 0.0);
+        self.collections.push(Vec::with_capacity(self.steps));
+        Ok(())
+    }
+
+    /// The actor's actions; during the warm-up it is asked, too, and uniform actions are taken.
+    fn decide(
+        &mut self,
+        actor: &mut A,
+        observations: &Observations,
+        memory: &mut A::Memory,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        actor.act(observations, memory, rng, &mut self.actions)?;
+        if self.uniform > 0 {
+            self.actions.fill_with(|| rng.random_range(-1.0..=1.0));
+        }
+        self.uniform = self.uniform.saturating_sub(self.spec.num_envs as u64);
+        Ok(&self.actions)
+    }
+
+    fn record(
+        &mut self,
+        _: &mut A,
+        observations: &Observations,
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        let step = Step {
+            observations: observations.clone(),
+            actions: self.actions.clone(),
+            transition: transition.clone(),
+        };
+        if let Some(collection) = self.collections.last_mut() {
+            collection.push(step);
+        }
+        Ok(())
+    }
+
+    fn end(&mut self, _: &mut A, _: &Observations) -> Result<(), RlError> {
+        Ok(())
+    }
+}
+
+impl Rollout for Recording {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn shown(&self) -> usize {
+        self.last().len()
+    }
+
+    fn outcome(&self, step: usize, env: usize) -> Outcome {
+        self.last()[step].transition.outcomes[env]
+    }
+
+    fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
+        self.last()[step].observations.sample(&self.spec, env)
+    }
+}

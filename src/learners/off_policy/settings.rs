@@ -1,0 +1,168 @@
+//! Settings of off-policy learners, and the methods that they make.
+
+use rl::{ContextSettings, EnvSpec, NetworkSettings, PpoSettings, ReplaySettings, SacSettings};
+use serde::{Deserialize, Serialize};
+use symmetry::Group;
+
+use crate::groupings::GroupingSettings;
+use crate::learners::collection::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+
+/// Settings of [`OffPolicy`](crate::OffPolicy). [`OffPolicySettings::clear`] is the default.
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OffPolicySettings {
+    /// Sizes of each policy's network.
+    pub network: NetworkSettings,
+    /// A memory of the last steps of an episode, for the actor and the critics; none if it is null.
+    pub context: Option<ContextSettings>,
+    /// The policy update.
+    pub sac: SacSettings,
+    /// Steps that each policy's replay holds at most.
+    pub capacity: usize,
+    /// Decisions of each policy whose actions are drawn uniformly, until its replay holds as many.
+    pub warm_up: u64,
+    /// How many channels, the last ones of a picture, stand still during an episode. The replay
+    /// stores them once for each episode.
+    pub still_channels: usize,
+    /// The newest experience is that of the last so many steps of a replay;
+    /// [`SacSettings::newest_share`] of every minibatch is drawn from it. No boundary of a task is
+    /// needed.
+    pub newest_steps: u64,
+    /// Which policy a rollout belongs to. Whichever policy collected it, it is good enough for the
+    /// replay of the one that it belongs to.
+    pub grouping: GroupingSettings,
+    /// Frames at the start of each episode that assignment looks at.
+    pub first_frames: usize,
+    /// Decisions of one rollout. Gradient steps are taken between rollouts.
+    pub rollout_steps: usize,
+    /// Episodes of first frames kept per policy, a uniform sample; without a number all of them.
+    pub buffer_episodes: Option<usize>,
+    /// Where a new policy starts; its replay is empty.
+    pub new_policy: NewPolicy,
+    /// Seed of everything that the learner draws.
+    pub seed: u64,
+}
+
+impl OffPolicySettings {
+    /// CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
+    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not say
+    /// which those are, nor how often.
+    pub fn clear() -> Self {
+        Self {
+            network: NetworkSettings {
+                group: Group::C1,
+                ..NetworkSettings::default()
+            },
+            context: None,
+            sac: SacSettings {
+                // with few and large gradient steps, SAC's 0.005 would lag 8000 decisions behind
+                tau: 0.05,
+                ..SacSettings::paper()
+            },
+            capacity: 200_000,
+            warm_up: 1000,
+            // the picture at the beginning of the episode
+            still_channels: 3,
+            newest_steps: 10_000,
+            grouping: GroupingSettings::Single,
+            first_frames: 1,
+            rollout_steps: 1000,
+            buffer_episodes: Some(100),
+            new_policy: NewPolicy::default(),
+            seed: 0,
+        }
+    }
+
+    /// CLEAR with cloning of the actions in the replay.
+    pub fn clear_bc() -> Self {
+        let mut settings = Self::clear();
+        settings.sac.cloning_weight = 0.1;
+        settings
+    }
+
+    /// 3RL as COVERS compares with it: CLEAR with a context of the last five steps.
+    pub fn three_rl() -> Self {
+        Self {
+            context: Some(ContextSettings::default()),
+            ..Self::clear()
+        }
+    }
+
+    /// Equivariant policies under COVERS's grouping, each with a replay of its own that is moved by
+    /// random group elements.
+    pub fn equi_sac() -> Self {
+        let clear = Self::clear();
+        Self {
+            network: NetworkSettings::default(),
+            sac: SacSettings {
+                batch: 128,
+                learning_rate: 1e-3,
+                tau: 0.02,
+                burn_in: 1000,
+                newest_share: 0.0,
+                augmentation: Group::D2,
+                ..clear.sac
+            }
+            .as_often_as(&PpoSettings::measured()),
+            grouping: GroupingSettings::default(),
+            ..clear
+        }
+    }
+
+    /// The replay of one policy in environments of `spec`.
+    pub(super) fn replay(&self, spec: &EnvSpec) -> ReplaySettings {
+        ReplaySettings {
+            capacity: self.capacity,
+            steps: self.rollout_steps / spec.num_envs.max(1),
+            // a recording warms up, before it is known whose it is
+            warm_up: 0,
+            still_channels: self.still_channels,
+        }
+    }
+}
+
+impl Default for OffPolicySettings {
+    fn default() -> Self {
+        Self::clear()
+    }
+}
+
+impl CollectionSettings for OffPolicySettings {
+    fn shared(&self) -> Shared {
+        Shared {
+            grouping: self.grouping,
+            first_frames: self.first_frames,
+            rollout_steps: self.rollout_steps,
+            buffer_episodes: self.buffer_episodes,
+            handover: Handover::Reuse,
+            embedding: Embedding::Afresh,
+            new_policy: self.new_policy,
+            seed: self.seed,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_file() {
+        let all = [
+            OffPolicySettings::clear(),
+            OffPolicySettings::clear_bc(),
+            OffPolicySettings::three_rl(),
+            OffPolicySettings::equi_sac(),
+        ];
+        for settings in all {
+            let text = serde_json::to_string(&settings).unwrap();
+            let read: OffPolicySettings = serde_json::from_str(&text).unwrap();
+            assert_eq!(read, settings);
+        }
+        let read = |text| serde_json::from_str::<OffPolicySettings>(text);
+        assert_eq!(read("{}").unwrap(), OffPolicySettings::clear());
+        assert!(read(r#"{"handover": "reuse"}"#).is_err());
+    }
+}

@@ -1,0 +1,219 @@
+//! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same bits.
+
+#![allow(clippy::unwrap_used)]
+
+#[path = "common/bars.rs"]
+mod bars;
+#[path = "../rl/tests/common/guess.rs"]
+mod guess;
+
+use bars::Bars;
+use covers::{Extent, GroupingSettings, Learner, Metric, OffPolicy, OffPolicySettings, Turn};
+use guess::{EPISODE, Guess};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
+use symmetry::Group;
+
+const ENVS: usize = 16;
+
+/// A method with a network and an update for toys: rollouts of an episode in every environment.
+fn toy(method: OffPolicySettings) -> OffPolicySettings {
+    OffPolicySettings {
+        network: NetworkSettings {
+            encoder: Encoder::Blind,
+            top_fields: 8,
+            vector_fields: 8,
+            actor_fields: 8,
+            critic: Critic::Joint { fields: 8 },
+            ..method.network
+        },
+        sac: SacSettings {
+            gamma: 0.8,
+            batch: 64,
+            updates_per_step: 0.2,
+            burn_in: 200,
+            learning_rate: 3e-3,
+            tau: 0.02,
+            ..method.sac
+        },
+        capacity: 4000,
+        warm_up: 200,
+        still_channels: 0,
+        newest_steps: 1000,
+        rollout_steps: ENVS * EPISODE,
+        ..method
+    }
+}
+
+/// Mean return of the mean actions after this many turns.
+fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
+    let mut env = Guess::new(ENVS, shown, 1);
+    let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
+    for _ in 0..turns {
+        learner.learn(&mut env).unwrap();
+    }
+    let stats = learner.perform(0, &mut env, 4).unwrap();
+    stats.mean_return().unwrap()
+}
+
+/// Of 8 at most. A policy that stands still gets 8 * (1 - 0.45).
+#[test]
+fn a_goal_that_is_shown_is_learnt() {
+    for method in [OffPolicySettings::clear(), OffPolicySettings::clear_bc()] {
+        let run = |turns| learned(toy(method.clone()), true, turns);
+        let (frozen, learned) = (run(0), run(30));
+        assert!(learned > 7.0, "learned {learned}");
+        assert!(frozen < 5.5, "frozen {frozen}");
+    }
+}
+
+/// Of 8 at most; the first decision of an episode is a guess. Without a context every one is.
+#[test]
+fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
+    let context = Some(ContextSettings { size: 8, length: 2 });
+    let remembering = OffPolicySettings {
+        context,
+        ..toy(OffPolicySettings::three_rl())
+    };
+    let remembering = learned(remembering, false, 40);
+    let forgetful = learned(toy(OffPolicySettings::clear()), false, 40);
+    assert!(remembering > 5.0, "remembering {remembering}");
+    assert!(forgetful < 2.0, "forgetful {forgetful}");
+}
+
+/// Policies of small networks on pictures of bars, sorted by distances; replays that overflow.
+fn sorting() -> OffPolicySettings {
+    let method = OffPolicySettings::equi_sac();
+    OffPolicySettings {
+        network: NetworkSettings {
+            encoder: Encoder::Strided { fields: vec![4, 8] },
+            top_fields: 8,
+            vector_fields: 4,
+            actor_fields: 4,
+            critic: Critic::Joint { fields: 4 },
+            ..method.network
+        },
+        sac: SacSettings {
+            batch: 16,
+            updates_per_step: 0.02,
+            burn_in: 100,
+            newest_share: 0.5,
+            ..method.sac
+        },
+        capacity: 150,
+        warm_up: 50,
+        still_channels: 0,
+        newest_steps: 60,
+        first_frames: 2,
+        rollout_steps: 100,
+        ..method
+    }
+}
+
+fn number(turn: &Turn, name: &str) -> f64 {
+    match turn.metrics.get(name) {
+        Some(Metric::Number(value)) => *value,
+        other => panic!("{name} is {other:?}"),
+    }
+}
+
+#[test]
+fn every_group_has_a_policy_and_a_replay_and_no_decision_is_thrown_away() {
+    let mut env = Bars::new();
+    let settings = OffPolicySettings {
+        capacity: 1000,
+        ..sorting()
+    };
+    let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
+    let turns = [0, 0, 1, 1, 0].map(|group| {
+        env.group = group;
+        learner.learn(&mut env).unwrap()
+    });
+    let policies = turns.each_ref().map(|turn| turn.policy);
+    assert_eq!(policies, [0, 0, 1, 1, 0]);
+    // a policy is opened after a second look, and learns from both
+    let decisions = turns.each_ref().map(|turn| turn.decisions);
+    assert_eq!(decisions, [100, 100, 200, 100, 100]);
+    let held = turns.each_ref().map(|turn| number(turn, "replay") as usize);
+    assert_eq!(held, [100, 200, 200, 300, 300]);
+    // the first hundred decisions of each policy are its burn-in
+    let steps = turns.each_ref().map(|turn| number(turn, "steps") as usize);
+    assert_eq!(steps, [0, 2, 2, 2, 2]);
+}
+
+#[test]
+fn a_saved_learner_goes_on_alike() {
+    let path = std::env::temp_dir().join(format!("covers-off-policy-{}", std::process::id()));
+    let single = OffPolicySettings {
+        grouping: GroupingSettings::Single,
+        context: Some(ContextSettings { size: 8, length: 3 }),
+        ..sorting()
+    };
+    for settings in [sorting(), single] {
+        let mut env = Bars::new();
+        let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
+        learner.save(&path, Extent::Everything, "fresh").unwrap();
+        learner = OffPolicy::load(&path, env.spec()).unwrap().0;
+        for group in [0, 1, 0] {
+            env.group = group;
+            learner.learn(&mut env).unwrap();
+        }
+        learner.save(&path, Extent::Everything, "a note").unwrap();
+        let (mut twin, note) = OffPolicy::load(&path, env.spec()).unwrap();
+        assert_eq!((note.as_str(), twin.policies()), ("a note", learner.policies()));
+        let mut twin_env = env.clone();
+        for group in [0, 1, 1] {
+            (env.group, twin_env.group) = (group, group);
+            let turn = learner.learn(&mut env).unwrap();
+            assert_eq!(turn.metrics, twin.learn(&mut twin_env).unwrap().metrics);
+        }
+        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        assert!(bytes(&learner) == bytes(&twin));
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
+fn packed_policies_recognise_and_hold_no_replay() {
+    let path = std::env::temp_dir().join(format!("covers-packed-sac-{}", std::process::id()));
+    let mut env = Bars::new();
+    let mut learner = OffPolicy::new(sorting(), env.spec()).unwrap();
+    for group in [0, 1] {
+        env.group = group;
+        learner.learn(&mut env).unwrap();
+    }
+    let size = |extent| {
+        learner.save(&path, extent, "").unwrap();
+        std::fs::metadata(&path).unwrap().len()
+    };
+    let whole = size(Extent::Everything);
+    let packed = size(Extent::Policies { episodes: 20 });
+    assert!(2 * packed < whole, "{packed} of {whole}");
+    let (mut twin, _) = OffPolicy::load(&path, env.spec()).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    for group in [0, 1] {
+        env.group = group;
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        assert_eq!(twin.recognise(&mut env, &mut rng).unwrap(), group);
+    }
+}
+
+#[test]
+fn settings_out_of_range_are_named() {
+    let refuse = |spoil: fn(&mut OffPolicySettings)| {
+        let mut settings = sorting();
+        spoil(&mut settings);
+        let learner = OffPolicy::new(settings, Bars::new().spec());
+        learner.err().unwrap().to_string()
+    };
+    assert!(refuse(|s| s.capacity = 0).contains("capacity"));
+    assert!(refuse(|s| s.still_channels = 2).contains("still_channels"));
+    assert!(refuse(|s| s.sac.window = 3).contains("window"));
+    assert!(refuse(|s| s.rollout_steps = 7).contains("`rollout_steps` is 7"));
+    let odd = |s: &mut OffPolicySettings| {
+        s.context = Some(ContextSettings { size: 6, length: 2 });
+        s.network.group = Group::D2;
+    };
+    assert!(refuse(odd).contains("context.size"));
+}
