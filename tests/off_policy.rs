@@ -161,7 +161,10 @@ fn a_saved_learner_goes_on_alike() {
         }
         learner.save(&path, Extent::Everything, "a note").unwrap();
         let (mut twin, note) = OffPolicy::load(&path, env.spec()).unwrap();
-        assert_eq!((note.as_str(), twin.policies()), ("a note", learner.policies()));
+        assert_eq!(
+            (note.as_str(), twin.policies()),
+            ("a note", learner.policies())
+        );
         let mut twin_env = env.clone();
         for group in [0, 1, 1] {
             (env.group, twin_env.group) = (group, group);

@@ -1,5 +1,6 @@
 //! What is kept of one episode.
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
@@ -41,6 +42,13 @@ pub struct Account {
     pub earned: Option<f32>,
 }
 
+impl Account {
+    /// Leaves what was there before anybody acted.
+    pub fn forget_course(&mut self) {
+        (self.motion, self.earned) = (None, None);
+    }
+}
+
 /// Draws up accounts.
 #[derive(Clone, Debug)]
 pub struct Accountant {
@@ -74,7 +82,7 @@ impl Accountant {
     ///
     /// # Errors
     /// A picture of another size, or lists that do not fit each other.
-    pub fn account(&mut self, course: &Course) -> Result<Account, EvidenceError> {
+    pub fn account(&self, course: &Course) -> Result<Account, EvidenceError> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
         let first = course.vectors.iter().zip(&self.vector);
@@ -97,8 +105,11 @@ impl Accountant {
     ///
     /// # Errors
     /// Those of [`Accountant::account`].
-    pub fn accounts(&mut self, courses: &[Course]) -> Result<Vec<Account>, EvidenceError> {
-        courses.iter().map(|course| self.account(course)).collect()
+    pub fn accounts(&self, courses: &[Course]) -> Result<Vec<Account>, EvidenceError> {
+        courses
+            .par_iter()
+            .map(|course| self.account(course))
+            .collect()
     }
 
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {

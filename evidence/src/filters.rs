@@ -24,7 +24,7 @@ const SEED: u64 = 0;
 /// use evidence::Filters;
 /// use symmetry::D2;
 ///
-/// let mut filters = Filters::new([12, 12, 3], 8)?;
+/// let filters = Filters::new([12, 12, 3], 8)?;
 /// let image: Vec<u8> = (0..12 * 12 * 3).map(|i| (i * i % 251) as u8).collect();
 /// let described = filters.describe(&image)?;
 /// assert_eq!(described.len(), filters.dim());
@@ -39,8 +39,6 @@ pub struct Filters {
     count: usize,
     /// `[kernel rows, kernel columns, channels, 4, filters]`.
     weights: Vec<f32>,
-    patches: Vec<f32>,
-    responses: Vec<f32>,
 }
 
 impl Filters {
@@ -71,8 +69,6 @@ impl Filters {
             kernel,
             count,
             weights: weights(kernel, channels, count),
-            patches: Vec::new(),
-            responses: Vec::new(),
         })
     }
 
@@ -86,7 +82,7 @@ impl Filters {
     ///
     /// # Errors
     /// A picture of another size.
-    pub fn describe(&mut self, image: &[u8]) -> Result<Vec<f32>, EvidenceError> {
+    pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>, EvidenceError> {
         let expected = self.image.iter().product();
         if image.len() != expected {
             return Err(EvidenceError::Length {
@@ -95,12 +91,13 @@ impl Filters {
                 expected,
             });
         }
-        let places = self.respond(image);
+        let responses = self.respond(image);
         let mut described = vec![0.0; self.dim()];
         let (means, maxima) = described.split_at_mut(self.count);
         let unit = 4.0 * 255.0 * f64::from(most(self.kernel, self.image[2]));
         for (filter, (mean, largest)) in means.iter_mut().zip(maxima).enumerate() {
-            let (sum, peak) = self.pool(filter, places);
+            let (sum, peak) = self.pool(filter, &responses);
+            let places = responses.len() / (4 * self.count);
             // what is pooled over all places is small beside a peak
             *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
             *largest = (peak / unit) as f32;
@@ -108,42 +105,42 @@ impl Filters {
         Ok(described)
     }
 
-    /// Writes all responses `[places, 4, filters]`; returns the number of places.
-    fn respond(&mut self, image: &[u8]) -> usize {
+    /// All responses `[places, 4, filters]`.
+    fn respond(&self, image: &[u8]) -> Vec<f32> {
         let [height, width, channels] = self.image;
         let [rows, cols] = self.kernel;
         let taps = rows * cols * channels;
-        self.patches.clear();
+        let mut patches = Vec::new();
         for row in (0..=height - rows).step_by(STRIDE) {
             for col in (0..=width - cols).step_by(STRIDE) {
                 for r in row..row + rows {
                     let from = (r * width + col) * channels;
                     let pixels = &image[from..from + cols * channels];
-                    self.patches.extend(pixels.iter().map(|&p| f32::from(p)));
+                    patches.extend(pixels.iter().map(|&p| f32::from(p)));
                 }
             }
         }
-        let places = self.patches.len() / taps;
-        self.responses.resize(places * 4 * self.count, 0.0);
+        let places = patches.len() / taps;
+        let mut responses = vec![0.0; places * 4 * self.count];
         matmul(
-            MatMut::from_row_major_slice_mut(&mut self.responses, places, 4 * self.count),
+            MatMut::from_row_major_slice_mut(&mut responses, places, 4 * self.count),
             Accum::Replace,
-            MatRef::from_row_major_slice(&self.patches, places, taps),
+            MatRef::from_row_major_slice(&patches, places, taps),
             MatRef::from_row_major_slice(&self.weights, taps, 4 * self.count),
             1.0,
             Par::Seq,
         );
-        places
+        responses
     }
 
     /// The sum over places and flips of the rectified responses of a filter, and the sum over flips
     /// of its largest ones. In `f64` the sums of whole numbers are exact.
-    fn pool(&self, filter: usize, places: usize) -> (f64, f64) {
+    fn pool(&self, filter: usize, responses: &[f32]) -> (f64, f64) {
         let (mut sum, mut peaks) = (0.0, 0.0);
         for flip in 0..4 {
             let mut peak = 0.0;
-            for place in 0..places {
-                let response = self.responses[(place * 4 + flip) * self.count + filter].max(0.0);
+            for place in responses.chunks_exact(4 * self.count) {
+                let response = place[flip * self.count + filter].max(0.0);
                 sum += f64::from(response);
                 peak = f32::max(peak, response);
             }
@@ -204,7 +201,7 @@ mod tests {
     #[test]
     fn weights_are_whole_and_even_ground_gives_no_response() {
         for image in [[8, 9, 3], [48, 48, 6]] {
-            let mut filters = Filters::new(image, 5).unwrap();
+            let filters = Filters::new(image, 5).unwrap();
             assert!(filters.weights.iter().all(|w| w.fract() == 0.0));
             let even = vec![200; image.iter().product()];
             assert!(filters.describe(&even).unwrap().iter().all(|&v| v == 0.0));

@@ -29,5 +29,5 @@ pub use account::{Account, Accountant, Course};
 pub use error::EvidenceError;
 pub use filters::Filters;
 pub use probability::Probabilities;
-pub use recogniser::{Finding, Opinion, Recogniser, Situation};
+pub use recogniser::{Finding, Look, Opinion, Recogniser, Situation};
 pub use settings::RecogniserSettings;

@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use cluster::{
-    Candidate, Decision, Frames, JointTest, Side, Source, SourceTest, Verdict, joint_test,
+    Candidate, Decision, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source,
+    SourceTest, Verdict, joint_test,
 };
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -62,6 +63,8 @@ pub struct Opinion {
     changed: f64,
     lost: f64,
     verdict: Verdict,
+    /// Episodes that the policy remembers.
+    remembered: usize,
 }
 
 impl Opinion {
@@ -70,20 +73,37 @@ impl Opinion {
         self.test.as_ref()
     }
 
-    /// Why (temporary).
-    pub fn why(&self) -> String {
-        let t = self.test.iter().flat_map(|t| t.sources.iter());
-        self.kinds
-            .iter()
-            .zip(t)
-            .map(|(k, s)| {
-                format!(
-                    "{k:?}: {:?} ",
-                    s.map(|s| (s.score, s.ratio(), s.p_value, s.tail_p_value))
-                )
-            })
-            .collect::<String>()
-            + &format!("lost {:.2} {:?}", self.lost, self.verdict)
+    /// The same in the words of the crate `cluster`: the distance of the first source that says
+    /// something, and the test of the largest score.
+    pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
+        let distance = self
+            .sources()
+            .next()
+            .map_or(0.0, |(_, source)| source.distance);
+        let judgement = match &self.test {
+            Some(test) => Judgement::Tested {
+                test: PermutationTest {
+                    distance: test.null.mean + test.score * test.null.sd,
+                    null: test.null,
+                    score: test.score,
+                    p_value: test.p_value,
+                    tail_p_value: self.tail_p_value(),
+                },
+                limit: match look {
+                    Look::First => settings.doubt,
+                    Look::Second => settings.level,
+                },
+            },
+            None => Judgement::BufferTooSmall {
+                episodes: self.remembered,
+                needed: settings.min_episodes,
+            },
+        };
+        Evidence {
+            distance,
+            judgement,
+            verdict: self.verdict,
+        }
     }
 
     /// The outcome.
@@ -141,8 +161,8 @@ impl Opinion {
 pub struct Finding {
     /// Whose task the episodes show.
     pub decision: Decision,
-    /// One item a policy; none for those that were left out.
-    pub opinions: Vec<Option<Opinion>>,
+    /// One item a policy.
+    pub opinions: Vec<Opinion>,
     /// Where the group changed, if it did: episodes that began before this number of decisions
     /// belong to what ran before, and had no part in the decision.
     pub cut: Option<usize>,
@@ -159,9 +179,12 @@ pub struct Situation<'a> {
     pub refused: &'a [usize],
 }
 
+/// How many rollouts a decision may rest on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Look {
+pub enum Look {
+    /// One: a doubt asks for another one.
     First,
+    /// Two, or one that the policy in question collected itself: the decision is for good.
     Second,
 }
 
@@ -245,7 +268,8 @@ impl Recogniser {
 
     /// Decides on one rollout of `situation.collector`. `Existing` of another policy asks for a
     /// rollout of that one and for [`Recogniser::review`]; `Undecided` asks for one more of the
-    /// same policy and for [`Recogniser::settle`].
+    /// same policy and for [`Recogniser::settle`]. Of a rollout that shows two groups the later one
+    /// counts.
     ///
     /// # Errors
     /// Too few episodes, no such collector, or points that cannot be compared.
@@ -256,17 +280,11 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let finding = self.look(&accounts, collector, rng)?;
-        if finding.decision == Decision::Existing(collector) {
-            return Ok(finding);
-        }
-        match self.cut(&accounts, rng)? {
-            Some(cut) => Ok(Finding {
-                cut: Some(accounts[cut].began),
-                ..self.look(&accounts[cut..], collector, rng)?
-            }),
-            None => Ok(finding),
-        }
+        let cut = self.cut(&accounts, rng)?;
+        Ok(Finding {
+            cut: cut.map(|cut| accounts[cut].began),
+            ..self.look(&accounts[cut.unwrap_or(0)..], collector, rng)?
+        })
     }
 
     /// One first look.
@@ -372,7 +390,6 @@ impl Recogniser {
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, Look::Second, rng)?;
-        let opinions: Vec<Opinion> = opinions.into_iter().flatten().collect();
         Ok(Probabilities::of(&opinions))
     }
 
@@ -393,17 +410,17 @@ impl Recogniser {
         situation: Situation,
         look: Look,
         rng: &mut R,
-    ) -> Result<Vec<Option<Opinion>>, EvidenceError> {
+    ) -> Result<Vec<Opinion>, EvidenceError> {
         // each policy has a generator of its own, so that threads change nothing
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            if situation.refused.contains(&policy) {
-                return Ok(None);
-            }
             let own = policy == situation.collector;
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            self.opine(&self.memories[policy], accounts, own, look, &mut rng)
-                .map(Some)
+            let mut opinion = self.opine(&self.memories[policy], accounts, own, look, &mut rng)?;
+            if situation.refused.contains(&policy) {
+                opinion.verdict = Verdict::Refused;
+            }
+            Ok(opinion)
         });
         asked.collect()
     }
@@ -424,6 +441,7 @@ impl Recogniser {
             changed: changed(accounts, &remembered),
             lost: memory.lost(accounts),
             verdict: Verdict::Accepted,
+            remembered: remembered.len(),
         };
         if remembered.len() < settings.min_episodes {
             return Ok(opinion);
@@ -476,8 +494,8 @@ impl Recogniser {
         }
     }
 
-    fn first_decision(&self, opinions: &[Option<Opinion>], collector: usize) -> Decision {
-        let own = opinions.get(collector).and_then(Option::as_ref);
+    fn first_decision(&self, opinions: &[Opinion], collector: usize) -> Decision {
+        let own = opinions.get(collector);
         let others = best(opinions, |policy| policy != collector);
         match (own, others) {
             (Some(own), others) if own.verdict == Verdict::Accepted => {
@@ -499,7 +517,7 @@ impl Recogniser {
     ) -> Result<Finding, EvidenceError> {
         let collector = situation.collector;
         let opinions = self.opinions(accounts, situation, Look::Second, rng)?;
-        let own = opinions.get(collector).and_then(Option::as_ref);
+        let own = opinions.get(collector);
         let own = own.filter(|own| own.verdict == Verdict::Accepted);
         let others = best(&opinions, |policy| policy != collector);
         let decision = match (own, others) {
@@ -507,7 +525,7 @@ impl Recogniser {
             (None, Some((policy, _))) => Decision::Existing(policy),
             (None, None) => Decision::New,
         };
-        let refused = |policy: &usize| opinions[*policy].as_ref().is_none_or(Opinion::is_refused);
+        let refused = |policy: &usize| opinions[*policy].is_refused();
         Ok(Finding {
             decision,
             cut: None,
@@ -518,10 +536,9 @@ impl Recogniser {
 }
 
 /// The accepted policy that fits the looks best, and its score; the first of equals.
-fn best(opinions: &[Option<Opinion>], eligible: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
+fn best(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
     let known = opinions.iter().enumerate();
     let accepted = known.filter_map(|(policy, opinion)| {
-        let opinion = opinion.as_ref()?;
         let accepted = opinion.verdict == Verdict::Accepted && eligible(policy);
         accepted.then(|| (policy, opinion.look_score()))
     });

@@ -3,13 +3,15 @@
 //! To add one: implement [`Grouping`], and give it a value of [`GroupingSettings`].
 
 mod distance;
+mod evidence;
 mod grouping;
 mod oracle;
 mod settings;
 mod single;
 
 pub use distance::Distance;
-pub use grouping::{Candidates, Grouping};
+pub use evidence::Evident;
+pub use grouping::{Candidates, Episodes, Grouping};
 pub use oracle::Labels;
 pub use settings::GroupingSettings;
 pub use single::Single;

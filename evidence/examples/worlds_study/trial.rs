@@ -177,22 +177,6 @@ impl Trial {
     ) -> Result<(Vec<Account>, usize), TrialError> {
         while finding.decision != Decision::Existing(self.current) {
             rollouts += 1;
-            if std::env::var("WHY").is_ok() {
-                let g = self.group_at(self.stream.rounds() - 1);
-                eprintln!(
-                    "round {} group {g} current {} skill {:?} -> {:?}: {}",
-                    self.stream.rounds(),
-                    self.current,
-                    self.policies[self.current],
-                    finding.decision,
-                    finding
-                        .opinions
-                        .get(self.current)
-                        .and_then(|o| o.as_ref())
-                        .map(|o| o.why())
-                        .unwrap_or_default()
-                );
-            }
             let Decision::Existing(policy) = finding.decision else {
                 self.current = self.policies.len();
                 self.policies.push(StandIn::default());

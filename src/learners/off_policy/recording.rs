@@ -65,8 +65,7 @@ impl<A: Actor> Experience<A> for Recording {
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec = spec.clone();
-        self.actions
-            .resize(spec.num_envs * spec.action.len(), 0.0);
+        self.actions.resize(spec.num_envs * spec.action.len(), 0.0);
         self.collections.push(Vec::with_capacity(self.steps));
         Ok(())
     }
@@ -124,5 +123,14 @@ impl Rollout for Recording {
 
     fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
         self.last()[step].observations.sample(&self.spec, env)
+    }
+
+    fn action(&self, step: usize, env: usize) -> &[f32] {
+        let len = self.spec.action.len();
+        &self.last()[step].actions[env * len..(env + 1) * len]
+    }
+
+    fn reward(&self, step: usize, env: usize) -> f32 {
+        self.last()[step].transition.rewards[env]
     }
 }
