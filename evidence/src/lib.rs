@@ -31,3 +31,8 @@ pub use filters::Filters;
 pub use probability::Probabilities;
 pub use recogniser::{Finding, Look, Opinion, Recogniser, Situation};
 pub use settings::RecogniserSettings;
+
+/// Compiles and runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

@@ -17,9 +17,16 @@ use crate::error::EvidenceError;
 use crate::probability::Probabilities;
 use crate::settings::RecogniserSettings;
 
-/// How much better, in standard deviations, another policy must fit what is seen at the beginning
-/// of episodes than the one that acted, to take over while that one is accepted.
-const MARGIN: f64 = 2.0;
+/// Another policy takes over from one that acted and is accepted where it fits what is seen at the
+/// beginning of episodes by so many standard deviations better,
+const MARGIN: f64 = 3.0;
+/// and where that has at most this probability for the one that acted. Groups that look alike, too,
+/// differ by chance.
+const UNLIKELY: f64 = 1e-3;
+
+/// Standard deviations of looks that weigh as much as a motion that is another altogether, where
+/// policies are ranked.
+const MOTION_WEIGHT: f64 = 10.0;
 
 /// A source of evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,6 +147,12 @@ impl Opinion {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         let scores = looks.map(|(_, source)| source.score);
         scores.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly
+    /// depends on who acts.
+    fn misfit(&self) -> f64 {
+        self.look_score() + MOTION_WEIGHT * self.changed
     }
 
     /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
@@ -496,15 +509,15 @@ impl Recogniser {
 
     fn first_decision(&self, opinions: &[Opinion], collector: usize) -> Decision {
         let own = opinions.get(collector);
-        let others = best(opinions, |policy| policy != collector);
-        match (own, others) {
-            (Some(own), others) if own.verdict == Verdict::Accepted => {
-                Decision::Existing(keep_or(collector, own, others))
+        let other = best(opinions, |policy| policy != collector);
+        match (own, other) {
+            (Some(own), _) if own.verdict == Verdict::Accepted => {
+                Decision::Existing(keep_or(collector, other, opinions))
             }
             // what happened under a policy cannot speak for others, and a second look is cheaper
             // than trying them
             (Some(own), _) if !own.looks_doubtful(self.settings.doubt) => Decision::Undecided,
-            (_, Some((policy, _))) => Decision::Existing(policy),
+            (_, Some(policy)) => Decision::Existing(policy),
             _ => Decision::Undecided,
         }
     }
@@ -518,12 +531,13 @@ impl Recogniser {
         let collector = situation.collector;
         let opinions = self.opinions(accounts, situation, Look::Second, rng)?;
         let own = opinions.get(collector);
-        let own = own.filter(|own| own.verdict == Verdict::Accepted);
-        let others = best(&opinions, |policy| policy != collector);
-        let decision = match (own, others) {
-            (Some(own), others) => Decision::Existing(keep_or(collector, own, others)),
-            (None, Some((policy, _))) => Decision::Existing(policy),
-            (None, None) => Decision::New,
+        let other = best(&opinions, |policy| policy != collector);
+        let decision = match (own, other) {
+            (Some(own), _) if own.verdict == Verdict::Accepted => {
+                Decision::Existing(keep_or(collector, other, &opinions))
+            }
+            (_, Some(policy)) => Decision::Existing(policy),
+            (_, None) => Decision::New,
         };
         let refused = |policy: &usize| opinions[*policy].is_refused();
         Ok(Finding {
@@ -535,22 +549,23 @@ impl Recogniser {
     }
 }
 
-/// The accepted policy that fits the looks best, and its score; the first of equals.
-fn best(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<(usize, f64)> {
-    let known = opinions.iter().enumerate();
-    let accepted = known.filter_map(|(policy, opinion)| {
-        let accepted = opinion.verdict == Verdict::Accepted && eligible(policy);
-        accepted.then(|| (policy, opinion.look_score()))
-    });
-    accepted.min_by(|(_, a), (_, b)| a.total_cmp(b))
+/// The accepted policy that fits best; the first of equals.
+fn best(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<usize> {
+    let accepted = (0..opinions.len())
+        .filter(|&policy| opinions[policy].verdict == Verdict::Accepted && eligible(policy));
+    let misfit = |policy: &usize| opinions[*policy].misfit();
+    accepted.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
 }
 
 /// The policy that acted, unless another one fits much better.
-fn keep_or(collector: usize, own: &Opinion, other: Option<(usize, f64)>) -> usize {
-    match other {
-        Some((policy, score)) if score + MARGIN < own.look_score() => policy,
-        _ => collector,
-    }
+fn keep_or(collector: usize, other: Option<usize>, opinions: &[Opinion]) -> usize {
+    let own = &opinions[collector];
+    let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
+    let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
+    let better = |policy: &usize| opinions[*policy].look_score() + MARGIN < own.look_score();
+    other
+        .filter(|policy| is_unlikely && better(policy))
+        .unwrap_or(collector)
 }
 
 impl Memory {

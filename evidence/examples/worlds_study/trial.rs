@@ -17,9 +17,9 @@ const ENVS: usize = 5;
 const ROUNDS: usize = 4;
 const HORIZON: usize = 20;
 /// Visits of each group.
-const VISITS: usize = 3;
-/// Rounds that a visit lasts: from one rollout, so that some switch between two decisions.
-const STAY: std::ops::RangeInclusive<usize> = 8..=24;
+const VISITS: usize = 2;
+/// Rounds that a visit lasts: three rollouts to ten, with switches in the middle of some.
+const STAY: std::ops::RangeInclusive<usize> = 12..=40;
 
 /// What can go wrong.
 #[derive(Debug, thiserror::Error)]
