@@ -115,10 +115,8 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
         }
         if look {
             for group in [0, 1] {
-                let mut other = Bars {
-                    group,
-                    ..Bars::new()
-                };
+                let mut other = Bars::new();
+                other.group = group;
                 let mut rng = ChaCha8Rng::seed_from_u64(9);
                 assert_eq!(covers.recognise(&mut other, &mut rng).unwrap(), group);
             }

@@ -50,12 +50,7 @@ impl LearnerSettings {
     /// # Errors
     /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
     /// of other environments.
-    pub fn load(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-    ) -> Read {
+    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Read {
         self.read(path, spec, labels, false)
     }
 
@@ -64,12 +59,7 @@ impl LearnerSettings {
     /// # Errors
     /// As there, and [`CoversError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
-    pub fn resume(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-    ) -> Read {
+    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Read {
         self.read(path, spec, labels, true)
     }
 

@@ -8,7 +8,9 @@ use crate::error::CoversError;
 use crate::groupings::GroupingSettings;
 
 /// Settings of a learner that is a collection of policies.
-pub trait CollectionSettings: Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static {
+pub trait CollectionSettings:
+    Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
+{
     /// What every collection needs to know.
     fn shared(&self) -> Shared;
 }

@@ -26,7 +26,13 @@ pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
     };
     let running = state.running.iter();
     let running: Vec<u64> = running.map(|n| n.map_or(NONE, u64::from)).collect();
-    let order: Vec<u64> = state.order.iter().flatten().copied().map(u64::from).collect();
+    let order: Vec<u64> = state
+        .order
+        .iter()
+        .flatten()
+        .copied()
+        .map(u64::from)
+        .collect();
     let episodes: Vec<u64> = state.episodes.iter().flat_map(numbers).collect();
     let pictures = pack(replay, &state);
     vec![
@@ -176,7 +182,11 @@ impl Row {
 /// The rows of episodes with this many steps in all.
 fn rows(numbers: &[u64], steps: usize) -> Option<Vec<Row>> {
     let (numbers, _) = numbers.as_chunks::<FIELDS>();
-    let rows: Vec<Row> = numbers.iter().copied().map(Row::new).collect::<Option<_>>()?;
+    let rows: Vec<Row> = numbers
+        .iter()
+        .copied()
+        .map(Row::new)
+        .collect::<Option<_>>()?;
     let mut rest = steps;
     for row in &rows {
         rest = rest.checked_sub(row.steps)?;

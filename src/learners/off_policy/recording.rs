@@ -65,8 +65,7 @@ impl<A: Actor> Experience<A> for Recording {
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec = spec.clone();
-        self.actions
-            .resize(spec.num_envs * spec.action.len(), 0.0);
+        self.actions.resize(spec.num_envs * spec.action.len(), 0.0);
         self.collections.push(Vec::with_capacity(self.steps));
         Ok(())
     }

@@ -1,9 +1,7 @@
 //! Training by soft actor-critic.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    Algorithm, AlgorithmState, EnvSpec, Metrics, Replay, RlError, Sac, SacPolicy,
-};
+use rl::{Algorithm, AlgorithmState, EnvSpec, Metrics, Replay, RlError, Sac, SacPolicy};
 
 use crate::error::CoversError;
 use crate::learners::collection::{Collection, Training};
