@@ -224,9 +224,9 @@ fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_thread
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
-        let folder = crash_after(3, start(&scratch.0, small(method)));
+        let folder = crash_after(2, start(&scratch.0, small(method)));
         let resumed = Run::resume(&folder, Some(1)).unwrap();
-        assert_eq!(resumed.ledger().rollouts, 2);
+        assert!(resumed.ledger().rollouts == 2 && !resumed.is_finished());
         let (_, bytes) = finish(resumed);
         assert!(bytes == reference, "{method:?}");
         if off_policy.contains(&method) {
