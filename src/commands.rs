@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry};
 
-use crate::cli::{Threads, TrainOptions};
+use crate::cli::{Threads, TrainOptions, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
@@ -55,7 +55,7 @@ pub struct SweepOptions {
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
     /// Worker threads of each run; results do not depend on them.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, default_value_t = 1, value_parser = thread_count())]
     pub threads: u16,
     /// Do this job alone, counted from 0; where another worker has it, wait.
     #[arg(long)]
@@ -145,9 +145,12 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
-    let folder = options.output.run_folder(&options.run_name(&experiment))?;
+    let folder = options
+        .run
+        .output
+        .run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
-    finish(&mut run, options.output.json, out)
+    finish(&mut run, options.run.output.json, out)
 }
 
 fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {

@@ -89,11 +89,8 @@ impl VectorEnv for Bars {
         if ended {
             self.draw(&mut out.final_observations);
         }
-        out.outcomes.fill(if ended {
-            Outcome::Truncated
-        } else {
-            Outcome::Running
-        });
+        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        out.outcomes.fill(outcome);
         Ok(())
     }
 }
@@ -117,6 +114,12 @@ fn settings() -> CoversSettings {
         rollout_steps: 100,
         ..CoversSettings::default()
     }
+}
+
+/// What cannot be is said, in words with this part.
+fn assert_refused<T>(result: Result<T, CoversError>, part: &str) {
+    let message = result.err().unwrap().to_string();
+    assert!(message.contains(part), "{message}");
 }
 
 #[test]
@@ -156,19 +159,14 @@ fn settings_that_would_disable_assignment_are_refused() {
         buffer_episodes: Some(3),
         ..settings()
     };
-    let message = Covers::new(small, env.spec()).err().unwrap().to_string();
-    assert!(message.contains("`buffer_episodes` is 3"), "{message}");
+    assert_refused(Covers::new(small, env.spec()), "`buffer_episodes` is 3");
     // episodes of 5 steps never show 6 frames
     let long = CoversSettings {
         first_frames: 6,
         ..settings()
     };
     let mut covers = Covers::new(long, env.spec()).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(
-        message.contains("of 0 episodes, expected at least 8"),
-        "{message}"
-    );
+    assert_refused(covers.learn(&mut env), "of 0 episodes, expected at least 8");
 }
 
 #[test]
@@ -217,8 +215,7 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
 fn a_policy_that_does_not_exist_is_named() {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    let message = covers.perform(7, &mut env, 1).unwrap_err().to_string();
-    assert!(message.contains("`policy` is 7"), "{message}");
+    assert_refused(covers.perform(7, &mut env, 1), "`policy` is 7");
 }
 
 /// The learner of `settings` after rollouts in these groups, with what it reported.
@@ -327,11 +324,10 @@ fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
 
 #[test]
 fn the_papers_reading_learns_and_asks_for_its_pictures() {
-    let message = Covers::new(CoversSettings::paper(), &Bars::new().spec)
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(message.contains("expected exactly 128 x 128"), "{message}");
+    assert_refused(
+        Covers::new(CoversSettings::paper(), &Bars::new().spec),
+        "expected exactly 128 x 128",
+    );
     let settings = CoversSettings {
         network: settings().network,
         rollout_steps: 100,
@@ -362,8 +358,8 @@ fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
         grouping: GroupingSettings::Oracle,
         ..settings()
     };
-    let message = Covers::new(oracle, &Bars::new().spec).err().unwrap();
-    assert!(message.to_string().contains("a grouping without labels"));
+    let oracle = Covers::new(oracle, &Bars::new().spec);
+    assert_refused(oracle, "a grouping without labels");
 }
 
 /// A grouping of somebody else's: what it decides is written down, and begins anew at the end.
@@ -425,8 +421,7 @@ fn a_grouping_of_somebody_elses_decides_and_is_saved() {
     let path = std::env::temp_dir().join(format!("covers-script-{}", std::process::id()));
     covers.save(&path, Extent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
-    let message = Covers::load(&path, env.spec()).err().unwrap().to_string();
-    assert!(message.contains("grouping"), "{message}");
+    assert_refused(Covers::load(&path, env.spec()), "grouping");
     let script = Scripted::new(&[Decision::Existing(0)]);
     let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), script).unwrap();
     std::fs::remove_file(path).unwrap();
@@ -439,8 +434,7 @@ fn a_policy_that_a_grouping_made_up_is_refused() {
     let script = Scripted::new(&[Decision::Existing(7)]);
     let mut covers = Covers::with_grouping(settings(), env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(message.contains("`policy` is 7"), "{message}");
+    assert_refused(covers.learn(&mut env), "`policy` is 7");
 }
 
 #[test]
@@ -453,8 +447,7 @@ fn a_copy_of_the_nearest_needs_distances() {
     let script = Scripted::new(&[Decision::New]);
     let mut covers = Covers::with_grouping(settings, env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(message.contains("`new_policy` is copy"), "{message}");
+    assert_refused(covers.learn(&mut env), "`new_policy` is copy");
 }
 
 #[test]
@@ -463,10 +456,9 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
     env.spec.num_envs = 50;
     env.limited = true;
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(
-        message.contains("rollouts of 2 steps end before an episode of 5"),
-        "{message}"
+    assert_refused(
+        covers.learn(&mut env),
+        "rollouts of 2 steps end before an episode of 5",
     );
 }
 

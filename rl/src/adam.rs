@@ -2,7 +2,13 @@
 
 use std::ops::Range;
 
+use crate::algorithm::AlgorithmState;
 use crate::error::assert_len;
+
+/// Names of an optimiser's state in a checkpoint.
+const FIRST_MOMENT: &str = "adam.first";
+pub(crate) const SECOND_MOMENT: &str = "adam.second";
+const STEPS: &str = "adam.steps";
 
 /// A range of the parameter vector and the learning rate it is trained with.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,6 +76,24 @@ impl Adam {
         for group in groups {
             self.step_group(group, params, gradient);
         }
+    }
+
+    /// Both moments and the number of steps, for a checkpoint.
+    pub(crate) fn save(&self) -> AlgorithmState<'_> {
+        AlgorithmState {
+            tensors: vec![
+                (FIRST_MOMENT, &self.first_moment),
+                (SECOND_MOMENT, &self.second_moment),
+            ],
+            counters: vec![(STEPS, self.steps)],
+        }
+    }
+
+    /// Goes on from a state that begins as [`Adam::save`] gave it.
+    pub(crate) fn restore(&mut self, state: &AlgorithmState<'_>) {
+        self.first_moment.copy_from_slice(state.tensors[0].1);
+        self.second_moment.copy_from_slice(state.tensors[1].1);
+        self.steps = state.counters[0].1;
     }
 
     fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {

@@ -39,8 +39,6 @@ pub struct ActorCritic<T> {
     pub(crate) critic: Sequential<T>,
     /// Natural index of every irrep-major component of the action.
     pub(crate) action_order: Vec<usize>,
-    settings: NetworkSettings,
-    spec: EnvSpec,
 }
 
 /// Where the parameters of each part lie in the flat slice.
@@ -59,8 +57,6 @@ impl<T: Scalar> ActorCritic<T> {
     /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot
     /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
-        settings.check()?;
-        spec.check()?;
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action);
         let hidden = settings.regular(settings.actor_fields);
@@ -69,8 +65,6 @@ impl<T: Scalar> ActorCritic<T> {
             critic: critic(settings, &trunk)?,
             action_order: irrep_order(settings.group, &spec.action),
             trunk,
-            settings: settings.clone(),
-            spec: spec.clone(),
         })
     }
 
@@ -96,20 +90,20 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// The settings that the network was built with.
     pub fn settings(&self) -> &NetworkSettings {
-        &self.settings
+        &self.trunk.settings
     }
 
     /// The spec that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
-        &self.spec
+        &self.trunk.spec
     }
 
     /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
     /// their own gain, zero biases, log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
-        let (parts, settings) = (self.parts(), &self.settings);
+        let (parts, settings) = (self.parts(), self.settings());
         let mut params = vec![T::ZERO; self.num_params()];
-        self.trunk.init(settings, rng, &mut params[parts.trunk]);
+        self.trunk.init(rng, &mut params[parts.trunk]);
         self.actor
             .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
         self.critic
@@ -126,6 +120,12 @@ impl<T: Scalar> ActorCritic<T> {
             critic: layout.next(self.critic.num_params()),
             log_std: layout.next(self.action_order.len()),
         }
+    }
+}
+
+impl<T> AsRef<Trunk<T>> for ActorCritic<T> {
+    fn as_ref(&self) -> &Trunk<T> {
+        &self.trunk
     }
 }
 

@@ -164,6 +164,12 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
+impl<T> AsMut<TrunkPass<T>> for Workspace<T> {
+    fn as_mut(&mut self) -> &mut TrunkPass<T> {
+        &mut self.trunk
+    }
+}
+
 fn to_f64<T: Scalar>(from: &[T], to: &mut [f64]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = from.to_f64();

@@ -7,9 +7,9 @@ use symmetry::{D2, Group};
 use super::*;
 use crate::encoder::Encoder;
 use crate::env::{Observations, signed};
+use crate::fixtures::{network, replay, settings, spec, strided};
 use crate::policy::{Actor, Memory};
 use crate::replay::ring::Replay;
-use crate::sac::fixtures::{network, replay, settings, spec, strided};
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
