@@ -34,6 +34,17 @@ impl Threads {
     }
 }
 
+/// How a run is worked on, and how its figures are told.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Work {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
+    /// Print the figures as one JSON value, in the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// What may differ from a preset.
 #[derive(Clone, Debug, Args)]
 pub struct Changes {

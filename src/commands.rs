@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry};
 
-use crate::cli::{Threads, TrainOptions, thread_count};
+use crate::cli::{TrainOptions, Work, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
@@ -40,10 +40,7 @@ pub struct ResumeOptions {
     pub run: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
-    /// Print the summary as one JSON object in the last line.
-    #[arg(long)]
-    pub json: bool,
+    pub work: Work,
 }
 
 /// Which runs to do.
@@ -86,10 +83,7 @@ pub struct EvalOptions {
     pub embodiment: Option<Embodiment>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
-    /// Print one JSON array of the scores of all variants instead of a table.
-    #[arg(long)]
-    pub json: bool,
+    pub work: Work,
 }
 
 /// What to pack.
@@ -132,8 +126,8 @@ impl Command {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
-                let mut run = Run::resume(&options.run, Some(options.threads.count()))?;
-                finish(&mut run, options.json, out)
+                let mut run = Run::resume(&options.run, Some(options.work.threads.count()))?;
+                finish(&mut run, options.work.json, out)
             }
             Self::Sweep(options) => sweep(options, out),
             Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
@@ -251,7 +245,9 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let folder = RunFolder::open(&options.run);
-    let mut experiment = folder.experiment()?.with_threads(options.threads.count());
+    let mut experiment = folder
+        .experiment()?
+        .with_threads(options.work.threads.count());
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
@@ -263,7 +259,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
     let scores = pool.install(|| evaluator.all(&mut *learner, rounds))?;
-    if options.json {
+    if options.work.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {
         say(out, &score_table(&scores))

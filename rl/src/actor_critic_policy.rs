@@ -1,6 +1,5 @@
 //! The equivariant Gaussian policy: a network with its parameters.
 
-use std::fmt;
 use std::sync::Arc;
 
 use rand::SeedableRng;
@@ -8,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::gaussian::{log_prob, standard_normals};
+use crate::gaussian::log_prob;
 use crate::inference::{Chunk, Inference, check_saved};
 use crate::network::ActorCritic;
 use crate::network_settings::NetworkSettings;
@@ -21,11 +20,10 @@ use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
 /// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
 /// chunks on the current rayon pool; actions, values and features have the same bits for any number
 /// of threads.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct ActorCriticPolicy {
     /// Its outputs are rows `[A + 1]` of means and values.
     inference: Inference<ActorCritic<f32>, Workspace<f32>>,
-    noise: Vec<f32>,
 }
 
 impl ActorCriticPolicy {
@@ -58,7 +56,6 @@ impl ActorCriticPolicy {
     fn of(network: ActorCritic<f32>, params: Vec<f32>) -> Self {
         Self {
             inference: Inference::new(Arc::new(network), params, ActorCritic::workspace),
-            noise: Vec::new(),
         }
     }
 
@@ -122,12 +119,11 @@ impl ActorCriticPolicy {
     /// Draws actions `[N, A]` around the means of the last run.
     fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
         let width = self.width();
-        self.noise.resize(actions.len(), 0.0);
-        standard_normals(rng, &mut self.noise);
+        self.inference.draw_noise(actions.len(), rng);
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
         let rows = actions
             .chunks_exact_mut(width)
-            .zip(self.noise.chunks_exact(width));
+            .zip(self.inference.noise.chunks_exact(width));
         for ((actions, noise), output) in rows.zip(self.inference.outputs.chunks_exact(width + 1)) {
             for j in 0..width {
                 actions[j] = (output[j] + std[j] * f64::from(noise[j])) as f32;
@@ -241,14 +237,5 @@ impl Features for ActorCriticPolicy {
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         self.inference.features(observations, out)
-    }
-}
-
-impl fmt::Debug for ActorCriticPolicy {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ActorCriticPolicy")
-            .field("settings", self.inference.network.settings())
-            .field("num_params", &self.params().len())
-            .finish_non_exhaustive()
     }
 }

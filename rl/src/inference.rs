@@ -1,12 +1,15 @@
 //! A network with its parameters, run on batches of observations.
 
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
 use equivariant::Chunks;
+use rand_chacha::ChaCha8Rng;
 
 use crate::env::Observations;
 use crate::error::{RlError, check_all_finite, check_len, check_params};
+use crate::gaussian::standard_normals;
 use crate::trunk::{Trunk, TrunkPass};
 
 /// Samples of one chunk: a batch of 20 environments then occupies several threads.
@@ -22,6 +25,8 @@ pub(crate) struct Inference<N, W> {
     pub params: Vec<f32>,
     /// Rows of numbers of the last run, one for each sample.
     pub outputs: Vec<f64>,
+    /// Standard normal numbers of the last actions.
+    pub noise: Vec<f32>,
     buffers: fn(&N, usize) -> W,
     chunks: Chunks<f32, W>,
 }
@@ -45,6 +50,7 @@ where
             network,
             params,
             outputs: Vec::new(),
+            noise: Vec::new(),
             buffers,
             chunks: Chunks::new(0, CHUNK, move || buffers(&builder, CHUNK)),
         }
@@ -62,6 +68,12 @@ where
     /// A, the number of action components.
     pub fn width(&self) -> usize {
         self.trunk().spec.action.len()
+    }
+
+    /// Draws the noise of `len` components of actions.
+    pub fn draw_noise(&mut self, len: usize, rng: &mut ChaCha8Rng) {
+        self.noise.resize(len, 0.0);
+        standard_normals(rng, &mut self.noise);
     }
 
     /// Lets `forward` fill a row of `outputs`, of this length, for each of N observations; returns
@@ -94,7 +106,7 @@ where
         let trunk = self.trunk();
         let (samples, width) = (observations.samples(&trunk.spec)?, self.feature_dim());
         check_len("features", "[N, F]", out.len(), samples * width)?;
-        let params = &self.params[..trunk.num_params()];
+        let params = &self.params[trunk.params()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
             let (n, pass) = (range.len(), buffers.as_mut());
             trunk.load_all(observations, range, pass);
@@ -103,6 +115,16 @@ where
             rows.copy_from_slice(&pass.features()[..n * width]);
         });
         Ok(())
+    }
+}
+
+impl<N: AsRef<Trunk<f32>>, W> fmt::Debug for Inference<N, W> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let trunk = (*self.network).as_ref();
+        f.debug_struct("Inference")
+            .field("settings", &trunk.settings)
+            .field("num_params", &self.params.len())
+            .finish_non_exhaustive()
     }
 }
 

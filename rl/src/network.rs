@@ -43,7 +43,6 @@ pub struct ActorCritic<T> {
 
 /// Where the parameters of each part lie in the flat slice.
 pub(crate) struct Parts {
-    pub trunk: Range<usize>,
     pub actor: Range<usize>,
     pub critic: Range<usize>,
     pub log_std: Range<usize>,
@@ -102,8 +101,7 @@ impl<T: Scalar> ActorCritic<T> {
     /// their own gain, zero biases, log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
-        let mut params = vec![T::ZERO; self.num_params()];
-        self.trunk.init(rng, &mut params[parts.trunk]);
+        let mut params = self.trunk.init(self.num_params(), rng);
         self.actor
             .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
         self.critic
@@ -113,9 +111,8 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     pub(crate) fn parts(&self) -> Parts {
-        let mut layout = Layout::new();
+        let mut layout = Layout::after(&self.trunk);
         Parts {
-            trunk: layout.next(self.trunk.num_params()),
             actor: layout.next(self.actor.num_params()),
             critic: layout.next(self.critic.num_params()),
             log_std: layout.next(self.action_order.len()),

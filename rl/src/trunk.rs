@@ -89,12 +89,19 @@ impl<T: Scalar> Trunk<T> {
         self.encoder().end + self.vector.num_params()
     }
 
+    /// Where its parameters lie in those of a network.
+    pub fn params(&self) -> Range<usize> {
+        0..self.num_params()
+    }
+
     fn vector_params(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }
 
-    /// Draws the parameters: weights followed by a ReLU with gain sqrt(2), zero biases.
-    pub fn init(&self, rng: &mut dyn Rng, params: &mut [T]) {
+    /// The `num_params` parameters of a whole network, of which its own are drawn: weights followed
+    /// by a ReLU with gain sqrt(2), zero biases. The others are zeros.
+    pub fn init(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
+        let mut params = vec![T::ZERO; num_params];
         if let Some(sight) = &self.sight {
             let gain = self.settings.encoder.last_gain();
             sight
@@ -102,6 +109,7 @@ impl<T: Scalar> Trunk<T> {
                 .init_scaled(rng, gain, &mut params[self.encoder()]);
         }
         self.vector.init(rng, &mut params[self.vector_params()]);
+        params
     }
 
     /// Buffers for up to `capacity` samples.
@@ -256,6 +264,11 @@ pub(crate) fn head<T: Scalar>(
 pub(crate) struct Layout(usize);
 
 impl Layout {
+    /// After the parameters of a trunk.
+    pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
+        Self(trunk.num_params())
+    }
+
     pub fn new() -> Self {
         Self(0)
     }

@@ -114,7 +114,7 @@ fn restored(run: &Run) -> Run {
 fn a_state_that_cannot_be_right_is_refused() {
     let run = busy();
     let plain = Run::new(&network(strided()), None, settings(), replay_settings());
-    let mut sac = Sac::new(settings(), &run.policy).unwrap();
+    let mut sac = Sac::new(run.sac.settings().clone(), &run.policy).unwrap();
     let other = sac.restore(&plain.sac.save());
     assert!(matches!(other, Err(RlError::State { .. })));
     for moment in [1, 5] {

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use allocation_counter::measure;
+use rl::{Critic, Encoder, NetworkSettings};
 
 mod mjcf;
 mod npz;
@@ -118,6 +119,18 @@ fn measured(read: impl FnOnce() -> bool) -> Option<Reading> {
 /// Texts as inputs.
 fn texts<const N: usize>(texts: [&str; N]) -> Vec<Vec<u8>> {
     texts.map(|text| text.as_bytes().to_vec()).to_vec()
+}
+
+/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
+fn small_network() -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![1; 4] },
+        top_fields: 1,
+        vector_fields: 1,
+        actor_fields: 1,
+        critic: Critic::Joint { fields: 1 },
+        ..NetworkSettings::default()
+    }
 }
 
 /// Whether reading succeeded. An error must have something to say.

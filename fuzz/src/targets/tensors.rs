@@ -33,11 +33,8 @@ fn learner() -> LearnerSettings {
     LearnerSettings::Covers(CoversSettings {
         network: NetworkSettings {
             encoder: Encoder::Strided { fields: vec![1] },
-            top_fields: 1,
-            vector_fields: 1,
-            actor_fields: 1,
             critic: Critic::Pooled { width: 1 },
-            ..NetworkSettings::default()
+            ..small_network()
         },
         ppo: PpoSettings {
             epochs: 1,

@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Critic, Encoder, NetworkSettings};
 use symmetry::{FieldType, Group};
 
-use super::{Reading, Target, accepted, measured, texts};
+use super::{Reading, Target, accepted, measured, small_network, texts};
 
 pub const NOTATION: Target = Target::new("notation", read_notation, notations)
     .holding(8, 1 << 9)
@@ -109,18 +109,6 @@ fn is_small(experiment: &Experiment) -> bool {
         && experiment.envs.camera.size <= 48
         && covers.rollout_steps <= 400
         && experiment.schedule.total_decisions() <= 100_000
-}
-
-/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
-fn small_network() -> NetworkSettings {
-    NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![1; 4] },
-        top_fields: 1,
-        vector_fields: 1,
-        actor_fields: 1,
-        critic: Critic::Joint { fields: 1 },
-        ..NetworkSettings::default()
-    }
 }
 
 fn settings() -> Vec<Vec<u8>> {

@@ -42,7 +42,7 @@ impl<T: Scalar> Losses<'_, T> {
         w: &mut SacWorkspace<T>,
         gradient: &mut [T],
     ) -> SacSums {
-        let trunk = self.network.parts().trunk;
+        let trunk = self.network.trunk.params();
         self.batch.load((self.network, self.params), &range, w);
         self.evaluate_next(&range, w);
         let mut sums = self.critics(&range, w, gradient);

@@ -53,7 +53,6 @@ pub struct SacNetwork<T> {
 /// Where the parameters of each part lie in the flat slice.
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
-    pub trunk: Range<usize>,
     pub actor_reader: Range<usize>,
     pub actor: Range<usize>,
     pub critics: CriticParts,
@@ -135,8 +134,7 @@ impl<T: Scalar> SacNetwork<T> {
     /// their own gain, those of GRUs with 1, zero biases but for log_std, which starts as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
-        let mut params = vec![T::ZERO; self.num_params()];
-        self.trunk.init(rng, &mut params[parts.trunk]);
+        let mut params = self.trunk.init(self.num_params(), rng);
         self.reader.init(rng, &mut params[parts.actor_reader]);
         let actor = &mut params[parts.actor];
         self.actor
@@ -173,9 +171,8 @@ impl<T: Scalar> SacNetwork<T> {
     }
 
     pub(super) fn parts(&self) -> Parts {
-        let mut layout = Layout::new();
+        let mut layout = Layout::after(&self.trunk);
         Parts {
-            trunk: layout.next(self.trunk.num_params()),
             actor_reader: layout.next(self.reader.num_params()),
             actor: layout.next(self.actor.num_params()),
             critics: self.critic_parts(layout),

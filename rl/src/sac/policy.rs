@@ -1,6 +1,5 @@
 //! The tanh-Gaussian policy: a network with its parameters.
 
-use std::fmt;
 use std::sync::Arc;
 
 use rand::SeedableRng;
@@ -8,7 +7,6 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::gaussian::standard_normals;
 use crate::inference::{Chunk, Inference, check_saved};
 use crate::network_settings::NetworkSettings;
 use crate::policy::{Actor, Features};
@@ -27,7 +25,7 @@ use crate::trunk::TrunkPass;
 /// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
 /// chunks on the current rayon pool; actions and features have the same bits for any number of
 /// threads.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct SacPolicy {
     /// Its outputs are, for each sample, mean and log_std `[2 A]`, then what a context remembers of
     /// it.
@@ -140,7 +138,9 @@ impl Buffers {
         let Chunk { network, range, .. } = chunk;
         let (parts, n) = (network.parts(), range.len());
         let of = |part| &chunk.params[part];
-        network.trunk.forward(of(parts.trunk), n, &mut self.trunk);
+        network
+            .trunk
+            .forward(of(network.trunk.params()), n, &mut self.trunk);
         let reader = &network.reader;
         reader.clear(n, &mut self.before);
         for (slot, episode) in memory.envs.iter().skip(range.start).take(n).enumerate() {
@@ -192,12 +192,13 @@ impl Actor for SacPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, ("actions", out.len()))?;
-        let mut noise = vec![0.0; out.len()];
-        standard_normals(rng, &mut noise);
+        self.inference.draw_noise(out.len(), rng);
         let width = self.inference.width();
         let mut action = vec![0.0; width];
         let rows = self.inference.outputs.chunks_exact(row);
-        let out = out.chunks_exact_mut(width).zip(noise.chunks_exact(width));
+        let out = out
+            .chunks_exact_mut(width)
+            .zip(self.inference.noise.chunks_exact(width));
         for (output, (out, noise)) in rows.zip(out) {
             squashed::sample(&output[..2 * width], noise, &mut action);
             out.iter_mut()
@@ -235,15 +236,5 @@ impl Features for SacPolicy {
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         self.inference.features(observations, out)
-    }
-}
-
-impl fmt::Debug for SacPolicy {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("SacPolicy")
-            .field("settings", self.network().settings())
-            .field("context", &self.network().context())
-            .field("num_params", &self.params().len())
-            .finish_non_exhaustive()
     }
 }

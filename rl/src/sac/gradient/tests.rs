@@ -103,7 +103,7 @@ fn check_gradient(network: SacNetwork<f64>) {
     let actors = parts.actor_reader.start..parts.actor.end;
     let (_, gradient, _) = case.run(&replay);
     let from = if case.network.context().is_some() {
-        parts.trunk.end
+        case.network.trunk.params().end
     } else {
         0
     };
