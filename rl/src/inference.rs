@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::env::Observations;
 use crate::error::{RlError, check_all_finite, check_len, check_params};
 use crate::gaussian::standard_normals;
-use crate::trunk::{Trunk, TrunkPass};
+use crate::trunk::{OnTrunk, OnTrunkPass, Trunk};
 
 /// Samples of one chunk: a batch of 20 environments then occupies several threads.
 const CHUNK: usize = 4;
@@ -40,8 +40,8 @@ pub(crate) struct Chunk<'a, N> {
 
 impl<N, W> Inference<N, W>
 where
-    N: AsRef<Trunk<f32>> + Send + Sync + 'static,
-    W: AsMut<TrunkPass<f32>> + Send + 'static,
+    N: OnTrunk<f32> + Send + Sync + 'static,
+    W: OnTrunkPass<f32> + Send + 'static,
 {
     /// `buffers` makes those for chunks of up to a number of samples.
     pub fn new(network: Arc<N>, params: Vec<f32>, buffers: fn(&N, usize) -> W) -> Self {
@@ -57,7 +57,7 @@ where
     }
 
     fn trunk(&self) -> &Trunk<f32> {
-        (*self.network).as_ref()
+        self.network.trunk()
     }
 
     /// F, the length of the features.
@@ -85,12 +85,12 @@ where
         forward: impl Fn(Chunk<N>, &mut W, &mut [f64]) + Sync,
     ) -> Result<usize, RlError> {
         let (network, params) = (&*self.network, &self.params[..]);
-        let trunk = network.as_ref();
+        let trunk = network.trunk();
         let samples = observations.samples(&trunk.spec)?;
         self.outputs.resize(samples * row, 0.0);
         self.chunks
             .map_rows(&mut self.outputs, row, |range, buffers, rows| {
-                trunk.load_all(observations, range.clone(), buffers.as_mut());
+                trunk.load_all(observations, range.clone(), buffers.trunk());
                 let chunk = Chunk {
                     network,
                     params,
@@ -108,7 +108,7 @@ where
         check_len("features", "[N, F]", out.len(), samples * width)?;
         let params = &self.params[trunk.params()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
-            let (n, pass) = (range.len(), buffers.as_mut());
+            let (n, pass) = (range.len(), buffers.trunk());
             trunk.load_all(observations, range, pass);
             trunk.forward(params, n, pass);
             trunk.pool(n, pass);
@@ -118,9 +118,9 @@ where
     }
 }
 
-impl<N: AsRef<Trunk<f32>>, W> fmt::Debug for Inference<N, W> {
+impl<N: OnTrunk<f32>, W> fmt::Debug for Inference<N, W> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let trunk = (*self.network).as_ref();
+        let trunk = self.network.trunk();
         f.debug_struct("Inference")
             .field("settings", &trunk.settings)
             .field("num_params", &self.params.len())
@@ -130,8 +130,8 @@ impl<N: AsRef<Trunk<f32>>, W> fmt::Debug for Inference<N, W> {
 
 impl<N, W> Clone for Inference<N, W>
 where
-    N: AsRef<Trunk<f32>> + Send + Sync + 'static,
-    W: AsMut<TrunkPass<f32>> + Send + 'static,
+    N: OnTrunk<f32> + Send + Sync + 'static,
+    W: OnTrunkPass<f32> + Send + 'static,
 {
     fn clone(&self) -> Self {
         Self::new(Arc::clone(&self.network), self.params.clone(), self.buffers)

@@ -9,7 +9,7 @@ use symmetry::irrep_order;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::trunk::{Layout, Trunk, head};
+use crate::trunk::{Layout, OnTrunk, Trunk, head};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
 /// architecture").
@@ -120,8 +120,8 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-impl<T> AsRef<Trunk<T>> for ActorCritic<T> {
-    fn as_ref(&self) -> &Trunk<T> {
+impl<T> OnTrunk<T> for ActorCritic<T> {
+    fn trunk(&self) -> &Trunk<T> {
         &self.trunk
     }
 }

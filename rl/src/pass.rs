@@ -5,7 +5,7 @@ use equivariant::Scalar;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 use crate::stage::Stage;
-use crate::trunk::TrunkPass;
+use crate::trunk::{OnTrunkPass, TrunkPass};
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
@@ -164,8 +164,8 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-impl<T> AsMut<TrunkPass<T>> for Workspace<T> {
-    fn as_mut(&mut self) -> &mut TrunkPass<T> {
+impl<T> OnTrunkPass<T> for Workspace<T> {
+    fn trunk(&mut self) -> &mut TrunkPass<T> {
         &mut self.trunk
     }
 }

@@ -49,6 +49,16 @@ pub(crate) struct TrunkPass<T> {
     pool: Stage<T>,
 }
 
+/// A network that begins with a trunk.
+pub(crate) trait OnTrunk<T> {
+    fn trunk(&self) -> &Trunk<T>;
+}
+
+/// The buffers of such a network.
+pub(crate) trait OnTrunkPass<T> {
+    fn trunk(&mut self) -> &mut TrunkPass<T>;
+}
+
 impl<T: Scalar> Trunk<T> {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         settings.check()?;

@@ -13,7 +13,7 @@ use crate::require::require;
 use crate::sac::reader::Reader;
 use crate::sac::settings::ContextSettings;
 use crate::sac::squashed::raw_log_std;
-use crate::trunk::{Layout, Trunk, head};
+use crate::trunk::{Layout, OnTrunk, Trunk, head};
 
 /// Actor and twin critics on shared equivariant features.
 ///
@@ -192,8 +192,8 @@ impl<T: Scalar> SacNetwork<T> {
     }
 }
 
-impl<T> AsRef<Trunk<T>> for SacNetwork<T> {
-    fn as_ref(&self) -> &Trunk<T> {
+impl<T> OnTrunk<T> for SacNetwork<T> {
+    fn trunk(&self) -> &Trunk<T> {
         &self.trunk
     }
 }

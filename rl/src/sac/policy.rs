@@ -16,7 +16,7 @@ use crate::sac::reader::{ReaderPass, Steps};
 use crate::sac::settings::ContextSettings;
 use crate::sac::squashed;
 use crate::stage::Stage;
-use crate::trunk::TrunkPass;
+use crate::trunk::{OnTrunkPass, TrunkPass};
 
 /// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian, exactly
 /// equivariant under the group of its settings. With a context it remembers the last steps of each
@@ -171,8 +171,8 @@ impl Buffers {
     }
 }
 
-impl AsMut<TrunkPass<f32>> for Buffers {
-    fn as_mut(&mut self) -> &mut TrunkPass<f32> {
+impl OnTrunkPass<f32> for Buffers {
+    fn trunk(&mut self) -> &mut TrunkPass<f32> {
         &mut self.trunk
     }
 }
