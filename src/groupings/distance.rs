@@ -1,6 +1,6 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{Assigner, AssignerSettings, Assignment, Rule};
+use cluster::{Assigner, AssignerSettings, Rule};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;

@@ -62,7 +62,7 @@ fn a_finished_run_is_overwritten_only_when_told() {
 #[test]
 fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
-    let (mut run, folder) = begun(&scratch);
+    let (run, folder) = begun(&scratch);
     for file in ["metrics.csv", "evaluation.csv", "timings.csv"] {
         fs::remove_file(folder.join(file)).unwrap();
     }

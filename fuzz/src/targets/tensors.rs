@@ -9,7 +9,7 @@ use rl::{BoxError, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outc
 use rl::{Transition, VectorEnv};
 use symmetry::{Group, Irrep};
 
-use super::{Reading, Target, accepted, in_file, measured};
+use super::{Reading, Target, accepted, in_file, measured, small_network};
 
 /// The constant holds the learner that a valid file becomes.
 pub const CHECKPOINT: Target = Target::new(
