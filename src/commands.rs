@@ -11,6 +11,7 @@ use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
 use crate::learners::Extent;
+use crate::report::{Report, RunData};
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
@@ -28,6 +29,8 @@ pub enum Command {
     /// Scores the policies of a run on all 16 variants; which policy acts is the learner's own
     /// choice.
     Eval(EvalOptions),
+    /// Tables of methods with intervals over seeds, and curves, from the folders of runs.
+    Report(ReportOptions),
     /// Copies what acting takes into a small folder: settings, policies, and some first frames of
     /// each group.
     Pack(PackOptions),
@@ -86,6 +89,19 @@ pub struct EvalOptions {
     pub work: Work,
 }
 
+/// What to report.
+#[derive(Clone, Debug, Args)]
+pub struct ReportOptions {
+    /// The folders of runs, named METHOD-seedN as `covers sweep` names them; the first method is
+    /// compared with the others.
+    #[arg(required = true)]
+    pub runs: Vec<PathBuf>,
+    /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG); the tables are printed
+    /// in any case.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+}
+
 /// What to pack.
 #[derive(Clone, Debug, Args)]
 pub struct PackOptions {
@@ -131,6 +147,7 @@ impl Command {
             }
             Self::Sweep(options) => sweep(options, out),
             Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
+            Self::Report(options) => report(options, out).map(|()| Outcome::Done),
             Self::Pack(options) => pack(options, out).map(|()| Outcome::Done),
         }
     }
@@ -264,6 +281,15 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     } else {
         say(out, &score_table(&scores))
     }
+}
+
+fn report(options: &ReportOptions, out: &mut impl Write) -> Result<(), CoversError> {
+    let runs = options.runs.iter().map(|run| RunData::read(run));
+    let report = Report::new(runs.collect::<Result<_, _>>()?)?;
+    if let Some(folder) = &options.out {
+        report.write(folder)?;
+    }
+    say(out, report.markdown().trim_end())
 }
 
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {

@@ -173,6 +173,25 @@ pub enum CoversError {
         /// What differs: the value asked for and the checkpoint's.
         differences: String,
     },
+    /// A run without an evaluation, which nothing can be reported of.
+    #[error("{} holds no scores yet: finish the run with `covers resume`", folder.display())]
+    NoScores {
+        /// The run's folder.
+        folder: PathBuf,
+    },
+    /// Runs that bear one name and cannot stand in one row of a table.
+    #[error(
+        "run {run} does not belong to the other runs of {method} ({differences}): give runs with \
+         other settings other names, and each seed once"
+    )]
+    MixedRuns {
+        /// The name that they bear.
+        method: String,
+        /// The run that differs.
+        run: String,
+        /// In what it differs.
+        differences: String,
+    },
     /// A panic in a thread that worked for the run.
     #[error("a worker panicked: {message}. The last checkpoint stands: `covers resume` goes on")]
     Panicked {

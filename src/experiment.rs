@@ -64,7 +64,7 @@ impl Default for CheckpointPlan {
 pub struct EvaluationPlan {
     /// Episodes in each environment and variant after the stream, at least 1.
     pub rounds: usize,
-    /// The same after each visit; none where it is 0.
+    /// The same before the stream and after each visit; none where it is 0.
     pub visit_rounds: usize,
     /// Rollouts from one further evaluation to the next, at least 1, counted from the start of the
     /// stream, each as after a visit, where `visit_rounds` is then at least 1, too. Without a

@@ -28,6 +28,7 @@ mod groupings;
 mod learners;
 mod overrides;
 pub mod presets;
+pub mod report;
 mod runs;
 pub mod schedule;
 pub mod sheet;

@@ -91,7 +91,7 @@ pub(crate) fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<
 }
 
 /// The fields in which two values differ, each with the value in one and in the other.
-fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
+pub(crate) fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
     Ok(differing.join("; "))

@@ -150,7 +150,7 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     let (summary, reference) = finish(start(&scratch.0, experiment(3, 2)));
     // turns that hand over take three rollouts
-    let evaluated = [3, 4, 6, 8];
+    let evaluated = [0, 3, 4, 6, 8];
     assert_eq!(lines(&reference[1]), 1 + 8);
     assert_eq!(lines(&reference[2]), 1 + 12 * evaluated.len());
     // checkpoints are written after 3, 6 and 8 turns: the row behind is written twice
@@ -459,4 +459,83 @@ fn a_rollout_that_does_not_fit_the_environments_is_refused() {
     };
     let message = refusal(settings, 16);
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
+}
+
+/// What `covers report` prints and writes of two short runs of one method and one of another.
+#[test]
+fn a_report_says_what_the_runs_files_say() {
+    let scratch = Scratch::new("report");
+    let folder = |name: &str| scratch.0.join(name);
+    let mut summaries = Vec::new();
+    for (name, method, seed) in [
+        ("covers-seed0", Method::CoversGt, 0),
+        ("covers-seed1", Method::CoversGt, 1),
+        ("cnn-seed0", Method::Cnn, 0),
+    ] {
+        let mut experiment = small(method).with_seed(seed);
+        experiment.evaluation.visit_rounds = 1;
+        let run = Run::start(experiment, RunFolder::create(&scratch.0, name).unwrap());
+        summaries.push(finish(run.unwrap()).0);
+    }
+    let runs = fs::read_dir(&scratch.0).unwrap();
+    assert_eq!(runs.count(), 3);
+    let out = folder("out");
+    let arguments = ["covers-seed0", "covers-seed1", "cnn-seed0"].map(folder);
+    let arguments = [&arguments[..], &[PathBuf::from("--out"), out.clone()]].concat();
+    let arguments = arguments.iter().map(|path| path.to_str().unwrap());
+    let text = command(&[&["report"], &arguments.collect::<Vec<_>>()[..]].concat()).unwrap();
+    // the accuracy of a row is that of the summaries
+    let accuracy = |summary: &Summary| summary.assignment_accuracy.unwrap();
+    let accuracy = f64::midpoint(accuracy(&summaries[0]), accuracy(&summaries[1]));
+    let rows: Vec<Vec<&str>> = text
+        .lines()
+        .map(|line| line.split(" | ").collect())
+        .collect();
+    let row = |name: &str, cells: usize| {
+        let name = format!("| {name}");
+        rows.iter()
+            .find(|row| row[0] == name && row.len() == cells)
+            .unwrap()
+    };
+    assert_eq!(row("covers", 13)[8], format!("{accuracy:.3}"));
+    assert!(
+        row("cnn", 13)[8].starts_with("- ("),
+        "one policy has no accuracy"
+    );
+    assert_eq!(
+        row("covers-seed1", 7)[4],
+        summaries[1].decisions.to_string()
+    );
+    assert!(text.contains("covers in the paper (1)") && text.contains("do not compare one to one"));
+    assert_eq!(
+        fs::read_to_string(out.join("report.md"))
+            .unwrap()
+            .trim_end(),
+        text.trim_end()
+    );
+    for file in [
+        "results.csv",
+        "seeds.tex",
+        "covers-seed0.svg",
+        "methods-seed0.svg",
+    ] {
+        assert!(fs::metadata(out.join(file)).unwrap().len() > 200, "{file}");
+    }
+    // a run that was never scored, and one of other settings under the same name
+    fs::remove_file(folder("cnn-seed0/evaluation.csv")).unwrap();
+    let cnn = folder("cnn-seed0");
+    let error = command(&["report", cnn.to_str().unwrap()])
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("evaluation.csv"), "{error}");
+    fs::rename(folder("covers-seed0"), folder("again-seed0")).unwrap();
+    let other = small(Method::Equi).with_seed(2);
+    let run = Run::start(other, RunFolder::create(&scratch.0, "again-seed2").unwrap());
+    finish(run.unwrap());
+    let pair = ["again-seed0", "again-seed2"].map(folder);
+    let pair = pair.each_ref().map(|path| path.to_str().unwrap());
+    let error = command(&["report", pair[0], pair[1]])
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("learner.covers.grouping"), "{error}");
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::CoversError;
-use crate::groupings::Labels;
+use crate::groupings::{GroupingSettings, Labels};
 
 use super::covers::{Covers, CoversSettings};
 use super::learner::Learner;
@@ -84,6 +84,12 @@ impl LearnerSettings {
     pub fn set_group(&mut self, group: Group) {
         let Self::Covers(settings) = self;
         settings.network.group = group;
+    }
+
+    /// Whether it may keep more than one policy.
+    pub fn tells_groups_apart(&self) -> bool {
+        let Self::Covers(settings) = self;
+        settings.grouping != GroupingSettings::Single
     }
 
     /// Decisions of one rollout, all environments together.

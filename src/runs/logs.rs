@@ -111,7 +111,7 @@ fn first_rows(timings: &[u8], rollouts: usize) -> String {
 /// One evaluated variant.
 #[derive(Serialize)]
 struct ScoreRow<'a> {
-    rollout: usize,
+    rollouts: usize,
     decisions: usize,
     group: &'a str,
     element: String,
@@ -126,7 +126,7 @@ struct ScoreRow<'a> {
 impl<'a> ScoreRow<'a> {
     fn new(evaluation: &Evaluation, score: &'a Score) -> Self {
         Self {
-            rollout: evaluation.rollout,
+            rollouts: evaluation.rollouts,
             decisions: evaluation.decisions,
             group: score.group.name(),
             element: score.element.to_string(),

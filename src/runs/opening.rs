@@ -24,7 +24,7 @@ use super::logs::Rows;
 #[serde(deny_unknown_fields)]
 pub(super) struct Note {
     pub ledger: Ledger,
-    /// Rounds of an evaluation that is still due after the last rollout.
+    /// Rounds of an evaluation that is due before the next rollout; 0 for none.
     pub due: usize,
     pub rows: Rows,
 }
@@ -105,11 +105,16 @@ fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, CoversError>
         folder.write_experiment(experiment)?;
     }
     folder.write_png("contact_sheet.png", &sheet)?;
+    let note = Note {
+        // what the untrained learner can do, which transfer is measured against
+        due: experiment.evaluation.visit_rounds,
+        ..Note::default()
+    };
     Ok(Opened {
         learner,
         claim,
         labels,
-        note: Note::default(),
+        note,
         passed_over: Vec::new(),
         notice,
     })

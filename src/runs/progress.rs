@@ -35,8 +35,8 @@ pub struct Progress {
 /// An evaluation as it is logged.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    /// Index of the last rollout before it.
-    pub rollout: usize,
+    /// Rollouts learnt from before it; 0 before the stream.
+    pub rollouts: usize,
     /// Decisions taken so far while learning.
     pub decisions: usize,
     /// Scores of all variants.

@@ -39,7 +39,7 @@ pub struct Run {
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
     ledger: Ledger,
-    /// Rounds of the evaluation that is due after the last rollout; 0 for none.
+    /// Rounds of the evaluation that is due before the next rollout; 0 for none.
     due: usize,
     last_scores: Vec<Score>,
     /// Rollouts and rounds due in the newest checkpoint.
@@ -236,9 +236,9 @@ impl Run {
                 None => return Ok(None),
             },
         };
-        let every = self.experiment.checkpoints.every;
+        let (every, rollouts) = (self.experiment.checkpoints.every, self.ledger.rollouts);
         // before an evaluation, which may take minutes, and after it
-        if self.visit().is_none() || self.ledger.rollouts.is_multiple_of(every) {
+        if self.visit().is_none() || (rollouts > 0 && rollouts.is_multiple_of(every)) {
             self.save()?;
         }
         Ok(Some(event))
@@ -300,7 +300,7 @@ impl Run {
             return Ok(None);
         };
         let evaluation = Evaluation {
-            rollout: self.ledger.rollouts - 1,
+            rollouts: self.ledger.rollouts,
             decisions: self.ledger.decisions,
             scores,
         };

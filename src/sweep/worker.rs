@@ -149,7 +149,7 @@ impl<W: Write> Worker<'_, W> {
         self.say(job, run.notice())?;
         while let Some(event) = run.advance()? {
             if let Event::Evaluation(evaluation) = event {
-                let rollouts = evaluation.rollout + 1;
+                let rollouts = evaluation.rollouts;
                 self.say(job, &format!("evaluated after {rollouts} rollouts"))?;
             }
         }

@@ -1,0 +1,158 @@
+//! Curves of runs, with the group that ran as the background.
+
+use super::method::MethodRuns;
+use super::run_data::{RolloutRow, RunData, ScoreRow};
+use super::statistics::mean;
+use super::svg::{COLOURS, Drawing};
+
+/// Ticks of shares.
+const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
+/// Ticks of rewards, on the paper's scale.
+const REWARDS: [f64; 3] = [0.0, 250.0, 500.0];
+/// Heights of panels (pixels).
+const HIGH: f64 = 170.0;
+const LOW: f64 = 90.0;
+
+/// Success and reward of one run, rollouts as lines and evaluations as dots, and the policy that
+/// was assigned.
+pub fn run(run: &RunData) -> String {
+    let mut drawing = Drawing::new(end(run));
+    let groups = run.groups();
+    for (group, colour) in groups.iter().zip(COLOURS) {
+        drawing.legend(group, colour);
+    }
+    drawing.panel("success", HIGH, [-0.03, 1.03], &SHARES);
+    visits(&mut drawing, run);
+    rollouts(&mut drawing, run, |row| row.success);
+    evaluations(&mut drawing, run, |row| row.success);
+    drawing.panel("reward of 500", HIGH, [0.0, 500.0], &REWARDS);
+    visits(&mut drawing, run);
+    rollouts(&mut drawing, run, |row| row.reward);
+    evaluations(&mut drawing, run, |row| row.reward);
+    let most = run.rollouts.iter().map(|row| row.policy).max().unwrap_or(0);
+    let numbers: Vec<f64> = (0..=most).map(|policy| policy as f64).collect();
+    drawing.panel("policy", LOW, [-0.5, most as f64 + 0.5], &numbers);
+    visits(&mut drawing, run);
+    for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
+        let policy = row.policy as f64;
+        drawing.line(&[(from, policy), (to, policy)], "black");
+    }
+    drawing.finish(&format!("Success, reward and policy of {}", run.name))
+}
+
+/// For each seed, a panel a method that ran with it: success in each group as dots, and their mean,
+/// over groups that were met and groups to come, as a line. A method that forgets falls.
+pub fn seeds(methods: &[MethodRuns]) -> Vec<(u64, String)> {
+    let runs = || methods.iter().flat_map(|method| &method.runs);
+    let mut seeds: Vec<u64> = runs().map(seed_of).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    let drawing = |seed| (seed, of_seed(methods, seed));
+    seeds.into_iter().map(drawing).collect()
+}
+
+fn seed_of(run: &RunData) -> u64 {
+    run.experiment.learner.seed()
+}
+
+fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
+    let run_of = |method: &'_ MethodRuns| method.runs.iter().position(|run| seed_of(run) == seed);
+    let runs: Vec<(&str, &RunData)> = methods
+        .iter()
+        .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
+        .collect();
+    let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
+    let mut drawing = Drawing::new(longest);
+    let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.groups());
+    for (group, colour) in groups.iter().zip(COLOURS) {
+        drawing.legend(group, colour);
+    }
+    for (name, run) in runs {
+        drawing.panel(name, LOW, [-0.05, 1.05], &SHARES);
+        visits(&mut drawing, run);
+        drawing.line(&averages(run), "black");
+        evaluations(&mut drawing, run, |row| row.success);
+    }
+    drawing.finish(&format!("Success of all methods, seed {seed}"))
+}
+
+/// Decisions and mean success over all variants of each evaluation.
+fn averages(run: &RunData) -> Vec<(f64, f64)> {
+    evaluated(run)
+        .map(|rollouts| {
+            let rows: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
+            let successes: Vec<f64> = rows.iter().map(|row| row.success).collect();
+            (rows[0].decisions as f64, mean(&successes))
+        })
+        .collect()
+}
+
+/// After how many rollouts evaluations came.
+fn evaluated(run: &RunData) -> impl Iterator<Item = usize> {
+    let mut moments: Vec<usize> = run.scores.iter().map(|row| row.rollouts).collect();
+    moments.dedup();
+    moments.into_iter()
+}
+
+fn end(run: &RunData) -> f64 {
+    run.rollouts.last().map_or(0.0, |row| row.decisions as f64)
+}
+
+/// Decisions from and to, of each rollout.
+fn spans(run: &RunData) -> impl Iterator<Item = [f64; 2]> {
+    let ends = run.rollouts.iter().map(|row| row.decisions as f64);
+    let begins = std::iter::once(0.0).chain(ends.clone());
+    begins.zip(ends).map(|(from, to)| [from, to])
+}
+
+/// Rollouts that follow one another in one group, with their decisions from and to.
+fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
+    let mut visits: Vec<(&str, [f64; 2], Vec<&RolloutRow>)> = Vec::new();
+    for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
+        match visits.last_mut() {
+            Some((group, span, rows)) if *group == row.group => {
+                span[1] = to;
+                rows.push(row);
+            }
+            _ => visits.push((&row.group, [from, to], vec![row])),
+        }
+    }
+    visits
+}
+
+fn visits(drawing: &mut Drawing, run: &RunData) {
+    for (group, [from, to], _) in visits_of(run) {
+        drawing.span(from, to, colour(run, group), group);
+    }
+}
+
+fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Option<f64>) {
+    for (group, _, rows) in visits_of(run) {
+        let points = rows
+            .iter()
+            .filter_map(|row| Some((row.decisions as f64, figure(row)?)));
+        drawing.line(&points.collect::<Vec<_>>(), colour(run, group));
+    }
+}
+
+fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f64) {
+    for rollouts in evaluated(run) {
+        for group in run.groups() {
+            let rows = run
+                .evaluation(Some(rollouts))
+                .filter(|row| row.group == group);
+            let rows: Vec<&ScoreRow> = rows.collect();
+            let Some(first) = rows.first() else { continue };
+            let figures: Vec<f64> = rows.iter().map(|row| figure(row)).collect();
+            let (x, y) = (first.decisions as f64, mean(&figures));
+            let title = format!("{group}, {x} decisions: {y:.2}");
+            drawing.dot((x, y), colour(run, group), &title);
+        }
+    }
+}
+
+/// One colour a group everywhere.
+fn colour(run: &RunData, group: &str) -> &'static str {
+    let index = run.groups().iter().position(|own| *own == group);
+    COLOURS[index.unwrap_or(COLOURS.len() - 1) % COLOURS.len()]
+}

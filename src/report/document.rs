@@ -1,0 +1,64 @@
+//! All that a report holds, and its files.
+
+use std::path::Path;
+
+use crate::error::CoversError;
+
+use super::curves;
+use super::method::MethodRuns;
+use super::run_data::RunData;
+use super::table::Table;
+use super::tables;
+
+/// Tables and curves of some runs.
+#[derive(Clone, Debug)]
+pub struct Report {
+    methods: Vec<MethodRuns>,
+    /// The tables, each with the name of its files.
+    tables: Vec<(&'static str, Table)>,
+}
+
+impl Report {
+    /// Makes the tables. The method that comes first is compared with the others.
+    ///
+    /// # Errors
+    /// [`CoversError::MixedRuns`].
+    pub fn new(runs: Vec<RunData>) -> Result<Self, CoversError> {
+        let methods = MethodRuns::sort(runs)?;
+        Ok(Self {
+            tables: tables::all(&methods),
+            methods,
+        })
+    }
+
+    /// The tables in Markdown.
+    pub fn markdown(&self) -> String {
+        let tables = self.tables.iter();
+        tables.map(|(_, table)| table.markdown() + "\n").collect()
+    }
+
+    /// Writes `report.md`, each table as CSV and LaTeX, and the curves of each run and each seed as
+    /// SVG, to a folder, which is created.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`].
+    pub fn write(&self, folder: &Path) -> Result<(), CoversError> {
+        std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
+        let write = |name: &str, text: String| {
+            let path = folder.join(name);
+            std::fs::write(&path, text).map_err(|error| CoversError::write(&path, error))
+        };
+        write("report.md", self.markdown())?;
+        for (name, table) in &self.tables {
+            write(&format!("{name}.csv"), table.csv())?;
+            write(&format!("{name}.tex"), table.latex())?;
+        }
+        for run in self.methods.iter().flat_map(|method| &method.runs) {
+            write(&format!("{}.svg", run.name), curves::run(run))?;
+        }
+        for (seed, drawing) in curves::seeds(&self.methods) {
+            write(&format!("methods-seed{seed}.svg"), drawing)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,285 @@
+//! The figures of one run, as docs/results/protocol.md defines them.
+
+use crate::runs::Ledger;
+
+use super::run_data::{RunData, ScoreRow};
+
+/// Why a figure does not exist.
+pub type Undefined = &'static str;
+
+/// The last visit is not followed by anything that could be forgotten.
+const ENDS: Undefined = "the stream ends with the group";
+const NOT_MET: Undefined = "the group did not run";
+const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` is 0)";
+const FIRST: Undefined = "nothing was learnt before the group's first visit";
+const NO_RETURN: Undefined = "no group came back";
+const ONE_POLICY: Undefined = "there is one policy for everything";
+
+/// The figures of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Figures {
+    /// Those of each group, in the order in which they are scored.
+    pub groups: Vec<GroupFigures>,
+    /// Share of rollouts of one group that went to the first policy opened for it.
+    pub accuracy: Result<f64, Undefined>,
+    /// That share among rollouts of groups that came back.
+    pub return_accuracy: Result<f64, Undefined>,
+    /// Policies opened.
+    pub policies: usize,
+    /// Rollouts, and those of them within which the group changed.
+    pub rollouts: [usize; 2],
+    /// Decisions taken while learning.
+    pub decisions: usize,
+}
+
+/// Figures of one group.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupFigures {
+    /// The group.
+    pub group: String,
+    /// Success after the stream, the mean over variants, in `[0, 1]`.
+    pub success: f64,
+    /// Success at the last step, likewise.
+    pub success_at_end: f64,
+    /// Reward after the stream, likewise, in `[0, 500]`.
+    pub reward: f64,
+    /// Success after the group's last visit less that after the stream.
+    pub forgetting: Result<f64, Undefined>,
+    /// Success before anything of the group was seen less that of the untrained learner (Lopez-Paz
+    /// and Ranzato, "Gradient Episodic Memory", NeurIPS 2017).
+    pub transfer: Result<f64, Undefined>,
+}
+
+impl Figures {
+    /// The figures of a run.
+    pub fn of(run: &RunData) -> Self {
+        let (ledger, grouped) = (ledger(run), run.experiment.learner.tells_groups_apart());
+        let told = |share: Option<f64>| match (grouped, share) {
+            (false, _) => Err(ONE_POLICY),
+            (true, None) => Err(NO_RETURN),
+            (true, Some(share)) => Ok(share),
+        };
+        let groups = run.groups().into_iter();
+        Self {
+            groups: groups.map(|group| GroupFigures::new(run, group)).collect(),
+            accuracy: told(ledger.accuracy()),
+            return_accuracy: told(ledger.return_accuracy()),
+            policies: ledger.opened_for.len(),
+            rollouts: [ledger.rollouts, ledger.straddled],
+            decisions: run.rollouts.last().map_or(0, |row| row.decisions),
+        }
+    }
+
+    /// The mean of a figure over groups; where none has it, why.
+    pub fn mean(
+        &self,
+        figure: fn(&GroupFigures) -> Result<f64, Undefined>,
+    ) -> Result<f64, Undefined> {
+        let figures: Vec<_> = self.groups.iter().map(figure).collect();
+        let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
+        match (known.len(), figures.first()) {
+            (0, Some(&Err(reason))) => Err(reason),
+            (0, _) => Err(NOT_MET),
+            _ => Ok(super::mean(&known)),
+        }
+    }
+}
+
+impl GroupFigures {
+    fn new(run: &RunData, group: &str) -> Self {
+        let success = |rollouts| over_variants(run.evaluation(rollouts), group, |row| row.success);
+        let after = |figure| over_variants(run.last_scores(), group, figure).unwrap_or(0.0);
+        let last = after(|row| row.success);
+        Self {
+            group: group.to_owned(),
+            success: last,
+            success_at_end: after(|row| row.success_at_end),
+            reward: after(|row| row.reward),
+            forgetting: end_of_last_visit(run, group)
+                .and_then(|rollouts| success(Some(rollouts)).ok_or(UNSCORED))
+                .map(|then| then - last),
+            transfer: before_first_visit(run, group).and_then(|rollouts| {
+                let before = success(Some(0)).ok_or(UNSCORED)?;
+                Ok(success(rollouts).ok_or(UNSCORED)? - before)
+            }),
+        }
+    }
+}
+
+/// How many rollouts had been learnt from when the group had run for the last time.
+fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
+    let began = run.rollouts.iter().rposition(|row| row.group == group);
+    match began.map(|index| index + 1) {
+        None => Err(NOT_MET),
+        Some(end) if end == run.rollouts.len() => Err(ENDS),
+        Some(end) => Ok(end),
+    }
+}
+
+/// After how many rollouts the last evaluation came before anything of the group was seen.
+fn before_first_visit(run: &RunData, group: &str) -> Result<Option<usize>, Undefined> {
+    let mut rows = run.rollouts.iter();
+    let first = rows.position(|row| row.group == group || row.last_group == group);
+    match first {
+        None => Err(NOT_MET),
+        Some(0) => Err(FIRST),
+        Some(first) => {
+            let evaluations = run.scores.iter().map(|row| row.rollouts);
+            Ok(evaluations.filter(|&rollouts| rollouts <= first).max())
+        }
+    }
+}
+
+/// The mean of a figure over the episodes of a group's variants; none without episodes.
+fn over_variants<'a>(
+    rows: impl Iterator<Item = &'a ScoreRow>,
+    group: &str,
+    figure: fn(&ScoreRow) -> f64,
+) -> Option<f64> {
+    let rows = rows.filter(|row| row.group == group);
+    let (sum, episodes) = rows.fold((0.0, 0), |(sum, episodes), row| {
+        (
+            sum + figure(row) * row.episodes as f64,
+            episodes + row.episodes,
+        )
+    });
+    (episodes > 0).then(|| sum / episodes as f64)
+}
+
+/// The books of a run, from its rows.
+fn ledger(run: &RunData) -> Ledger {
+    let mut ledger = Ledger::default();
+    let mut left: Vec<&str> = Vec::new();
+    for (index, row) in run.rollouts.iter().enumerate() {
+        if let Some(before) = index.checked_sub(1).map(|before| &run.rollouts[before])
+            && (before.straddles || before.group != row.group)
+        {
+            left.push(&before.group);
+        }
+        if row.straddles {
+            ledger.record_straddling(row.policy);
+        } else {
+            ledger.record(&row.group, left.contains(&row.group.as_str()), row.policy);
+        }
+    }
+    ledger
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+    use crate::report::run_data::RolloutRow;
+
+    /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
+    /// marks one that ends in the next rollout's group.
+    fn run(method: Method, rollouts: &[(&str, usize)]) -> RunData {
+        let name = |(group, _): &(&str, usize)| group.trim_end_matches('*').to_owned();
+        let row = |index: usize| RolloutRow {
+            decisions: 100 * (index + 1),
+            group: name(&rollouts[index]),
+            last_group: name(&rollouts[index + usize::from(rollouts[index].0.ends_with('*'))]),
+            straddles: rollouts[index].0.ends_with('*'),
+            policy: rollouts[index].1,
+            reward: None,
+            success: None,
+        };
+        RunData {
+            name: "covers-seed0".to_owned(),
+            experiment: Budget::Smoke.experiment(method),
+            rollouts: (0..rollouts.len()).map(row).collect(),
+            scores: Vec::new(),
+            seconds: 1.0,
+            commits: Vec::new(),
+        }
+    }
+
+    /// Scores of groups `a` and `b` after a number of rollouts, two variants each.
+    fn score(run: &mut RunData, rollouts: usize, a: f64, b: f64) {
+        for (group, success) in [("a", a), ("b", b)] {
+            for (element, shift) in [("identity", 0.05), ("flip x", -0.05)] {
+                run.scores.push(ScoreRow {
+                    rollouts,
+                    decisions: 100 * rollouts,
+                    group: group.to_owned(),
+                    element: element.to_owned(),
+                    seen: true,
+                    policy: 0,
+                    episodes: 10,
+                    success: success + shift,
+                    success_at_end: 0.0,
+                    reward: 100.0 * success,
+                });
+            }
+        }
+    }
+
+    fn near(figure: Result<f64, Undefined>, expected: f64) -> bool {
+        figure.is_ok_and(|figure| (figure - expected).abs() < 1e-12)
+    }
+
+    #[test]
+    fn forgetting_and_transfer_compare_the_right_moments() {
+        let stream = [("a", 0), ("a", 0), ("b", 1), ("b", 1), ("a", 0), ("b", 1)];
+        let mut run = run(Method::Covers, &stream);
+        for (rollouts, a, b) in [
+            (0, 0.1, 0.05),
+            (2, 0.6, 0.2),
+            (4, 0.5, 0.7),
+            (5, 0.9, 0.65),
+            (6, 0.7, 0.8),
+        ] {
+            score(&mut run, rollouts, a, b);
+        }
+        let figures = Figures::of(&run);
+        let [a, b] = &figures.groups[..] else {
+            panic!()
+        };
+        assert!(near(Ok(a.success), 0.7) && near(Ok(b.reward), 80.0));
+        // a left for the last time after 5 rollouts; b is there at the end
+        assert!(near(a.forgetting, 0.2), "{a:?}");
+        assert_eq!(b.forgetting, Err(ENDS));
+        // b came first after 2 rollouts; nothing came before a
+        assert!(near(b.transfer, 0.15), "{b:?}");
+        assert_eq!(a.transfer, Err(FIRST));
+        assert!(near(figures.mean(|group| group.forgetting), 0.2));
+        assert_eq!(
+            (figures.accuracy, figures.return_accuracy),
+            (Ok(1.0), Ok(1.0))
+        );
+        assert_eq!((figures.policies, figures.rollouts), (2, [6, 0]));
+    }
+
+    #[test]
+    fn what_a_straddling_rollout_saw_of_a_group_comes_not_before_it() {
+        let mut run = run(
+            Method::Covers,
+            &[("a", 0), ("a*", 0), ("b", 1), ("b", 1), ("a", 1)],
+        );
+        for (rollouts, b) in [(0, 0.0), (1, 0.1), (2, 0.4), (5, 0.8)] {
+            score(&mut run, rollouts, 0.5, b);
+        }
+        let figures = Figures::of(&run);
+        // the second rollout learnt from b already
+        assert!(near(figures.groups[1].transfer, 0.1), "{figures:?}");
+        assert_eq!(figures.rollouts, [5, 1]);
+        assert_eq!(
+            (figures.accuracy, figures.return_accuracy),
+            (Ok(0.75), Ok(0.0))
+        );
+    }
+
+    #[test]
+    fn undefined_figures_say_why() {
+        let mut run = run(Method::Equi, &[("a", 0), ("b", 0)]);
+        score(&mut run, 2, 0.5, 0.5);
+        let figures = Figures::of(&run);
+        assert_eq!(figures.accuracy, Err(ONE_POLICY));
+        assert_eq!(figures.groups[0].forgetting, Err(UNSCORED));
+        assert_eq!(figures.groups[1].transfer, Err(UNSCORED));
+        run.rollouts.truncate(1);
+        assert_eq!(Figures::of(&run).groups[1].forgetting, Err(NOT_MET));
+        run.experiment = Budget::Smoke.experiment(Method::Covers);
+        assert_eq!(Figures::of(&run).return_accuracy, Err(NO_RETURN));
+    }
+}

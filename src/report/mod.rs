@@ -1,0 +1,22 @@
+//! What finished runs say: the table of methods, with intervals over seeds.
+//!
+//! Everything comes from the files of the runs' folders; nothing is edited by hand.
+
+mod comparison;
+mod curves;
+mod document;
+mod figures;
+mod method;
+mod paper;
+mod run_data;
+mod statistics;
+mod svg;
+mod table;
+mod tables;
+
+pub use document::Report;
+pub use figures::{Figures, GroupFigures, Undefined};
+pub use method::MethodRuns;
+pub use run_data::{RolloutRow, RunData, ScoreRow};
+pub use statistics::{Interval, Scores, iqm, mean};
+pub use table::Table;

@@ -1,0 +1,165 @@
+//! The files of one run's folder.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::runs::{Provenance, RunFolder};
+
+/// Signs of a commit's name that tell it from others.
+const SHORT: usize = 10;
+
+/// One run, as its folder tells it.
+#[derive(Clone, Debug)]
+pub struct RunData {
+    /// The folder's name.
+    pub name: String,
+    /// The settings.
+    pub experiment: Experiment,
+    /// One row a rollout.
+    pub rollouts: Vec<RolloutRow>,
+    /// One row a variant and evaluation, in the order in which they were scored.
+    pub scores: Vec<ScoreRow>,
+    /// Seconds of learning of the rollouts whose seconds are known.
+    pub seconds: f64,
+    /// Commits that worked on the run, the first one first; empty where none is known.
+    pub commits: Vec<String>,
+}
+
+/// A row of `metrics.csv`, without what a learner adds of its own.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct RolloutRow {
+    /// Decisions taken by the end of the rollout.
+    pub decisions: usize,
+    /// The group that ran when the turn began.
+    pub group: String,
+    /// The group that ran when it ended.
+    pub last_group: String,
+    /// Whether the group changed within the turn.
+    pub straddles: bool,
+    /// The policy that learnt.
+    pub policy: usize,
+    /// Mean return on the paper's scale, in `[0, 500]`; none where no episode ended.
+    pub reward: Option<f64>,
+    /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
+    pub success: Option<f64>,
+}
+
+/// A row of `evaluation.csv`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ScoreRow {
+    /// Rollouts learnt from before the evaluation.
+    pub rollouts: usize,
+    /// Decisions taken before the evaluation.
+    pub decisions: usize,
+    /// The variant's group.
+    pub group: String,
+    /// The variant's element of D2, as it is spelt.
+    pub element: String,
+    /// Whether the learner meets the variant while it learns.
+    pub seen: bool,
+    /// The policy that the learner chose.
+    pub policy: usize,
+    /// Episodes played.
+    pub episodes: usize,
+    /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
+    pub success: f64,
+    /// Share of episodes in which it held at the last step, in `[0, 1]`.
+    pub success_at_end: f64,
+    /// Mean return on the paper's scale, in `[0, 500]`.
+    pub reward: f64,
+}
+
+#[derive(Deserialize)]
+struct TimingRow {
+    total: f64,
+}
+
+impl RunData {
+    /// Reads a run's folder.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] names the file and what is wrong in it; [`CoversError::NoScores`] for a
+    /// run that was never scored.
+    pub fn read(path: &Path) -> Result<Self, CoversError> {
+        let folder = RunFolder::open(path);
+        let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
+        if scores.is_empty() {
+            return Err(CoversError::NoScores {
+                folder: path.to_owned(),
+            });
+        }
+        let timings = folder.file("timings.csv");
+        let timings: Vec<TimingRow> = match timings.exists() {
+            true => rows(&timings)?,
+            false => Vec::new(),
+        };
+        Ok(Self {
+            name: name_of(path)?,
+            experiment: folder.experiment()?,
+            rollouts: rows(&folder.file("metrics.csv"))?,
+            scores,
+            seconds: timings.iter().map(|row| row.total).sum(),
+            commits: commits(path)?,
+        })
+    }
+
+    /// The rows of the evaluation after the stream.
+    pub fn last_scores(&self) -> impl Iterator<Item = &ScoreRow> {
+        let last = self.scores.last().map(|row| row.rollouts);
+        self.evaluation(last)
+    }
+
+    /// The rows of the evaluation after this many rollouts.
+    pub fn evaluation(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
+        let rows = self.scores.iter();
+        rows.filter(move |row| Some(row.rollouts) == rollouts)
+    }
+
+    /// The groups, in the order in which they are scored.
+    pub fn groups(&self) -> Vec<&str> {
+        let mut groups: Vec<&str> = self.last_scores().map(|row| row.group.as_str()).collect();
+        groups.dedup();
+        groups
+    }
+}
+
+/// The last part of a path, also of `.`.
+fn name_of(path: &Path) -> Result<String, CoversError> {
+    let whole = path.canonicalize();
+    let whole = whole.map_err(|error| CoversError::read(path, error))?;
+    let name = whole.file_name().unwrap_or(whole.as_os_str());
+    Ok(name.to_string_lossy().into_owned())
+}
+
+fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
+    let reader = csv::Reader::from_path(path);
+    let mut reader = reader.map_err(|error| CoversError::read(path, error))?;
+    let rows = reader.deserialize().collect::<Result<_, _>>();
+    rows.map_err(|error| CoversError::read(path, error))
+}
+
+/// The commits that a run was made by, each once, those of changed trees marked.
+fn commits(folder: &Path) -> Result<Vec<String>, CoversError> {
+    if !folder.join(Provenance::FILE).exists() {
+        return Ok(Vec::new());
+    }
+    let mut commits = Vec::new();
+    for process in Provenance::read(folder)? {
+        let commit = process.commit.unwrap_or_else(|| "unknown".to_owned());
+        let commit: String = commit.chars().take(SHORT).collect();
+        let mark = if process.clean == Some(false) {
+            " (changed)"
+        } else {
+            ""
+        };
+        let commit = format!("{commit}{mark}");
+        if !commits.contains(&commit) {
+            commits.push(commit);
+        }
+    }
+    Ok(commits)
+}

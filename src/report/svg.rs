@@ -1,0 +1,195 @@
+//! Drawings of curves over decisions, as SVG 1.1 without scripts or fonts of their own.
+
+use std::fmt::Write;
+
+/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008).
+pub const COLOURS: [&str; 8] = [
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C00",
+];
+
+const WIDTH: f64 = 960.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 16.0;
+const GAP: f64 = 14.0;
+/// Above the panels, for the legend.
+const TOP: f64 = 34.0;
+/// Below them, for the axis.
+const BOTTOM: f64 = 40.0;
+
+/// Panels one below the other over the same axis.
+pub struct Drawing {
+    text: String,
+    /// The largest value on the x axis.
+    end: f64,
+    /// Where the current panel begins, and its height.
+    panel: [f64; 2],
+    /// Bounds of its y axis.
+    bounds: [f64; 2],
+    legend: f64,
+}
+
+impl Drawing {
+    /// A drawing over x from 0 to `end`.
+    pub fn new(end: f64) -> Self {
+        Self {
+            text: String::new(),
+            end: end.max(f64::MIN_POSITIVE),
+            panel: [TOP - GAP, 0.0],
+            bounds: [0.0, 1.0],
+            legend: LEFT,
+        }
+    }
+
+    /// Begins a panel of this height (pixels) over `bounds` with a name and ticks.
+    pub fn panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
+        self.panel = [self.panel[0] + self.panel[1] + GAP, height];
+        self.bounds = bounds;
+        let [top, height] = self.panel;
+        let (width, middle) = (WIDTH - LEFT - RIGHT, top + height / 2.0);
+        self.add(format_args!(
+            "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
+             <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
+            escaped(name)
+        ));
+        for &tick in ticks {
+            let (x, y) = (LEFT - 6.0, self.y(tick));
+            self.add(format_args!(
+                "<text x=\"{x}\" y=\"{:.1}\" class=\"tick\">{tick}</text>",
+                y + 4.0
+            ));
+        }
+    }
+
+    /// Fills the panel from one x to another.
+    pub fn span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
+        let ([top, height], x) = (self.panel, self.x(from));
+        let width = self.x(to) - x;
+        self.add(format_args!(
+            "<rect x=\"{x:.1}\" y=\"{top}\" width=\"{width:.1}\" height=\"{height}\" fill=\"{colour}\" \
+             fill-opacity=\"0.16\"><title>{}</title></rect>",
+            escaped(title)
+        ));
+    }
+
+    /// A line through points.
+    pub fn line(&mut self, points: &[(f64, f64)], colour: &str) {
+        let mut path = String::new();
+        for &(x, y) in points {
+            // writing to a String cannot fail
+            let _ = write!(path, "{:.1},{:.1} ", self.x(x), self.y(y));
+        }
+        self.add(format_args!(
+            "<polyline points=\"{}\" stroke=\"{colour}\" class=\"line\"/>",
+            path.trim_end()
+        ));
+    }
+
+    /// A dot, whose value shows where the pointer rests on it.
+    pub fn dot(&mut self, (x, y): (f64, f64), colour: &str, title: &str) {
+        let (x, y) = (self.x(x), self.y(y));
+        self.add(format_args!(
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{colour}\"><title>{}</title></circle>",
+            escaped(title)
+        ));
+    }
+
+    /// Adds a name to the legend.
+    pub fn legend(&mut self, name: &str, colour: &str) {
+        let (x, y) = (self.legend, TOP - 20.0);
+        self.add(format_args!(
+            "<rect x=\"{x}\" y=\"{y}\" width=\"12\" height=\"12\" fill=\"{colour}\"/>\
+             <text x=\"{}\" y=\"{}\" class=\"legend\">{}</text>",
+            x + 17.0,
+            y + 10.5,
+            escaped(name)
+        ));
+        self.legend += 36.0 + 7.5 * name.chars().count() as f64;
+    }
+
+    /// The drawing with its axis and a title for those who cannot see it.
+    pub fn finish(mut self, title: &str) -> String {
+        let bottom = self.panel[0] + self.panel[1];
+        for tick in ticks(self.end) {
+            let (x, y) = (self.x(tick), bottom + 16.0);
+            self.add(format_args!(
+                "<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"
+            ));
+        }
+        let (middle, y) = (LEFT.midpoint(WIDTH - RIGHT), bottom + 33.0);
+        self.add(format_args!(
+            "<text x=\"{middle}\" y=\"{y}\" class=\"below\">decisions</text>"
+        ));
+        let height = bottom + BOTTOM;
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" \
+             font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
+             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
+            escaped(title),
+            self.text
+        )
+    }
+
+    fn x(&self, x: f64) -> f64 {
+        LEFT + x / self.end * (WIDTH - LEFT - RIGHT)
+    }
+
+    fn y(&self, y: f64) -> f64 {
+        let ([top, height], [low, high]) = (self.panel, self.bounds);
+        top + height * (1.0 - (y - low) / (high - low))
+    }
+
+    fn add(&mut self, element: std::fmt::Arguments) {
+        let _ = writeln!(self.text, "{element}");
+    }
+}
+
+const STYLE: &str = ".frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}\
+    .tick{text-anchor:end}.name,.below{text-anchor:middle}";
+
+/// Round numbers from 0 to `end`, at most eight.
+fn ticks(end: f64) -> Vec<f64> {
+    let rough = end / 7.0;
+    let power = 10_f64.powf(rough.log10().floor());
+    let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * power);
+    let step = steps
+        .into_iter()
+        .find(|&step| step >= rough)
+        .unwrap_or(rough);
+    let count = (end / step).floor() as usize;
+    (0..=count).map(|n| n as f64 * step).collect()
+}
+
+/// Text with the signs of XML escaped.
+fn escaped(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    text.replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_few() {
+        assert_eq!(
+            ticks(305_000.0),
+            (0..=6).map(|n| 5e4 * f64::from(n)).collect::<Vec<_>>()
+        );
+        assert_eq!(ticks(4.0), [0.0, 1.0, 2.0, 3.0, 4.0]);
+        for end in [1.0, 7.0, 80.0, 999.0, 68_000.0, 1e6] {
+            assert!((2..=8).contains(&ticks(end).len()), "{end}");
+        }
+    }
+
+    #[test]
+    fn points_lie_inside_their_panel() {
+        let mut drawing = Drawing::new(100.0);
+        drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
+        drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
+        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], COLOURS[0]);
+        let text = drawing.finish("two");
+        // the second panel begins at 34 + 100 + 14 and is 50 high
+        assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");
+        assert!(text.contains("a &lt; b") && text.ends_with("</svg>\n"));
+    }
+}

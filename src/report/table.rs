@@ -1,0 +1,136 @@
+//! A table, and how it is written.
+
+use std::fmt::Write;
+
+/// A table with a caption.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Table {
+    /// What it shows, a sentence.
+    pub caption: String,
+    /// Names of the columns.
+    pub header: Vec<String>,
+    /// Rows of as many cells.
+    pub rows: Vec<Vec<String>>,
+    /// Sentences below it.
+    pub notes: Vec<String>,
+}
+
+impl Table {
+    /// A table without rows.
+    pub fn new(caption: &str, header: &[&str]) -> Self {
+        Self {
+            caption: caption.to_owned(),
+            header: header.iter().map(|&name| name.to_owned()).collect(),
+            rows: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// The sign of a remark, which stands below the table once.
+    pub fn note(&mut self, remark: &str) -> String {
+        let known = self.notes.iter().position(|note| note == remark);
+        let number = known.unwrap_or_else(|| {
+            self.notes.push(remark.to_owned());
+            self.notes.len() - 1
+        });
+        format!("({})", number + 1)
+    }
+
+    /// The table in Markdown, caption first.
+    pub fn markdown(&self) -> String {
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let mut text = format!("{}\n\n{}", self.caption, line(&self.header));
+        text.push_str(&line(&vec!["---".to_owned(); self.header.len()]));
+        for row in &self.rows {
+            text.push_str(&line(row));
+        }
+        if !self.notes.is_empty() {
+            text.push('\n');
+        }
+        for (number, note) in (1..).zip(&self.notes) {
+            // writing to a String cannot fail
+            let _ = writeln!(text, "({number}) {note}.  ");
+        }
+        text
+    }
+
+    /// The rows as CSV (RFC 4180), the header first.
+    pub fn csv(&self) -> String {
+        let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
+        let line = |cells: &Vec<String>| cells.iter().map(quoted).collect::<Vec<_>>().join(",");
+        let rows = std::iter::once(&self.header).chain(&self.rows);
+        rows.map(|row| line(row) + "\r\n").collect()
+    }
+
+    /// The table as a LaTeX `tabular` with the rules of `booktabs`.
+    pub fn latex(&self) -> String {
+        let line = |cells: &Vec<String>| {
+            let cells: Vec<String> = cells.iter().map(|cell| escaped(cell)).collect();
+            format!("{} \\\\\n", cells.join(" & "))
+        };
+        let columns = "l".repeat(self.header.len());
+        let rows: String = self.rows.iter().map(line).collect();
+        let header = line(&self.header);
+        let notes = self.notes.iter().zip(1..);
+        let notes: String = notes
+            .map(|(note, n)| format!("% ({n}) {note}.\n"))
+            .collect();
+        format!(
+            "% {}\n{notes}\\begin{{tabular}}{{{columns}}}\n\\toprule\n{header}\\midrule\n{rows}\\bottomrule\n\\end{{tabular}}\n",
+            self.caption
+        )
+    }
+}
+
+/// Text with LaTeX's own signs escaped.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for sign in text.chars() {
+        match sign {
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => escaped.extend(['\\', sign]),
+            '\\' => escaped.push_str("\\textbackslash{}"),
+            '~' => escaped.push_str("\\textasciitilde{}"),
+            '^' => escaped.push_str("\\textasciicircum{}"),
+            _ => escaped.push(sign),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let mut table = Table::new("Two figures.", &["method", "success"]);
+        let sign = table.note("one policy");
+        assert_eq!(table.note("one policy"), sign);
+        table
+            .rows
+            .push(vec!["a_b, \"c\"".to_owned(), format!("5 % {sign}")]);
+        table
+    }
+
+    #[test]
+    fn markdown_has_notes_below() {
+        let expected = "Two figures.\n\n| method | success |\n| --- | --- |\n\
+            | a_b, \"c\" | 5 % (1) |\n\n(1) one policy.  \n";
+        assert_eq!(table().markdown(), expected);
+    }
+
+    #[test]
+    fn csv_is_read_back_as_it_was() {
+        let text = table().csv();
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        assert_eq!(reader.headers().unwrap(), vec!["method", "success"]);
+        let row = reader.records().next().unwrap().unwrap();
+        assert_eq!(row, vec!["a_b, \"c\"", "5 % (1)"]);
+    }
+
+    #[test]
+    fn latex_signs_are_escaped() {
+        let text = table().latex();
+        assert!(text.contains("a\\_b, \"c\" & 5 \\% (1) \\\\\n"), "{text}");
+        assert!(text.contains("\\begin{tabular}{ll}"));
+    }
+}

@@ -1,0 +1,275 @@
+//! The tables of a report.
+
+use super::comparison::Comparison;
+use super::figures::{GroupFigures, Undefined};
+use super::method::MethodRuns;
+use super::paper;
+use super::run_data::RunData;
+use super::statistics::{Interval, iqm, mean};
+use super::table::Table;
+
+/// The remark that stands beside the paper's figures.
+const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
+    built for exact symmetry, so success rates do not compare one to one";
+
+/// All tables of these methods, each with a name, for the groups that every run was scored on; the
+/// first method is compared with the others.
+pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
+    let groups = common_groups(methods);
+    let mut tables = vec![
+        ("results", results(methods, &groups)),
+        ("seeds", over_seeds(methods, &groups)),
+    ];
+    if methods.len() > 1 {
+        tables.push(("comparisons", comparisons(methods, &groups)));
+    }
+    tables.push(("variants", variants(methods, &groups)));
+    tables.push(("runs", runs(methods)));
+    tables
+}
+
+/// The groups that all runs were scored on, in the order of the first.
+fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
+    let mut figures = methods.iter().flat_map(|method| &method.figures);
+    let first = figures.next();
+    let mut groups: Vec<String> = first
+        .into_iter()
+        .flat_map(|figures| figures.groups.iter().map(|group| group.group.clone()))
+        .collect();
+    for figures in figures {
+        groups.retain(|group| figures.groups.iter().any(|own| own.group == *group));
+    }
+    groups
+}
+
+/// The table in the paper's form, the paper's figures below ours.
+fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let mut header = vec!["method"];
+    header.extend(groups.iter().map(String::as_str));
+    header.push("average");
+    let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
+        95 % intervals of success.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        let of = |groups: &[String]| {
+            let success = method.scores(groups, |group| group.success);
+            let reward = method.scores(groups, |group| group.reward).of(mean);
+            let interval = brackets(success.interval(mean), 2);
+            format!("{:.3}{interval} / {reward:.0}", success.of(mean))
+        };
+        let mut row = vec![method.name.clone()];
+        row.extend(groups.chunks(1).map(of));
+        row.push(of(groups));
+        table.rows.push(row);
+        if let Some(paper) = paper::row(&method.name) {
+            let sign = table.note(NOT_ONE_TO_ONE);
+            let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
+            let of = |group: &String| paper.group(group).map_or_else(dash, cell);
+            let mut row = vec![format!("{} in the paper {sign}", method.name)];
+            row.extend(groups.iter().map(of));
+            row.push(cell(paper.average));
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+/// What each method is like over seeds and the whole stream.
+fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let caption = "Over seeds: mean and interquartile mean of success with stratified bootstrap \
+        intervals of 95 %; forgetting, transfer and accuracy are means over groups and seeds.";
+    let mut table = Table::new(
+        caption,
+        &[
+            "method",
+            "seeds",
+            "decisions",
+            "mean",
+            "IQM",
+            "at the last step",
+            "forgetting",
+            "forward transfer",
+            "assignment",
+            "when groups come back",
+            "policies",
+            "rollouts of two groups",
+            "seconds of learning",
+        ],
+    );
+    for method in methods {
+        let success = method.scores(groups, |group| group.success);
+        let at_end = method.scores(groups, |group| group.success_at_end);
+        let figures = || method.figures.iter();
+        let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
+        let row = vec![
+            method.name.clone(),
+            method.runs.len().to_string(),
+            range(figures().map(|figures| figures.decisions)),
+            format!(
+                "{:.3}{}",
+                success.of(mean),
+                brackets(success.interval(mean), 3)
+            ),
+            format!(
+                "{:.3}{}",
+                success.of(iqm),
+                brackets(success.interval(iqm), 3)
+            ),
+            format!("{:.3}", at_end.of(mean)),
+            cell(
+                &mut table,
+                figures()
+                    .map(|f| f.mean(|group| group.forgetting))
+                    .collect(),
+            ),
+            cell(
+                &mut table,
+                figures().map(|f| f.mean(|group| group.transfer)).collect(),
+            ),
+            cell(
+                &mut table,
+                figures().map(|figures| figures.accuracy).collect(),
+            ),
+            cell(
+                &mut table,
+                figures().map(|figures| figures.return_accuracy).collect(),
+            ),
+            range(figures().map(|figures| figures.policies)),
+            share(figures().map(|figures| figures.rollouts)),
+            format!("{:.0}", mean(&seconds)),
+        ];
+        table.rows.push(row);
+    }
+    table
+}
+
+/// The first method against each of the others.
+fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
+    let first = &methods[0];
+    let caption = format!("{} against the other methods, by success.", first.name);
+    let header = [
+        "against",
+        "difference",
+        "probability of improvement",
+        "",
+        "in the paper",
+    ];
+    let mut table = Table::new(&caption, &header);
+    let printed = |name: &str| paper::row(name).map(|row| row.average.0);
+    for other in &methods[1..] {
+        let comparison = Comparison::new(&success(first), &success(other));
+        let (improvement, interval) = comparison.improvement;
+        let paper = printed(&first.name).zip(printed(&other.name));
+        table.rows.push(vec![
+            other.name.clone(),
+            format!(
+                "{:+.3}{}",
+                comparison.difference,
+                brackets(comparison.interval, 3)
+            ),
+            format!("{improvement:.2}{}", brackets(interval, 2)),
+            comparison.verdict().word().to_owned(),
+            paper.map_or_else(dash, |(own, other)| format!("{:+.2}", own - other)),
+        ]);
+    }
+    table
+}
+
+/// Success in each variant; those that the learner never met stand in brackets.
+fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let elements = ["identity", "flip x", "flip y", "half turn"];
+    let mut header = vec!["method", "group"];
+    header.extend(elements);
+    let caption = "Success in each variant, means over seeds; variants that were never trained on \
+        stand in brackets.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        for group in groups {
+            let mut row = vec![method.name.clone(), group.clone()];
+            row.extend(elements.map(|element| variant(&method.runs, group, element)));
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+fn variant(runs: &[RunData], group: &str, element: &str) -> String {
+    let of = |run: &RunData| {
+        let mut rows = run.last_scores();
+        let row = rows.find(|row| row.group == group && row.element == element);
+        row.map(|row| (row.success, row.seen))
+    };
+    let scores: Vec<(f64, bool)> = runs.iter().filter_map(of).collect();
+    let successes: Vec<f64> = scores.iter().map(|score| score.0).collect();
+    match scores.first() {
+        None => dash(),
+        Some((_, true)) => format!("{:.3}", mean(&successes)),
+        Some((_, false)) => format!("({:.3})", mean(&successes)),
+    }
+}
+
+/// One row a run.
+fn runs(methods: &[MethodRuns]) -> Table {
+    let header = [
+        "run",
+        "success",
+        "reward",
+        "policies",
+        "decisions",
+        "seconds",
+        "commit",
+    ];
+    let mut table = Table::new("Each run.", &header);
+    for method in methods {
+        for (run, figures) in method.runs.iter().zip(&method.figures) {
+            let average = |figure: fn(&GroupFigures) -> f64| {
+                mean(&figures.groups.iter().map(figure).collect::<Vec<_>>())
+            };
+            table.rows.push(vec![
+                run.name.clone(),
+                format!("{:.3}", average(|group| group.success)),
+                format!("{:.1}", average(|group| group.reward)),
+                figures.policies.to_string(),
+                figures.decisions.to_string(),
+                format!("{:.0}", run.seconds),
+                run.commits.join(", "),
+            ]);
+        }
+    }
+    table
+}
+
+/// The mean over seeds of a figure that some of them may not have; why, where none has it.
+fn cell(table: &mut Table, figures: Vec<Result<f64, Undefined>>) -> String {
+    let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
+    match (known.is_empty(), figures.first()) {
+        (true, Some(Err(reason))) => format!("- {}", table.note(reason)),
+        (true, _) => dash(),
+        (false, _) => format!("{:.3}", mean(&known)),
+    }
+}
+
+fn brackets(interval: Option<Interval>, digits: usize) -> String {
+    interval.map_or_else(String::new, |Interval { low, high }| {
+        format!(" [{low:.digits$}, {high:.digits$}]")
+    })
+}
+
+/// The least and the largest of some counts.
+fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
+    match (counts.clone().min(), counts.max()) {
+        (Some(least), Some(most)) if least == most => least.to_string(),
+        (Some(least), Some(most)) => format!("{least} to {most}"),
+        _ => dash(),
+    }
+}
+
+fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
+    let [all, straddled] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
+    format!("{straddled} of {all}")
+}
+
+fn dash() -> String {
+    "-".to_owned()
+}
