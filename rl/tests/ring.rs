@@ -235,29 +235,15 @@ fn what_cannot_be_right_is_refused_and_changes_nothing() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let default = ReplaySettings::default();
+    let wrong = |spoil: fn(&mut ReplaySettings)| {
+        let mut settings = ReplaySettings::default();
+        spoil(&mut settings);
+        settings
+    };
     for (name, wrong) in [
-        (
-            "capacity",
-            ReplaySettings {
-                capacity: 0,
-                ..default.clone()
-            },
-        ),
-        (
-            "steps",
-            ReplaySettings {
-                steps: 0,
-                ..default.clone()
-            },
-        ),
-        (
-            "still_channels",
-            ReplaySettings {
-                still_channels: 4,
-                ..default
-            },
-        ),
+        ("capacity", wrong(|s| s.capacity = 0)),
+        ("steps", wrong(|s| s.steps = 0)),
+        ("still_channels", wrong(|s| s.still_channels = 4)),
     ] {
         let message = Replay::new(wrong, &spec(1)).unwrap_err().to_string();
         assert!(message.starts_with(name), "{message}");

@@ -12,6 +12,9 @@ use crate::groupings::{GroupingSettings, Labels};
 use super::covers::{Covers, CoversSettings};
 use super::learner::Learner;
 
+/// A learner from a file, and the file's note.
+type Loaded = Result<(Box<dyn Learner>, String), CoversError>;
+
 /// What learns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -46,12 +49,7 @@ impl LearnerSettings {
     /// # Errors
     /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
     /// of other environments.
-    pub fn load(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }
 
@@ -60,22 +58,11 @@ impl LearnerSettings {
     /// # Errors
     /// As there, and [`CoversError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
-    pub fn resume(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
-    fn read(
-        &self,
-        path: &Path,
-        spec: &EnvSpec,
-        labels: &Labels,
-        whole: bool,
-    ) -> Result<(Box<dyn Learner>, String), CoversError> {
+    fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
         let Self::Covers(settings) = self;
         let (covers, note) = Covers::read(path, spec, settings, labels, whole)?;
         Ok((Box::new(covers), note))

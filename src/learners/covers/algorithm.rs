@@ -14,7 +14,7 @@ use rl::{
 };
 
 use crate::error::CoversError;
-use crate::groupings::Grouping;
+use crate::groupings::{Answer, Grouping};
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
@@ -22,8 +22,6 @@ use super::collection::Covers;
 use super::first_frames::{FirstFrames, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::settings::{Embedding, Handover, NewPolicy};
-
-type Answer = Result<Assignment, CoversError>;
 
 impl Learner for Covers {
     /// One turn of Algorithm 1: roll out, assign, update.
