@@ -1,7 +1,7 @@
 //! Distances against closed forms, brute force and replication; hostile input.
 
 // lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
+#![allow(clippy::expect_used, clippy::unwrap_used)]
 
 mod common;
 #[path = "../examples/fuzz/oracle.rs"]
