@@ -221,6 +221,7 @@ fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_thread
         Method::EquiSac,
     ];
     for method in [&off_policy[..], &[Method::CnnAug]].concat() {
+        let small = |method| small(method).with_embodiment(Embodiment::Hand);
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
@@ -428,7 +429,17 @@ fn options_are_checked_and_named() {
     assert!(
         refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full, zero-shot]")
     );
-    assert!(refuse(&["--threads", "0"]).contains("0 is not in 1..=1024"));
+    let most = envs::MAX_THREADS;
+    assert!(refuse(&["--threads", "0"]).contains(&format!("0 is not in 1..={most}")));
+    let threads = envs::VecEnvSettings {
+        threads: most + 1,
+        ..Default::default()
+    };
+    let message = threads.check().unwrap_err().to_string();
+    assert!(
+        message.contains(&format!("expected 1 to {most}")),
+        "{message}"
+    );
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
     assert!(
         refuse(&["--embodiment", "ur5"])
@@ -441,6 +452,7 @@ fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
     let options = StreamOptions::parse_from(line.split(' '));
     let experiment = options
+        .run
         .changes
         .apply(options.budget.experiment(Method::Covers))
         .unwrap();
@@ -466,16 +478,18 @@ fn spec(size: usize) -> EnvSpec {
     Stream::spec_of(&settings)
 }
 
-#[test]
-fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
-    let message = Covers::new(CoversSettings::default(), &spec(44))
+/// How a learner on pictures of this size is refused.
+fn refusal(settings: CoversSettings, size: usize) -> String {
+    Covers::new(settings, &spec(size))
         .err()
         .unwrap()
-        .to_string();
-    assert!(
-        message.contains("44") && message.contains("16"),
-        "{message}"
-    );
+        .to_string()
+}
+
+#[test]
+fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
+    let message = refusal(CoversSettings::default(), 44);
+    assert!(message.contains("44") && message.contains("16"));
 }
 
 #[test]
@@ -484,7 +498,7 @@ fn a_rollout_that_does_not_fit_the_environments_is_refused() {
         rollout_steps: 7,
         ..CoversSettings::default()
     };
-    let message = Covers::new(settings, &spec(16)).err().unwrap().to_string();
+    let message = refusal(settings, 16);
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
 }
 

@@ -9,6 +9,7 @@ mod settings;
 mod single;
 
 pub use distance::Distance;
+pub(crate) use grouping::Answer;
 pub use grouping::{Candidates, Grouping};
 pub use oracle::Labels;
 pub use settings::GroupingSettings;

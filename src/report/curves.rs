@@ -11,7 +11,7 @@ const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 const REWARDS: [f64; 3] = [0.0, 250.0, 500.0];
 /// Heights of panels (pixels).
 const HIGH: f64 = 170.0;
-const LOW: f64 = 70.0;
+const LOW: f64 = 90.0;
 
 /// Success and reward of one run, rollouts as lines and evaluations as dots, and the policy that
 /// was assigned.
@@ -40,57 +40,40 @@ pub fn run(run: &RunData) -> String {
     drawing.finish(&format!("Success, reward and policy of {}", run.name))
 }
 
-/// For each seed, the success over all groups of every method that ran with it: the groups met so
-/// far and those to come, so that a method that forgets falls.
+/// For each seed, a panel a method that ran with it: success in each group as dots, and their mean,
+/// over groups that were met and groups to come, as a line. A method that forgets falls.
 pub fn seeds(methods: &[MethodRuns]) -> Vec<(u64, String)> {
-    let of = |method: &MethodRuns| -> Vec<u64> {
-        method
-            .runs
-            .iter()
-            .map(|run| run.experiment.learner.seed())
-            .collect()
-    };
-    let mut seeds: Vec<u64> = methods.iter().flat_map(of).collect();
+    let runs = || methods.iter().flat_map(|method| &method.runs);
+    let mut seeds: Vec<u64> = runs().map(seed_of).collect();
     seeds.sort_unstable();
     seeds.dedup();
-    seeds
-        .into_iter()
-        .map(|seed| (seed, methods_of(methods, seed)))
-        .collect()
+    let drawing = |seed| (seed, of_seed(methods, seed));
+    seeds.into_iter().map(drawing).collect()
 }
 
-fn methods_of(methods: &[MethodRuns], seed: u64) -> String {
-    let of = |method: &'_ MethodRuns| -> Option<RunData> {
-        let mut runs = method.runs.iter();
-        runs.find(|run| run.experiment.learner.seed() == seed)
-            .cloned()
-    };
-    let runs: Vec<(&str, RunData)> = methods
+fn seed_of(run: &RunData) -> u64 {
+    run.experiment.learner.seed()
+}
+
+fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
+    let run_of = |method: &'_ MethodRuns| method.runs.iter().position(|run| seed_of(run) == seed);
+    let runs: Vec<(&str, &RunData)> = methods
         .iter()
-        .filter_map(|method| of(method).map(|run| (method.name.as_str(), run)))
+        .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
         .collect();
     let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
     let mut drawing = Drawing::new(longest);
-    drawing.panel(
-        "success over all groups",
-        2.0 * HIGH,
-        [-0.03, 1.03],
-        &SHARES,
-    );
-    if let Some((_, run)) = runs.first() {
+    let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.groups());
+    for (group, colour) in groups.iter().zip(COLOURS) {
+        drawing.legend(group, colour);
+    }
+    for (name, run) in runs {
+        drawing.panel(name, LOW, [-0.05, 1.05], &SHARES);
         visits(&mut drawing, run);
+        drawing.line(&averages(run), "black");
+        evaluations(&mut drawing, run, |row| row.success);
     }
-    for ((name, run), colour) in runs.iter().zip(COLOURS.into_iter().cycle()) {
-        drawing.legend(name, colour);
-        let points = averages(run);
-        drawing.line(&points, colour);
-        for (x, y) in points {
-            drawing.dot((x, y), colour, &format!("{name}, {x} decisions: {y:.3}"));
-        }
-    }
-    drawing.finish(&format!(
-        "Success of all methods over all groups, seed {seed}"
-    ))
+    drawing.finish(&format!("Success of all methods, seed {seed}"))
 }
 
 /// Decisions and mean success over all variants of each evaluation.

@@ -9,6 +9,9 @@ use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::runs::{Provenance, RunFolder};
 
+/// Signs of a commit's name that tell it from others.
+const SHORT: usize = 10;
+
 /// One run, as its folder tells it.
 #[derive(Clone, Debug)]
 pub struct RunData {
@@ -147,6 +150,7 @@ fn commits(folder: &Path) -> Result<Vec<String>, CoversError> {
     let mut commits = Vec::new();
     for process in Provenance::read(folder)? {
         let commit = process.commit.unwrap_or_else(|| "unknown".to_owned());
+        let commit: String = commit.chars().take(SHORT).collect();
         let mark = if process.clean == Some(false) {
             " (changed)"
         } else {

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
 
 use crate::error::CoversError;
-use crate::groupings::Grouping;
+use crate::groupings::{Answer, Grouping};
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
@@ -20,8 +20,6 @@ use super::member::{Clouds, Member};
 use super::policies::Collection;
 use super::settings::{Embedding, Handover, NewPolicy};
 use super::training::Training;
-
-type Answer = Result<Assignment, CoversError>;
 
 impl<T: Training> Learner for Collection<T> {
     /// One turn of Algorithm 1: roll out, assign, update.
