@@ -82,7 +82,8 @@ pub enum CoversError {
     /// A number that is not finite, on its way into a checkpoint.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
-         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...`)",
+         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \
+         or `--set off_policy.sac.learning_rate=...`)",
         path.display()
     )]
     NotFinite {
