@@ -31,6 +31,7 @@ fn toy(method: OffPolicySettings) -> OffPolicySettings {
         sac: SacSettings {
             gamma: 0.8,
             batch: 64,
+            window: 4,
             updates_per_step: 0.2,
             burn_in: 200,
             learning_rate: 3e-3,
