@@ -27,10 +27,10 @@ fn main() -> ExitCode {
 
 fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     let experiment = options.budget.experiment(Method::Covers);
-    let experiment = options.changes.apply(experiment)?;
+    let experiment = options.run.changes.apply(experiment)?;
     experiment.check(&TaskRegistry::standard())?;
     let name = run_name(options.budget.name(), &experiment);
-    let folder = options.output.run_folder(&name)?;
+    let folder = options.run.output.run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_decisions());
     let mut run = Run::start(experiment, folder)?;
     run.stop_at(Stop::on_signals()?);
@@ -41,7 +41,7 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
         }
     }
     bar.finish_and_clear();
-    conclude(&mut run, options.output.json, &mut stdout())
+    conclude(&mut run, options.run.output.json, &mut stdout())
 }
 
 /// A bar on the terminal; nothing where the output is a file.

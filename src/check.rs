@@ -123,8 +123,8 @@ fn of_variants<R: Send>(
 
 fn expert_line(row: &ExpertRow) -> String {
     format!(
-        "{:<7} {:<13} {:<10} success {:>4} of {:<4} return {:>6.1}",
-        row.embodiment, row.task, row.element, row.successes, row.episodes, row.mean_return
+        "{} success {:>4} of {:<4} return {:>6.1}",
+        row.variant, row.successes, row.episodes, row.mean_return
     )
 }
 
@@ -144,11 +144,9 @@ fn check_symmetry(
 
 fn symmetry_line(row: &SymmetryRow) -> String {
     format!(
-        "{:<7} {:<13} {:<10} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  \
+        "{} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  \
          pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",
-        row.embodiment,
-        row.task,
-        row.element,
+        row.variant,
         row.free_deviation,
         row.contact_deviation,
         row.reward_deviation,

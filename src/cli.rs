@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use clap::builder::RangedI64ValueParser;
 use clap::{Args, Parser};
-use envs::Embodiment;
+use envs::{Embodiment, MAX_THREADS};
 use symmetry::Group;
 
 use crate::error::CoversError;
@@ -12,11 +13,16 @@ use crate::overrides::{self, Override};
 use crate::presets::{Budget, Method};
 use crate::runs::RunFolder;
 
+/// What a number of threads may be.
+pub(crate) fn thread_count() -> RangedI64ValueParser<u16> {
+    clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
+}
+
 /// How many threads work.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Threads {
     /// Worker threads (default: one a processor); results do not depend on them.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_parser = thread_count())]
     pub threads: Option<u16>,
 }
 
@@ -26,6 +32,17 @@ impl Threads {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)
     }
+}
+
+/// How a run is worked on, and how its figures are told.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Work {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
+    /// Print the figures as one JSON value, in the last line.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// What may differ from a preset.
@@ -105,6 +122,17 @@ impl Output {
     }
 }
 
+/// What a run differs in, and where its results go.
+#[derive(Clone, Debug, Args)]
+pub struct RunOptions {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub changes: Changes,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub output: Output,
+}
+
 /// Learns from a stream of table-top tasks that nobody labels.
 #[derive(Clone, Debug, Parser)]
 #[command(version)]
@@ -114,10 +142,7 @@ pub struct StreamOptions {
     pub budget: Budget,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub changes: Changes,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub output: Output,
+    pub run: RunOptions,
 }
 
 /// A stream to learn from.
@@ -134,10 +159,7 @@ pub struct TrainOptions {
     pub config: Option<PathBuf>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub changes: Changes,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub output: Output,
+    pub run: RunOptions,
 }
 
 impl TrainOptions {
@@ -150,7 +172,7 @@ impl TrainOptions {
             Some(path) => Experiment::read(path)?,
             None => self.budget.experiment(self.preset),
         };
-        self.changes.apply(experiment)
+        self.run.changes.apply(experiment)
     }
 
     /// The name of the run's folder: of the file of settings, or of the method, and of the budget

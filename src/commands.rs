@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry};
 
-use crate::cli::{Threads, TrainOptions};
+use crate::cli::{TrainOptions, Work, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
@@ -43,10 +43,7 @@ pub struct ResumeOptions {
     pub run: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
-    /// Print the summary as one JSON object in the last line.
-    #[arg(long)]
-    pub json: bool,
+    pub work: Work,
 }
 
 /// Which runs to do.
@@ -58,7 +55,7 @@ pub struct SweepOptions {
     #[arg(long, default_value = "runs")]
     pub runs: PathBuf,
     /// Worker threads of each run; results do not depend on them.
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, default_value_t = 1, value_parser = thread_count())]
     pub threads: u16,
     /// Do this job alone, counted from 0; where another worker has it, wait.
     #[arg(long)]
@@ -89,10 +86,7 @@ pub struct EvalOptions {
     pub embodiment: Option<Embodiment>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
-    /// Print one JSON array of the scores of all variants instead of a table.
-    #[arg(long)]
-    pub json: bool,
+    pub work: Work,
 }
 
 /// What to report.
@@ -148,8 +142,8 @@ impl Command {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
-                let mut run = Run::resume(&options.run, Some(options.threads.count()))?;
-                finish(&mut run, options.json, out)
+                let mut run = Run::resume(&options.run, Some(options.work.threads.count()))?;
+                finish(&mut run, options.work.json, out)
             }
             Self::Sweep(options) => sweep(options, out),
             Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
@@ -162,9 +156,12 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
-    let folder = options.output.run_folder(&options.run_name(&experiment))?;
+    let folder = options
+        .run
+        .output
+        .run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
-    finish(&mut run, options.output.json, out)
+    finish(&mut run, options.run.output.json, out)
 }
 
 fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
@@ -265,7 +262,9 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {
     let folder = RunFolder::open(&options.run);
-    let mut experiment = folder.experiment()?.with_threads(options.threads.count());
+    let mut experiment = folder
+        .experiment()?
+        .with_threads(options.work.threads.count());
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
@@ -277,7 +276,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
     let scores = pool.install(|| evaluator.all(&mut *learner, rounds))?;
-    if options.json {
+    if options.work.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {
         say(out, &score_table(&scores))

@@ -1,6 +1,8 @@
 //! What can go wrong while learning from a stream.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use rl::BoxError;
 
 /// Error of the learner, its stream, or the files of a run.
 #[derive(Debug, thiserror::Error)]
@@ -55,7 +57,7 @@ pub enum CoversError {
         /// The file.
         path: PathBuf,
         /// The reason.
-        source: Box<dyn std::error::Error + Send + Sync>,
+        source: BoxError,
     },
     /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what
     /// learning on takes.
@@ -83,7 +85,8 @@ pub enum CoversError {
     /// A number that is not finite, on its way into a checkpoint.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
-         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...`)",
+         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \
+         or `--set off_policy.sac.learning_rate=...`)",
         path.display()
     )]
     NotFinite {
@@ -223,29 +226,24 @@ pub enum CoversError {
         /// The file or folder.
         path: PathBuf,
         /// The reason.
-        source: Box<dyn std::error::Error + Send + Sync>,
+        source: BoxError,
     },
 }
 
 impl CoversError {
     /// Wraps what went wrong with reading `path`.
-    pub(crate) fn read(
-        path: &std::path::Path,
-        source: impl std::error::Error + Send + Sync + 'static,
-    ) -> Self {
-        Self::Read {
-            path: path.to_owned(),
-            source: Box::new(source),
-        }
+    pub(crate) fn read(path: &Path, source: impl Into<BoxError>) -> Self {
+        let (path, source) = (path.to_owned(), source.into());
+        Self::Read { path, source }
     }
 
     /// The error of a file that could be read and does not make sense.
-    pub(crate) fn damaged(path: &std::path::Path, problem: String) -> Self {
+    pub(crate) fn damaged(path: &Path, problem: String) -> Self {
         Self::read(path, Damaged(problem))
     }
 
     /// This error of a file's contents; those of files and environments stay as they are.
-    pub(crate) fn in_file(self, path: &std::path::Path) -> Self {
+    pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::read(path, self),
             other => other,
@@ -253,14 +251,9 @@ impl CoversError {
     }
 
     /// Wraps what went wrong with writing `path`.
-    pub(crate) fn write(
-        path: &std::path::Path,
-        source: impl std::error::Error + Send + Sync + 'static,
-    ) -> Self {
-        Self::Write {
-            path: path.to_owned(),
-            source: Box::new(source),
-        }
+    pub(crate) fn write(path: &Path, source: impl Into<BoxError>) -> Self {
+        let (path, source) = (path.to_owned(), source.into());
+        Self::Write { path, source }
     }
 }
 

@@ -104,3 +104,24 @@ targets! {
     scenes_are_read_or_refused: "mjcf",
     scenes_are_compiled_or_refused: "compiler",
 }
+
+/// The targets that `make fuzz` runs, of a Makefile's text: those of its list, then those that it
+/// names alone.
+fn made(makefile: &str) -> Vec<&str> {
+    let list = makefile
+        .lines()
+        .filter_map(|line| line.strip_prefix("FUZZ_TARGETS := "));
+    let alone = makefile.split("FUZZ=").skip(1);
+    let alone = alone.filter_map(|rest| rest.split(' ').next());
+    let named = list.flat_map(|list| list.split(' ')).chain(alone);
+    named.filter(|name| !name.starts_with('$')).collect()
+}
+
+#[test]
+fn make_fuzz_runs_every_target() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("Makefile");
+    let makefile = std::fs::read_to_string(path).unwrap();
+    assert_eq!(made(&makefile), TARGETS.map(|target| target.name));
+    let other = "FUZZ_TARGETS := a b\n\tFUZZ=$$name run $$name\n\tFUZZ=c run c\n";
+    assert_eq!(made(other), ["a", "b", "c"]);
+}

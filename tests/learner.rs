@@ -36,6 +36,18 @@ fn settings() -> CoversSettings {
     }
 }
 
+/// Settings with one thing changed.
+fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) -> CoversSettings {
+    change(&mut settings);
+    settings
+}
+
+/// What cannot be is said, in words with this part.
+fn assert_refused<T>(result: Result<T, CoversError>, part: &str) {
+    let message = result.err().unwrap().to_string();
+    assert!(message.contains(part), "{message}");
+}
+
 #[test]
 fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     let mut env = Bars::new();
@@ -69,23 +81,12 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
 #[test]
 fn settings_that_would_disable_assignment_are_refused() {
     let mut env = Bars::new();
-    let small = CoversSettings {
-        buffer_episodes: Some(3),
-        ..settings()
-    };
-    let message = Covers::new(small, env.spec()).err().unwrap().to_string();
-    assert!(message.contains("`buffer_episodes` is 3"), "{message}");
+    let small = with(settings(), |s| s.buffer_episodes = Some(3));
+    assert_refused(Covers::new(small, env.spec()), "`buffer_episodes` is 3");
     // episodes of 5 steps never show 6 frames
-    let long = CoversSettings {
-        first_frames: 6,
-        ..settings()
-    };
+    let long = with(settings(), |s| s.first_frames = 6);
     let mut covers = Covers::new(long, env.spec()).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(
-        message.contains("of 0 episodes, expected at least 8"),
-        "{message}"
-    );
+    assert_refused(covers.learn(&mut env), "of 0 episodes, expected at least 8");
 }
 
 #[test]
@@ -115,10 +116,8 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
         }
         if look {
             for group in [0, 1] {
-                let mut other = Bars {
-                    group,
-                    ..Bars::new()
-                };
+                let mut other = Bars::new();
+                other.group = group;
                 let mut rng = ChaCha8Rng::seed_from_u64(9);
                 assert_eq!(covers.recognise(&mut other, &mut rng).unwrap(), group);
             }
@@ -134,8 +133,7 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
 fn a_policy_that_does_not_exist_is_named() {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    let message = covers.perform(7, &mut env, 1).unwrap_err().to_string();
-    assert!(message.contains("`policy` is 7"), "{message}");
+    assert_refused(covers.perform(7, &mut env, 1), "`policy` is 7");
 }
 
 /// The learner of `settings` after rollouts in these groups, with what it reported.
@@ -162,10 +160,7 @@ fn still() -> CoversSettings {
 fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
     let groups = [0, 1, 0, 1];
     let run = |handover| {
-        let settings = CoversSettings {
-            handover,
-            ..still()
-        };
+        let settings = with(still(), |s| s.handover = handover);
         let (_, reports) = after(settings, &groups);
         let policies: Vec<usize> = reports.iter().map(|r| r.policy).collect();
         assert_eq!(policies, groups);
@@ -188,10 +183,7 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
 #[test]
 fn a_buffer_grows_up_to_its_bound_or_without() {
     let grown = |buffer_episodes| {
-        let settings = CoversSettings {
-            buffer_episodes,
-            ..settings()
-        };
+        let settings = with(settings(), |s| s.buffer_episodes = buffer_episodes);
         let (covers, reports) = after(settings, &[0, 0, 0]);
         let decisions: usize = reports.iter().map(|report| report.decisions).sum();
         (covers.buffered_episodes(0), decisions / HORIZON)
@@ -210,10 +202,7 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
 #[test]
 fn features_of_arrival_differ_from_those_of_now_where_the_policy_learnt() {
     let evidence = |settings: CoversSettings, embedding| {
-        let settings = CoversSettings {
-            embedding,
-            ..settings
-        };
+        let settings = with(settings, |s| s.embedding = embedding);
         let (_, mut reports) = after(settings, &[0, 0, 0]);
         reports.pop().unwrap().evidence
     };
@@ -229,10 +218,7 @@ fn features_of_arrival_differ_from_those_of_now_where_the_policy_learnt() {
 #[test]
 fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
     let act_alike = |new_policy| {
-        let settings = CoversSettings {
-            new_policy,
-            ..still()
-        };
+        let settings = with(still(), |s| s.new_policy = new_policy);
         let (mut covers, reports) = after(settings, &[0, 1]);
         assert!(reports[1].created);
         let mut perform = |index| covers.perform(index, &mut Bars::new(), 1).unwrap();
@@ -244,11 +230,10 @@ fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
 
 #[test]
 fn the_papers_reading_learns_and_asks_for_its_pictures() {
-    let message = Covers::new(CoversSettings::paper(), &Bars::new().spec)
-        .err()
-        .unwrap()
-        .to_string();
-    assert!(message.contains("expected exactly 128 x 128"), "{message}");
+    assert_refused(
+        Covers::new(CoversSettings::paper(), &Bars::new().spec),
+        "expected exactly 128 x 128",
+    );
     let settings = CoversSettings {
         network: settings().network,
         rollout_steps: 100,
@@ -265,22 +250,16 @@ fn the_papers_reading_learns_and_asks_for_its_pictures() {
 
 #[test]
 fn a_single_policy_takes_everything_and_an_oracle_asks_for_a_run() {
-    let single = CoversSettings {
-        grouping: GroupingSettings::Single,
-        ..settings()
-    };
+    let single = with(settings(), |s| s.grouping = GroupingSettings::Single);
     let (covers, turns) = after(single, &[0, 1, 0]);
     assert_eq!(covers.policies(), 1);
     for turn in &turns {
         assert!(turn.policy == 0 && !turn.created && turn.evidence.is_empty());
         assert_eq!(turn.decisions, 100);
     }
-    let oracle = CoversSettings {
-        grouping: GroupingSettings::Oracle,
-        ..settings()
-    };
-    let message = Covers::new(oracle, &Bars::new().spec).err().unwrap();
-    assert!(message.to_string().contains("a grouping without labels"));
+    let oracle = with(settings(), |s| s.grouping = GroupingSettings::Oracle);
+    let oracle = Covers::new(oracle, &Bars::new().spec);
+    assert_refused(oracle, "a grouping without labels");
 }
 
 /// A grouping of somebody else's: what it decides is written down, and begins anew at the end.
@@ -342,8 +321,7 @@ fn a_grouping_of_somebody_elses_decides_and_is_saved() {
     let path = std::env::temp_dir().join(format!("covers-script-{}", std::process::id()));
     covers.save(&path, Extent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
-    let message = Covers::load(&path, env.spec()).err().unwrap().to_string();
-    assert!(message.contains("grouping"), "{message}");
+    assert_refused(Covers::load(&path, env.spec()), "grouping");
     let script = Scripted::new(&[Decision::Existing(0)]);
     let (mut twin, _) = Covers::load_with_grouping(&path, env.spec(), script).unwrap();
     std::fs::remove_file(path).unwrap();
@@ -356,22 +334,17 @@ fn a_policy_that_a_grouping_made_up_is_refused() {
     let script = Scripted::new(&[Decision::Existing(7)]);
     let mut covers = Covers::with_grouping(settings(), env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(message.contains("`policy` is 7"), "{message}");
+    assert_refused(covers.learn(&mut env), "`policy` is 7");
 }
 
 #[test]
 fn a_copy_of_the_nearest_needs_distances() {
     let mut env = Bars::new();
-    let settings = CoversSettings {
-        new_policy: NewPolicy::Copy,
-        ..settings()
-    };
+    let settings = with(settings(), |s| s.new_policy = NewPolicy::Copy);
     let script = Scripted::new(&[Decision::New]);
     let mut covers = Covers::with_grouping(settings, env.spec(), script).unwrap();
     covers.learn(&mut env).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(message.contains("`new_policy` is copy"), "{message}");
+    assert_refused(covers.learn(&mut env), "`new_policy` is copy");
 }
 
 #[test]
@@ -380,10 +353,9 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
     env.spec.num_envs = 50;
     env.limited = true;
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    let message = covers.learn(&mut env).unwrap_err().to_string();
-    assert!(
-        message.contains("rollouts of 2 steps end before an episode of 5"),
-        "{message}"
+    assert_refused(
+        covers.learn(&mut env),
+        "rollouts of 2 steps end before an episode of 5",
     );
 }
 
@@ -410,10 +382,7 @@ fn a_saved_learner_goes_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
     for embedding in [Embedding::Afresh, Embedding::AtArrival] {
         let mut env = Bars::new();
-        let settings = CoversSettings {
-            embedding,
-            ..settings()
-        };
+        let settings = with(settings(), |s| s.embedding = embedding);
         let mut covers = Covers::new(settings, env.spec()).unwrap();
         covers.save(&path, Extent::Everything, "fresh").unwrap();
         covers = Covers::load(&path, env.spec()).unwrap().0;
@@ -434,4 +403,49 @@ fn a_saved_learner_goes_on_alike() {
         }
     }
     std::fs::remove_file(path).unwrap();
+}
+
+fn evident() -> CoversSettings {
+    with(settings(), |s| {
+        s.grouping = GroupingSettings::Evidence(Default::default())
+    })
+}
+
+#[test]
+fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(evident(), env.spec()).unwrap();
+    let mut policies = Vec::new();
+    for group in [0, 0, 1, 1, 0, 1] {
+        env.group = group;
+        let turn = covers.learn(&mut env).unwrap();
+        policies.push((turn.policy, turn.created));
+    }
+    let known = |policy| (policy, false);
+    let expected = [known(0), known(0), (1, true), known(1), known(0), known(1)];
+    assert_eq!(policies, expected);
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    env.group = 0;
+    assert_eq!(covers.recognise(&mut env, &mut rng).unwrap(), 0);
+}
+
+#[test]
+fn evidence_is_saved_and_goes_on_to_the_same_bits() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(evident(), env.spec()).unwrap();
+    for group in [0, 1] {
+        env.group = group;
+        covers.learn(&mut env).unwrap();
+    }
+    let path = std::env::temp_dir().join(format!("covers-evidence-{}", std::process::id()));
+    covers.save(&path, Extent::Everything, "").unwrap();
+    let (mut again, _) = Covers::load(&path, env.spec()).unwrap();
+    let mut same = env.clone();
+    let (one, other) = (
+        covers.learn(&mut env).unwrap(),
+        again.learn(&mut same).unwrap(),
+    );
+    assert_eq!(one.evidence, other.evidence);
+    assert_eq!((one.policy, one.rollout), (other.policy, other.rollout));
+    std::fs::remove_file(&path).unwrap();
 }

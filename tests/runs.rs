@@ -192,8 +192,11 @@ fn small(method: Method) -> Experiment {
 #[test]
 fn every_other_method_runs_its_smoke_budget() {
     let scratch = Scratch::new("methods");
-    // the runs of `covers` are those of the other tests
+    // the runs of `covers` are those of the other tests, and those with replays of the next
     for method in Method::ALL.into_iter().skip(1) {
+        if matches!(small(method).learner, LearnerSettings::OffPolicy(_)) {
+            continue;
+        }
         let (summary, _) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
@@ -211,19 +214,35 @@ fn every_other_method_runs_its_smoke_budget() {
 #[test]
 fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_threads() {
     let scratch = Scratch::new("replays");
-    for method in [
-        Method::CnnAug,
+    let off_policy = [
         Method::Clear,
         Method::ClearBc,
         Method::ThreeRl,
         Method::EquiSac,
-    ] {
-        let (_, reference) = finish(start(&scratch.0, small(method)));
-        let folder = crash_after(3, start(&scratch.0, small(method)));
+    ];
+    for method in [&off_policy[..], &[Method::CnnAug]].concat() {
+        let small = |method| small(method).with_embodiment(Embodiment::Hand);
+        let (summary, reference) = finish(start(&scratch.0, small(method)));
+        let many = small(method).learner.tells_groups_apart();
+        assert_eq!(summary.policies > 1, many, "{method:?}");
+        let folder = crash_after(2, start(&scratch.0, small(method)));
         let resumed = Run::resume(&folder, Some(1)).unwrap();
-        assert_eq!(resumed.ledger().rollouts, 2);
+        assert!(resumed.ledger().rollouts == 2 && !resumed.is_finished());
         let (_, bytes) = finish(resumed);
-        assert!(bytes[1..] == reference[1..], "{method:?}");
+        assert!(bytes == reference, "{method:?}");
+        if off_policy.contains(&method) {
+            let metrics = String::from_utf8_lossy(&reference[1]);
+            let mut names = metrics.lines().next().unwrap().split(',');
+            let column = names.position(|name| name == "steps").unwrap();
+            let steps = metrics
+                .lines()
+                .skip(1)
+                .map(|row| row.split(',').nth(column));
+            assert!(
+                steps.flatten().any(|steps| steps != "0"),
+                "nothing is learnt"
+            );
+        }
     }
 }
 
@@ -410,7 +429,17 @@ fn options_are_checked_and_named() {
     assert!(
         refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full, zero-shot]")
     );
-    assert!(refuse(&["--threads", "0"]).contains("0 is not in 1..=1024"));
+    let most = envs::MAX_THREADS;
+    assert!(refuse(&["--threads", "0"]).contains(&format!("0 is not in 1..={most}")));
+    let threads = envs::VecEnvSettings {
+        threads: most + 1,
+        ..Default::default()
+    };
+    let message = threads.check().unwrap_err().to_string();
+    assert!(
+        message.contains(&format!("expected 1 to {most}")),
+        "{message}"
+    );
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
     assert!(
         refuse(&["--embodiment", "ur5"])
@@ -423,6 +452,7 @@ fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
     let options = StreamOptions::parse_from(line.split(' '));
     let experiment = options
+        .run
         .changes
         .apply(options.budget.experiment(Method::Covers))
         .unwrap();
@@ -448,16 +478,18 @@ fn spec(size: usize) -> EnvSpec {
     Stream::spec_of(&settings)
 }
 
-#[test]
-fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
-    let message = Covers::new(CoversSettings::default(), &spec(44))
+/// How a learner on pictures of this size is refused.
+fn refusal(settings: CoversSettings, size: usize) -> String {
+    Covers::new(settings, &spec(size))
         .err()
         .unwrap()
-        .to_string();
-    assert!(
-        message.contains("44") && message.contains("16"),
-        "{message}"
-    );
+        .to_string()
+}
+
+#[test]
+fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
+    let message = refusal(CoversSettings::default(), 44);
+    assert!(message.contains("44") && message.contains("16"));
 }
 
 #[test]
@@ -466,7 +498,7 @@ fn a_rollout_that_does_not_fit_the_environments_is_refused() {
         rollout_steps: 7,
         ..CoversSettings::default()
     };
-    let message = Covers::new(settings, &spec(16)).err().unwrap().to_string();
+    let message = refusal(settings, 16);
     assert!(message.contains("`rollout_steps` is 7"), "{message}");
 }
 

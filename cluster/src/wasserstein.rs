@@ -5,6 +5,8 @@ use crate::error::ClusterError;
 use crate::euclidean::EuclideanCosts;
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 
+type Result<T> = std::result::Result<T, ClusterError>;
+
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
 /// with equal weights, in their unit.
 ///
@@ -24,7 +26,7 @@ use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 /// assert!((distance - 1.0 / 3.0).abs() < 1e-12);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
-pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64, ClusterError> {
+pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
     positive("dim", dim)?;
     // names in errors are those of the arguments, so they are checked before the sides may change
     // places
@@ -70,12 +72,7 @@ impl Wasserstein {
     /// # Errors
     /// Those of [`wasserstein1`], weights that are no distribution, and numbers of weights other
     /// than `n` and `m`.
-    pub fn solve(
-        &mut self,
-        x: Cloud,
-        y: Cloud,
-        dim: usize,
-    ) -> Result<&TransportPlan, ClusterError> {
+    pub fn solve(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
         let costs = costs(&mut self.costs, x, y, dim)?;
         self.solver.solve(costs, x.1, y.1)
     }
@@ -85,12 +82,7 @@ impl Wasserstein {
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve).
-    pub fn solve_again(
-        &mut self,
-        x: Cloud,
-        y: Cloud,
-        dim: usize,
-    ) -> Result<&TransportPlan, ClusterError> {
+    pub fn solve_again(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
         let costs = costs(&mut self.costs, x, y, dim)?;
         self.solver.solve_again(costs, x.1, y.1)
     }
@@ -105,7 +97,7 @@ fn costs<'a>(
     (x, a): Cloud,
     (y, b): Cloud,
     dim: usize,
-) -> Result<&'a [f64], ClusterError> {
+) -> Result<&'a [f64]> {
     let costs = costs.compute(x, y, dim)?;
     check_weights_of("x", a, x.len() / dim)?;
     check_weights_of("y", b, y.len() / dim)?;

@@ -1,7 +1,7 @@
 //! Distances against closed forms, brute force and replication; hostile input.
 
 // lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
+#![allow(clippy::expect_used, clippy::unwrap_used)]
 
 mod common;
 #[path = "../examples/fuzz/oracle.rs"]
@@ -75,40 +75,37 @@ fn agrees_with_all_permutations() {
     }
 }
 
-#[test]
-fn agrees_with_all_permutations_of_replicated_points() {
+/// Compares clouds of n and m points with replicas of equally many points, for which `expected`
+/// answers.
+fn agree_with_replication(
+    dim: usize,
+    sizes: &[[usize; 2]],
+    expected: impl Fn(&[f32], &[f32], usize) -> f64,
+) {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    for (n, m, lcm) in [
-        (2, 3, 6),
-        (3, 2, 6),
-        (1, 7, 7),
-        (2, 4, 4),
-        (2, 6, 6),
-        (6, 3, 6),
-    ] {
-        let (x, y) = (normals(&mut rng, n * 2), normals(&mut rng, m * 2));
-        let expected = brute_force(&replicated(&x, 2, lcm / n), &replicated(&y, 2, lcm / m), 2);
-        assert_close(wasserstein1(&x, &y, 2).unwrap(), expected);
+    for &[n, m] in sizes {
+        let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, m * dim));
+        let mut multiples = (1..).map(|i| i * n);
+        let common = multiples.find(|i| i.is_multiple_of(m)).unwrap();
+        let replicas = [
+            replicated(&x, dim, common / n),
+            replicated(&y, dim, common / m),
+        ];
+        let distance = wasserstein1(&x, &y, dim).unwrap();
+        assert_close(distance, expected(&replicas[0], &replicas[1], dim));
     }
 }
 
 #[test]
+fn agrees_with_all_permutations_of_replicated_points() {
+    let sizes = [[2, 3], [3, 2], [1, 7], [2, 4], [2, 6], [6, 3]];
+    agree_with_replication(2, &sizes, brute_force);
+}
+
+#[test]
 fn unequal_sizes_agree_with_replication() {
-    let mut rng = ChaCha8Rng::seed_from_u64(4);
-    for (n, m, lcm) in [
-        (6, 9, 18),
-        (8, 12, 24),
-        (20, 15, 60),
-        (10, 7, 70),
-        (40, 80, 80),
-    ] {
-        let (x, y) = (normals(&mut rng, n * 5), normals(&mut rng, m * 5));
-        let (xs, ys) = (replicated(&x, 5, lcm / n), replicated(&y, 5, lcm / m));
-        assert_close(
-            wasserstein1(&x, &y, 5).unwrap(),
-            wasserstein1(&xs, &ys, 5).unwrap(),
-        );
-    }
+    let sizes = [[6, 9], [8, 12], [20, 15], [10, 7], [40, 80]];
+    agree_with_replication(5, &sizes, |x, y, dim| wasserstein1(x, y, dim).unwrap());
 }
 
 #[test]

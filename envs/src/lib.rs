@@ -68,7 +68,7 @@ pub use registry::TaskRegistry;
 pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
 pub use rows::Failure;
 pub use scene::Scene;
-pub use settings::VecEnvSettings;
+pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };

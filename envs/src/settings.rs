@@ -9,8 +9,8 @@ use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::renderer::IMAGE_CHANNELS;
 
-/// As many threads as the command line takes; a slip in a file must not start a million.
-const MAX_THREADS: usize = 1024;
+/// The most worker threads: a slip in a file must not start a million.
+pub const MAX_THREADS: usize = 1024;
 
 /// Settings of a [`VecEnv`](crate::VecEnv).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -77,16 +77,19 @@ fn scenes_with_a_flaw_are_refused() {
     for (what, old, new, expected) in cases {
         let scene = common::SCENE.replacen(old, new, 1);
         assert_ne!(scene, common::SCENE, "{what}");
-        let task = PushBlock {
-            scene,
-            ..PushBlock::default()
-        };
-        let spoilt = Spoilt {
-            task,
-            ..Spoilt::default()
-        };
+        let mut spoilt = Spoilt::default();
+        spoilt.task.scene = scene;
         assert_flaw(what, spoilt, expected);
     }
+}
+
+/// It is 12 mm at most from where it was, and nothing shows.
+#[test]
+fn an_object_that_moves_a_little_must_show_it() {
+    let mut spoilt = Spoilt::default();
+    let scene = common::SCENE.replace("0.14", "0.012");
+    spoilt.task.scene = scene.replace("group=\"1\"", "group=\"4\"");
+    assert_flaw("unseen", spoilt, "nothing shows");
 }
 
 #[test]

@@ -25,13 +25,8 @@ const SCENE: &str = r#"<mujoco>
   </worldbody></mujoco>"#;
 
 #[test]
-fn rows_and_columns_are_where_they_belong() {
-    support::check_orientation(&SURFACELESS);
-}
-
-#[test]
-fn mirrored_scenes_give_mirror_images() {
-    support::check_mirrored_scenes(&SURFACELESS);
+fn rows_and_columns_are_where_they_belong_and_mirrored_scenes_give_mirror_images() {
+    support::check_pictures(&SURFACELESS);
 }
 
 #[test]

@@ -14,13 +14,8 @@ use mujoco::{Backend, ContextError, Data, Model, RenderError, RenderOptions, Ren
 const OSMESA: [Backend; 1] = [Backend::OsMesa];
 
 #[test]
-fn rows_and_columns_are_where_they_belong() {
-    support::check_orientation(&OSMESA);
-}
-
-#[test]
-fn mirrored_scenes_give_mirror_images() {
-    support::check_mirrored_scenes(&OSMESA);
+fn rows_and_columns_are_where_they_belong_and_mirrored_scenes_give_mirror_images() {
+    support::check_pictures(&OSMESA);
 }
 
 #[test]

@@ -1,22 +1,18 @@
 //! The equivariant Gaussian policy: a network with its parameters.
 
-use std::fmt;
 use std::sync::Arc;
 
-use equivariant::Chunks;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_all_finite, check_len, check_params};
-use crate::gaussian::{log_prob, standard_normals};
+use crate::error::{RlError, check_len};
+use crate::gaussian::log_prob;
+use crate::inference::{Chunk, Inference, check_saved};
 use crate::network::ActorCritic;
 use crate::network_settings::NetworkSettings;
 use crate::pass::Workspace;
 use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
-
-/// Samples of one inference chunk: a batch of 20 environments then occupies several threads.
-const INFERENCE_CHUNK: usize = 4;
 
 /// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
 /// under the group of its settings. It decides from the observation alone.
@@ -24,12 +20,10 @@ const INFERENCE_CHUNK: usize = 4;
 /// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
 /// chunks on the current rayon pool; actions, values and features have the same bits for any number
 /// of threads.
+#[derive(Clone, Debug)]
 pub struct ActorCriticPolicy {
-    network: Arc<ActorCritic<f32>>,
-    params: Vec<f32>,
-    chunks: Chunks<f32, Workspace<f32>>,
-    outputs: Vec<f64>,
-    noise: Vec<f32>,
+    /// Its outputs are rows `[A + 1]` of means and values.
+    inference: Inference<ActorCritic<f32>, Workspace<f32>>,
 }
 
 impl ActorCriticPolicy {
@@ -40,7 +34,7 @@ impl ActorCriticPolicy {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::assemble(Arc::new(network), params))
+        Ok(Self::of(network, params))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as
@@ -55,51 +49,42 @@ impl ActorCriticPolicy {
         params: Vec<f32>,
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
-        check_params(params.len(), network.num_params())?;
-        // later it would only show as a loss that is not finite
-        check_all_finite("a parameter", &params)?;
-        Ok(Self::assemble(Arc::new(network), params))
+        check_saved(&params, network.num_params())?;
+        Ok(Self::of(network, params))
     }
 
-    fn assemble(network: Arc<ActorCritic<f32>>, params: Vec<f32>) -> Self {
-        let builder = Arc::clone(&network);
-        let chunks = Chunks::new(0, INFERENCE_CHUNK, move || {
-            builder.workspace(INFERENCE_CHUNK)
-        });
+    fn of(network: ActorCritic<f32>, params: Vec<f32>) -> Self {
         Self {
-            network,
-            params,
-            chunks,
-            outputs: Vec::new(),
-            noise: Vec::new(),
+            inference: Inference::new(Arc::new(network), params, ActorCritic::workspace),
         }
     }
 
     /// The network.
     pub fn network(&self) -> &Arc<ActorCritic<f32>> {
-        &self.network
+        &self.inference.network
     }
 
     /// All parameters, in the network's layout.
     pub fn params(&self) -> &[f32] {
-        &self.params
+        &self.inference.params
     }
 
     /// All parameters, for an optimiser or a checkpoint to write.
     pub fn params_mut(&mut self) -> &mut [f32] {
-        &mut self.params
+        &mut self.inference.params
     }
 
     /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every
     /// state.
     pub fn log_std(&self) -> &[f32] {
-        &self.params[self.params.len() - self.width()..]
+        let params = self.params();
+        &params[params.len() - self.width()..]
     }
 
     /// Raises every logarithm of a standard deviation that is below `floor` to it. NaN stays.
     pub(crate) fn raise_log_std(&mut self, floor: f32) {
-        let start = self.params.len() - self.width();
-        for log_std in &mut self.params[start..] {
+        let start = self.params().len() - self.width();
+        for log_std in &mut self.params_mut()[start..] {
             if *log_std < floor {
                 *log_std = floor;
             }
@@ -108,25 +93,21 @@ impl ActorCriticPolicy {
 
     /// A, the number of action components.
     fn width(&self) -> usize {
-        self.network.spec().action.len()
+        self.inference.width()
     }
 
-    /// Fills `outputs` `[N, A + 1]` with means and values; returns N.
+    /// Fills the outputs; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
-        let samples = observations.samples(self.network.spec())?;
         let width = self.width();
-        self.outputs.resize(samples * (width + 1), 0.0);
-        let (network, params) = (&self.network, &self.params);
-        self.chunks
-            .map_rows(&mut self.outputs, width + 1, |range, workspace, rows| {
-                let n = load(network, observations, range, workspace);
-                network.forward(params, n, workspace);
-                for (i, row) in rows.chunks_exact_mut(width + 1).enumerate() {
-                    row[..width].copy_from_slice(&workspace.mean[i * width..(i + 1) * width]);
-                    row[width] = workspace.value[i];
-                }
-            });
-        Ok(samples)
+        let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
+            chunk.network.forward(chunk.params, chunk.range.len(), w);
+            let outputs = w.mean.chunks_exact(width).zip(&w.value);
+            for (row, (mean, &value)) in rows.chunks_exact_mut(width + 1).zip(outputs) {
+                row[..width].copy_from_slice(mean);
+                row[width] = value;
+            }
+        };
+        self.inference.run(observations, width + 1, forward)
     }
 }
 
@@ -135,29 +116,28 @@ impl ActorCriticPolicy {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
     }
 
-    /// Draws actions `[N, A]` around the means in `outputs`.
+    /// Draws actions `[N, A]` around the means of the last run.
     fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
         let width = self.width();
-        self.noise.resize(actions.len(), 0.0);
-        standard_normals(rng, &mut self.noise);
+        self.inference.draw_noise(actions.len(), rng);
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
         let rows = actions
             .chunks_exact_mut(width)
-            .zip(self.noise.chunks_exact(width));
-        for ((actions, noise), output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+            .zip(self.inference.noise.chunks_exact(width));
+        for ((actions, noise), output) in rows.zip(self.inference.outputs.chunks_exact(width + 1)) {
             for j in 0..width {
                 actions[j] = (output[j] + std[j] * f64::from(noise[j])) as f32;
             }
         }
     }
 
-    /// Writes log-probabilities and values from `outputs`. The density belongs to the numbers that
+    /// Writes log-probabilities and values from the last run. The density belongs to the numbers that
     /// are executed, so actions are rounded before.
     fn weigh(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();
         let mut taken = vec![0.0; width];
-        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
+        for (i, output) in self.inference.outputs.chunks_exact(width + 1).enumerate() {
             for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
                 *taken = f64::from(action);
             }
@@ -165,21 +145,6 @@ impl ActorCriticPolicy {
             decisions.values[i] = output[width] as f32;
         }
     }
-}
-
-/// Copies a range of observations into the slots 0..n of a workspace; returns n.
-fn load(
-    network: &ActorCritic<f32>,
-    observations: &Observations,
-    range: std::ops::Range<usize>,
-    workspace: &mut Workspace<f32>,
-) -> usize {
-    let n = range.len();
-    for (slot, i) in range.enumerate() {
-        let (image, vector) = observations.sample(network.spec(), i);
-        network.load(slot, image, vector, workspace);
-    }
-    n
 }
 
 impl Actor for ActorCriticPolicy {
@@ -211,7 +176,7 @@ impl Actor for ActorCriticPolicy {
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         for (mean, output) in out
             .chunks_exact_mut(width)
-            .zip(self.outputs.chunks_exact(width + 1))
+            .zip(self.inference.outputs.chunks_exact(width + 1))
         {
             mean.iter_mut()
                 .zip(output)
@@ -230,7 +195,7 @@ impl OnPolicy for ActorCriticPolicy {
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        out.check(self.network.spec(), samples)?;
+        out.check(self.inference.network.spec(), samples)?;
         self.sample(rng, &mut out.actions);
         self.weigh(out);
         Ok(())
@@ -244,7 +209,7 @@ impl Assess for ActorCriticPolicy {
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        decisions.check(self.network.spec(), samples)?;
+        decisions.check(self.inference.network.spec(), samples)?;
         self.weigh(decisions);
         Ok(())
     }
@@ -255,7 +220,10 @@ impl Values for ActorCriticPolicy {
         let width = self.width();
         let samples = self.run(observations)?;
         check_len("values", "[N]", out.len(), samples)?;
-        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
+        for (value, output) in out
+            .iter_mut()
+            .zip(self.inference.outputs.chunks_exact(width + 1))
+        {
             *value = output[width] as f32;
         }
         Ok(())
@@ -264,36 +232,10 @@ impl Values for ActorCriticPolicy {
 
 impl Features for ActorCriticPolicy {
     fn feature_dim(&self) -> usize {
-        self.network.feature_dim()
+        self.inference.feature_dim()
     }
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let (samples, width) = (
-            observations.samples(self.network.spec())?,
-            self.feature_dim(),
-        );
-        check_len("features", "[N, F]", out.len(), samples * width)?;
-        let (network, params) = (&self.network, &self.params);
-        self.chunks.map_rows(out, width, |range, workspace, rows| {
-            let n = load(network, observations, range, workspace);
-            network.forward_features(params, n, workspace);
-            rows.copy_from_slice(workspace.features());
-        });
-        Ok(())
-    }
-}
-
-impl Clone for ActorCriticPolicy {
-    fn clone(&self) -> Self {
-        Self::assemble(Arc::clone(&self.network), self.params.clone())
-    }
-}
-
-impl fmt::Debug for ActorCriticPolicy {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("ActorCriticPolicy")
-            .field("settings", self.network.settings())
-            .field("num_params", &self.params.len())
-            .finish_non_exhaustive()
+        self.inference.features(observations, out)
     }
 }

@@ -2,7 +2,13 @@
 
 use std::ops::Range;
 
+use crate::algorithm::AlgorithmState;
 use crate::error::assert_len;
+
+/// Names of an optimiser's state in a checkpoint.
+const FIRST_MOMENT: &str = "adam.first";
+pub(crate) const SECOND_MOMENT: &str = "adam.second";
+const STEPS: &str = "adam.steps";
 
 /// A range of the parameter vector and the learning rate it is trained with.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,10 +34,8 @@ impl ParamGroup {
 /// bits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
-    /// Decay of the first moment, in [0, 1).
-    pub beta1: f32,
-    /// Decay of the second moment, in [0, 1).
-    pub beta2: f32,
+    /// Decay of the first and of the second moment, in [0, 1).
+    pub betas: [f32; 2],
     /// Added to the root of the second moment, above 0.
     pub epsilon: f32,
     /// Number of steps taken.
@@ -46,8 +50,7 @@ impl Adam {
     /// Fresh moments for `num_params` parameters; beta 0.9 and 0.999.
     pub fn new(num_params: usize, epsilon: f32) -> Self {
         Self {
-            beta1: 0.9,
-            beta2: 0.999,
+            betas: [0.9, 0.999],
             epsilon,
             steps: 0,
             first_moment: vec![0.0; num_params],
@@ -72,9 +75,27 @@ impl Adam {
         }
     }
 
+    /// Both moments and the number of steps, for a checkpoint.
+    pub(crate) fn save(&self) -> AlgorithmState<'_> {
+        AlgorithmState {
+            tensors: vec![
+                (FIRST_MOMENT, &self.first_moment),
+                (SECOND_MOMENT, &self.second_moment),
+            ],
+            counters: vec![(STEPS, self.steps)],
+        }
+    }
+
+    /// Goes on from a state that begins as [`Adam::save`] gave it.
+    pub(crate) fn restore(&mut self, state: &AlgorithmState<'_>) {
+        self.first_moment.copy_from_slice(state.tensors[0].1);
+        self.second_moment.copy_from_slice(state.tensors[1].1);
+        self.steps = state.counters[0].1;
+    }
+
     fn step_group(&mut self, group: &ParamGroup, params: &mut [f32], gradient: &[f32]) {
         let range = group.range.clone();
-        let (beta1, beta2, epsilon) = (self.beta1, self.beta2, self.epsilon);
+        let ([beta1, beta2], epsilon) = (self.betas, self.epsilon);
         let rate = group.learning_rate / bias_correction(beta1, self.steps);
         let root = bias_correction(beta2, self.steps).sqrt();
         let first = &mut self.first_moment[range.clone()];

@@ -1,5 +1,7 @@
 //! The rollout buffer: T steps of N environments, time-major.
 
+use std::fmt;
+
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
@@ -13,7 +15,7 @@ use crate::require::{require, require_memory};
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
 /// [`collect`](crate::collect) fills it.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
     steps: usize,
@@ -324,6 +326,17 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         let mut values = vec![0.0; self.spec.num_envs];
         policy.values(last, &mut values)?;
         self.finish(last, &values)
+    }
+}
+
+impl fmt::Debug for RolloutBuffer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RolloutBuffer")
+            .field("spec", &self.spec)
+            .field("steps", &self.steps)
+            .field("pushed", &self.pushed)
+            .field("finished", &self.finished)
+            .finish_non_exhaustive()
     }
 }
 

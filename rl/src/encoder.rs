@@ -111,20 +111,18 @@ impl Encoder {
         [height, width, channels]: [usize; 3],
         top_fields: usize,
     ) -> Result<Option<Sequential<T>>, RlError> {
-        if *self == Self::Blind {
-            return Ok(None);
-        }
-        if height != width {
-            return Err(RlError::NotSquare { height, width });
-        }
-        self.check_side(height)?;
-        let mut stack = Stack {
+        let stack = || Stack {
             group,
             layers: Vec::new(),
             shape: Shape::image(height, width, group.trivial(channels)),
         };
-        stack.fill(self, top_fields)?;
-        Ok(Some(Sequential::new(stack.layers)?))
+        let layers = match self {
+            Self::Strided { fields } => stack().strided(fields, top_fields)?,
+            Self::Pooled { fields, inner } => stack().pooled(fields, *inner, top_fields)?,
+            Self::Keypoints { fields, maps } => stack().keypoints(fields, *maps, top_fields)?,
+            Self::Blind => return Ok(None),
+        };
+        Ok(Some(Sequential::new(layers)?))
     }
 
     /// The gain of the last layer's weights: 1 where no ReLU follows.
@@ -134,43 +132,6 @@ impl Encoder {
             Self::Keypoints { .. } | Self::Blind => 1.0,
         }
     }
-
-    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that
-    /// networks of all groups see the same pictures.
-    fn check_side(&self, side: usize) -> Result<(), RlError> {
-        let halvings = match self {
-            Self::Strided { fields }
-            | Self::Pooled { fields, .. }
-            | Self::Keypoints { fields, .. } => fields.len(),
-            Self::Blind => return Ok(()),
-        };
-        let halved = 1usize << halvings.min(31);
-        let (encoder, fits, expected) = match self {
-            Self::Pooled { .. } => {
-                let exact = POOLED_SIDE * halved;
-                (
-                    "pooled",
-                    side == exact,
-                    format!("exactly {exact} x {exact}"),
-                )
-            }
-            Self::Keypoints { .. } => ("keypoints", side.is_multiple_of(halved), multiples(halved)),
-            _ => ("strided", side.is_multiple_of(halved), multiples(halved)),
-        };
-        if fits && side > 0 {
-            return Ok(());
-        }
-        Err(RlError::ImageSize {
-            side,
-            encoder,
-            halvings,
-            expected,
-        })
-    }
-}
-
-fn multiples(of: usize) -> String {
-    format!("height and width to be multiples of {of}, at least {of}")
 }
 
 /// The number of regular fields of a group that are as wide as `fields` of D2.
@@ -178,40 +139,97 @@ pub(crate) fn copies(group: Group, fields: usize) -> usize {
     fields * (Group::D2.order() / group.order())
 }
 
+type Layers<T> = Vec<Box<dyn Layer<T>>>;
+
+/// What so many halvings make one pixel of.
+fn halved(halvings: usize) -> usize {
+    1 << halvings.min(31)
+}
+
 /// Layers so far, and what the last of them gives.
 struct Stack<T> {
     group: Group,
-    layers: Vec<Box<dyn Layer<T>>>,
+    layers: Layers<T>,
     shape: Shape,
 }
 
 impl<T: Scalar> Stack<T> {
-    fn fill(&mut self, encoder: &Encoder, top_fields: usize) -> Result<(), RlError> {
-        match encoder {
-            Encoder::Strided { fields } => {
-                self.halve(fields)?;
-                self.rectified(top_fields, window(self.shape.height, 1, 0))
-            }
-            Encoder::Pooled { fields, inner } => {
-                for &fields in fields {
-                    self.rectified(fields, SAME)?;
-                    self.pool()?;
-                }
-                self.rectified(inner[0], SAME)?;
-                self.rectified(inner[1], VALID)?;
-                self.pool()?;
-                self.rectified(top_fields, VALID)
-            }
-            Encoder::Keypoints { fields, maps } => {
-                self.halve(fields)?;
-                self.conv(*maps, SAME)?;
-                self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
-                let top = self.regular(top_fields);
-                self.add(Linear::new(self.shape.fields, top)?);
-                Ok(())
-            }
-            Encoder::Blind => Ok(()),
+    fn strided(mut self, fields: &[usize], top_fields: usize) -> Result<Layers<T>, RlError> {
+        self.check_multiple("strided", fields.len())?;
+        self.halve(fields)?;
+        self.rectified(top_fields, window(self.shape.height, 1, 0))?;
+        Ok(self.layers)
+    }
+
+    fn pooled(
+        mut self,
+        fields: &[usize],
+        inner: [usize; 2],
+        top_fields: usize,
+    ) -> Result<Layers<T>, RlError> {
+        let side = POOLED_SIDE * halved(fields.len());
+        let fits = self.shape.height == side;
+        self.check(
+            "pooled",
+            fields.len(),
+            fits,
+            format!("exactly {side} x {side}"),
+        )?;
+        for &fields in fields {
+            self.rectified(fields, SAME)?;
+            self.pool()?;
         }
+        self.rectified(inner[0], SAME)?;
+        self.rectified(inner[1], VALID)?;
+        self.pool()?;
+        self.rectified(top_fields, VALID)?;
+        Ok(self.layers)
+    }
+
+    fn keypoints(
+        mut self,
+        fields: &[usize],
+        maps: usize,
+        top_fields: usize,
+    ) -> Result<Layers<T>, RlError> {
+        self.check_multiple("keypoints", fields.len())?;
+        self.halve(fields)?;
+        self.conv(maps, SAME)?;
+        self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
+        let top = self.regular(top_fields);
+        self.add(Linear::new(self.shape.fields, top)?);
+        Ok(self.layers)
+    }
+
+    fn check_multiple(&self, encoder: &'static str, halvings: usize) -> Result<(), RlError> {
+        let (side, of) = (self.shape.height, halved(halvings));
+        let fits = side > 0 && side.is_multiple_of(of);
+        let expected = format!("height and width to be multiples of {of}, at least {of}");
+        self.check(encoder, halvings, fits, expected)
+    }
+
+    /// Refuses sides that the layers cannot halve exactly. The group does not matter, so that
+    /// networks of all groups see the same pictures.
+    fn check(
+        &self,
+        encoder: &'static str,
+        halvings: usize,
+        fits: bool,
+        expected: String,
+    ) -> Result<(), RlError> {
+        let Shape { height, width, .. } = self.shape;
+        if height != width {
+            return Err(RlError::NotSquare { height, width });
+        }
+        if fits {
+            return Ok(());
+        }
+        Err(RlError::ImageSize {
+            side: height,
+            encoder,
+            halvings,
+            expected,
+        })
     }
 
     fn regular(&self, fields: usize) -> FieldType {

@@ -1,5 +1,7 @@
 //! Vectorised environments as the learner sees them: slices in, slices out, no tensor and no task.
 
+use std::fmt;
+
 use symmetry::{D2, Irrep};
 
 use crate::error::{BoxError, RlError, check_all_finite, check_len};
@@ -59,8 +61,8 @@ impl EnvSpec {
     }
 }
 
-/// One observation of each of N environments.
-#[derive(Clone, Debug, PartialEq)]
+/// One observation of each of N environments. It prints the length of its pictures alone.
+#[derive(Clone, PartialEq)]
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
     pub images: Vec<u8>,
@@ -137,6 +139,15 @@ impl Observations {
             &self.images[i * image..(i + 1) * image],
             &self.vectors[i * vector..(i + 1) * vector],
         )
+    }
+}
+
+impl fmt::Debug for Observations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Observations")
+            .field("images", &format_args!("{} bytes", self.images.len()))
+            .field("vectors", &self.vectors)
+            .finish()
     }
 }
 
@@ -261,8 +272,9 @@ pub trait VectorEnv {
     /// Whatever the environment cannot do.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError>;
 
-    /// Applies actions `[N, A]` in their natural order. They come from a Gaussian and are not
-    /// clipped: an environment with bounds clips them itself. Every field of `out` is written.
+    /// Applies actions `[N, A]` in their natural order. They may be any finite numbers, since those
+    /// of a Gaussian policy are not clipped: an environment with bounds clips them itself. Every
+    /// field of `out` is written.
     ///
     /// # Errors
     /// Whatever the environment cannot do.
@@ -321,6 +333,15 @@ mod tests {
         transition.success_at_end[2] = true;
         let message = transition.check(&spec()).unwrap_err().to_string();
         assert!(message.starts_with("environment 2"), "{message}");
+    }
+
+    #[test]
+    fn pictures_are_not_printed() {
+        let printed = format!("{:?}", Transition::new(&spec()));
+        assert!(
+            printed.contains("96 bytes") && printed.len() < 500,
+            "{printed}"
+        );
     }
 
     #[test]

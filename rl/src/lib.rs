@@ -101,8 +101,11 @@ mod env;
 mod error;
 mod evaluation;
 mod experience;
+#[cfg(test)]
+mod fixtures;
 mod gae;
 mod gaussian;
+mod inference;
 mod loss;
 mod minibatch;
 mod network;

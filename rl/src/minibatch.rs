@@ -104,11 +104,12 @@ pub(crate) fn normalised_advantages(advantages: &[f32], indices: &[usize], out: 
 mod tests {
     use rand::{Rng, RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
-    use symmetry::{Group, Irrep};
+    use symmetry::Group;
 
     use super::*;
     use crate::encoder::Encoder;
     use crate::env::{EnvSpec, Observations, Transition};
+    use crate::fixtures::{self, strided};
     use crate::gaussian::log_prob;
     use crate::network_settings::{Critic, NetworkSettings};
     use crate::policy::Decisions;
@@ -123,28 +124,16 @@ mod tests {
     fn spec() -> EnvSpec {
         EnvSpec {
             num_envs: B,
-            image: [8, 8, 2],
-            vector: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
-            action: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+            ..fixtures::spec()
         }
     }
 
     const JOINT: Critic = Critic::Joint { fields: 3 };
 
-    fn strided() -> Encoder {
-        Encoder::Strided { fields: vec![2] }
-    }
-
     fn network(group: Group, encoder: Encoder, critic: Critic) -> ActorCritic<f64> {
         let settings = NetworkSettings {
-            group,
-            encoder,
-            top_fields: 3,
-            vector_fields: 2,
-            actor_fields: 2,
             critic,
-            action_gain: 1.0,
-            ..NetworkSettings::default()
+            ..fixtures::settings(group, encoder)
         };
         ActorCritic::new(&settings, &spec()).unwrap()
     }

@@ -9,7 +9,7 @@ use symmetry::irrep_order;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::trunk::{Layout, Trunk, head};
+use crate::trunk::{Layout, OnTrunk, Trunk, head};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
 /// architecture").
@@ -39,13 +39,10 @@ pub struct ActorCritic<T> {
     pub(crate) critic: Sequential<T>,
     /// Natural index of every irrep-major component of the action.
     pub(crate) action_order: Vec<usize>,
-    settings: NetworkSettings,
-    spec: EnvSpec,
 }
 
 /// Where the parameters of each part lie in the flat slice.
 pub(crate) struct Parts {
-    pub trunk: Range<usize>,
     pub actor: Range<usize>,
     pub critic: Range<usize>,
     pub log_std: Range<usize>,
@@ -59,8 +56,6 @@ impl<T: Scalar> ActorCritic<T> {
     /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot
     /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
-        settings.check()?;
-        spec.check()?;
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action);
         let hidden = settings.regular(settings.actor_fields);
@@ -69,8 +64,6 @@ impl<T: Scalar> ActorCritic<T> {
             critic: critic(settings, &trunk)?,
             action_order: irrep_order(settings.group, &spec.action),
             trunk,
-            settings: settings.clone(),
-            spec: spec.clone(),
         })
     }
 
@@ -96,20 +89,19 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// The settings that the network was built with.
     pub fn settings(&self) -> &NetworkSettings {
-        &self.settings
+        &self.trunk.settings
     }
 
     /// The spec that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
-        &self.spec
+        &self.trunk.spec
     }
 
     /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
     /// their own gain, zero biases, log_std as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
-        let (parts, settings) = (self.parts(), &self.settings);
-        let mut params = vec![T::ZERO; self.num_params()];
-        self.trunk.init(settings, rng, &mut params[parts.trunk]);
+        let (parts, settings) = (self.parts(), self.settings());
+        let mut params = self.trunk.init(self.num_params(), rng);
         self.actor
             .init_scaled(rng, settings.action_gain.into(), &mut params[parts.actor]);
         self.critic
@@ -119,13 +111,18 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     pub(crate) fn parts(&self) -> Parts {
-        let mut layout = Layout::new();
+        let mut layout = Layout::after(&self.trunk);
         Parts {
-            trunk: layout.next(self.trunk.num_params()),
             actor: layout.next(self.actor.num_params()),
             critic: layout.next(self.critic.num_params()),
             log_std: layout.next(self.action_order.len()),
         }
+    }
+}
+
+impl<T> OnTrunk<T> for ActorCritic<T> {
+    fn trunk(&self) -> &Trunk<T> {
+        &self.trunk
     }
 }
 

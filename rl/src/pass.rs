@@ -5,7 +5,7 @@ use equivariant::Scalar;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 use crate::stage::Stage;
-use crate::trunk::TrunkPass;
+use crate::trunk::{OnTrunkPass, TrunkPass};
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
@@ -100,8 +100,8 @@ impl<T: Scalar> ActorCritic<T> {
     /// # Panics
     /// As [`ActorCritic::forward`].
     pub fn forward_features(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
-        let (parts, w) = (self.parts(), workspace);
-        self.trunk.forward(&params[parts.trunk], n, &mut w.trunk);
+        let (own, w) = (&params[self.trunk.params()], workspace);
+        self.trunk.forward(own, n, &mut w.trunk);
         w.actor.x.copy_from_slice(w.trunk.fields());
         self.trunk.pool(n, &mut w.trunk);
         w.features_len = n * self.feature_dim();
@@ -126,9 +126,9 @@ impl<T: Scalar> ActorCritic<T> {
         w.critic
             .backward(&self.critic, (params, parts.critic), n, dparams, true);
         self.add_head_gradients(n, w);
-        let trunk = &mut dparams[parts.trunk.clone()];
-        self.trunk
-            .backward(&params[parts.trunk], n, &mut w.trunk, trunk);
+        let own = self.trunk.params();
+        let (own, trunk) = (&params[own.clone()], &mut dparams[own]);
+        self.trunk.backward(own, n, &mut w.trunk, trunk);
         for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
             *sum += T::from_f64(*d);
         }
@@ -161,6 +161,12 @@ impl<T: Scalar> ActorCritic<T> {
         for (dy, &d) in w.critic.dy.iter_mut().zip(&w.d_value[..n]) {
             *dy = T::from_f64(d);
         }
+    }
+}
+
+impl<T> OnTrunkPass<T> for Workspace<T> {
+    fn trunk(&mut self) -> &mut TrunkPass<T> {
+        &mut self.trunk
     }
 }
 

@@ -23,7 +23,7 @@ impl Memory for () {
     fn forget(&mut self, _: usize) {}
 }
 
-/// Chooses actions `[N, A]`, in their natural order and not clipped.
+/// Chooses actions `[N, A]`, in their natural order: any finite numbers.
 ///
 /// Every call is one step of N environments: `observations` are those of all environments, and
 /// `memory` is carried from step to step. With the memory `()`, N may differ from call to call.

@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::actor_critic_policy::ActorCriticPolicy;
-use crate::adam::{Adam, ParamGroup, clip_global_norm};
+use crate::adam::{Adam, ParamGroup, SECOND_MOMENT, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
@@ -20,11 +20,6 @@ use crate::ppo_stats::{Totals, UpdateStats};
 /// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
 /// quarter more time.
 const TRAINING_CHUNK: usize = 8;
-
-/// Names of the optimiser's state in a checkpoint.
-const FIRST_MOMENT: &str = "adam.first";
-const SECOND_MOMENT: &str = "adam.second";
-const STEPS: &str = "adam.steps";
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
@@ -112,26 +107,13 @@ impl Algorithm for Ppo {
 
     /// Both moments of Adam and its number of steps.
     fn save(&self) -> AlgorithmState<'_> {
-        AlgorithmState {
-            tensors: vec![
-                (FIRST_MOMENT, &self.optimiser.first_moment),
-                (SECOND_MOMENT, &self.optimiser.second_moment),
-            ],
-            counters: vec![(STEPS, self.optimiser.steps)],
-        }
+        self.optimiser.save()
     }
 
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         state.check_like(&self.save())?;
         check_not_negative(state, &[SECOND_MOMENT])?;
-        // the layout is that of `save`
-        self.optimiser
-            .first_moment
-            .copy_from_slice(state.tensors[0].1);
-        self.optimiser
-            .second_moment
-            .copy_from_slice(state.tensors[1].1);
-        self.optimiser.steps = state.counters[0].1;
+        self.optimiser.restore(state);
         Ok(())
     }
 }

@@ -171,44 +171,17 @@ mod tests {
 
     #[test]
     fn a_value_out_of_range_is_refused_by_name() {
-        let paper = PpoSettings::paper();
-        for (name, settings) in [
-            (
-                "gamma",
-                PpoSettings {
-                    gamma: 1.1,
-                    ..paper.clone()
-                },
-            ),
-            (
-                "clip",
-                PpoSettings {
-                    clip: f32::NAN,
-                    ..paper.clone()
-                },
-            ),
-            (
-                "max_kl",
-                PpoSettings {
-                    max_kl: f32::INFINITY,
-                    ..paper.clone()
-                },
-            ),
-            (
-                "epochs",
-                PpoSettings {
-                    epochs: 0,
-                    ..paper.clone()
-                },
-            ),
-            (
-                "minibatch",
-                PpoSettings {
-                    minibatch: 1,
-                    ..paper.clone()
-                },
-            ),
-        ] {
+        type Spoil = fn(&mut PpoSettings);
+        let cases: [(&str, Spoil); 5] = [
+            ("gamma", |s| s.gamma = 1.1),
+            ("clip", |s| s.clip = f32::NAN),
+            ("max_kl", |s| s.max_kl = f32::INFINITY),
+            ("epochs", |s| s.epochs = 0),
+            ("minibatch", |s| s.minibatch = 1),
+        ];
+        for (name, spoil) in cases {
+            let mut settings = PpoSettings::paper();
+            spoil(&mut settings);
             let message = settings.check().unwrap_err().to_string();
             assert!(
                 message.starts_with(name) && message.contains("expected"),

@@ -1,7 +1,5 @@
 //! Soft actor-critic.
 
-#[cfg(test)]
-mod fixtures;
 mod gradient;
 pub(crate) mod history;
 mod minibatch;

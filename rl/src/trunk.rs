@@ -8,12 +8,12 @@ use equivariant::{
 use rand::Rng;
 use symmetry::irrep_order;
 
-use crate::env::EnvSpec;
+use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
 use crate::stage::Stage;
 
-/// The shared part of a network.
+/// The shared part of a network, with the settings and the spec of all of it.
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder ------+
@@ -23,12 +23,14 @@ use crate::stage::Stage;
 /// Its parameters are those of the image encoder, then those of the vector's layer. A network that
 /// is [`Encoder::Blind`](crate::Encoder::Blind) has no image encoder, and h is the vector's fields.
 pub(crate) struct Trunk<T> {
+    /// Those that the network was built with and for.
+    pub settings: NetworkSettings,
+    pub spec: EnvSpec,
     sight: Option<Sight<T>>,
     vector: Sequential<T>,
     pool: GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     vector_order: Vec<usize>,
-    pixels: usize,
     /// What each byte of a picture becomes, in [-0.5, 0.5].
     levels: Vec<T>,
 }
@@ -47,8 +49,20 @@ pub(crate) struct TrunkPass<T> {
     pool: Stage<T>,
 }
 
+/// A network that begins with a trunk.
+pub(crate) trait OnTrunk<T> {
+    fn trunk(&self) -> &Trunk<T>;
+}
+
+/// The buffers of such a network.
+pub(crate) trait OnTrunkPass<T> {
+    fn trunk(&mut self) -> &mut TrunkPass<T>;
+}
+
 impl<T: Scalar> Trunk<T> {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        settings.check()?;
+        spec.check()?;
         let group = settings.group;
         let fields = settings.regular(settings.vector_fields);
         let vector = Sequential::new(lift(FieldType::from_irreps(group, &spec.vector), fields)?)?;
@@ -59,8 +73,9 @@ impl<T: Scalar> Trunk<T> {
             sight,
             vector,
             vector_order: irrep_order(group, &spec.vector),
-            pixels: spec.image_len(),
             levels: (0..=u8::MAX).map(level).collect(),
+            settings: settings.clone(),
+            spec: spec.clone(),
         })
     }
 
@@ -84,19 +99,27 @@ impl<T: Scalar> Trunk<T> {
         self.encoder().end + self.vector.num_params()
     }
 
+    /// Where its parameters lie in those of a network.
+    pub fn params(&self) -> Range<usize> {
+        0..self.num_params()
+    }
+
     fn vector_params(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }
 
-    /// Draws the parameters: weights followed by a ReLU with gain sqrt(2), zero biases.
-    pub fn init(&self, settings: &NetworkSettings, rng: &mut dyn Rng, params: &mut [T]) {
+    /// The `num_params` parameters of a whole network, of which its own are drawn: weights followed
+    /// by a ReLU with gain sqrt(2), zero biases. The others are zeros.
+    pub fn init(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
+        let mut params = vec![T::ZERO; num_params];
         if let Some(sight) = &self.sight {
-            let gain = settings.encoder.last_gain();
+            let gain = self.settings.encoder.last_gain();
             sight
                 .encoder
                 .init_scaled(rng, gain, &mut params[self.encoder()]);
         }
         self.vector.init(rng, &mut params[self.vector_params()]);
+        params
     }
 
     /// Buffers for up to `capacity` samples.
@@ -112,7 +135,7 @@ impl<T: Scalar> Trunk<T> {
     /// Writes sample `slot`: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, put
     /// into irrep-major order.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
-        assert_len("image", image.len(), self.pixels);
+        assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
         if let Some(stage) = &mut pass.image {
             let pixels = &mut stage.x[slot * image.len()..(slot + 1) * image.len()];
@@ -123,6 +146,19 @@ impl<T: Scalar> Trunk<T> {
         let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
         for (x, &i) in components.iter_mut().zip(&self.vector_order) {
             *x = T::from_f64(f64::from(vector[i]));
+        }
+    }
+
+    /// Writes the observations in `range` into the slots from 0 on.
+    pub fn load_all(
+        &self,
+        observations: &Observations,
+        range: Range<usize>,
+        pass: &mut TrunkPass<T>,
+    ) {
+        for (slot, i) in range.enumerate() {
+            let (image, vector) = observations.sample(&self.spec, i);
+            self.load(slot, image, vector, pass);
         }
     }
 
@@ -142,6 +178,11 @@ impl<T: Scalar> Trunk<T> {
             }
             _ => out.copy_from_slice(&pass.vector.y[..vector]),
         }
+    }
+
+    /// h of the samples in slots 0..n.
+    pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
+        &pass.fields()[..n * self.out_type().dim()]
     }
 
     /// Computes the invariant features of the n samples of the last forward pass.
@@ -233,6 +274,11 @@ pub(crate) fn head<T: Scalar>(
 pub(crate) struct Layout(usize);
 
 impl Layout {
+    /// After the parameters of a trunk.
+    pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
+        Self(trunk.num_params())
+    }
+
     pub fn new() -> Self {
         Self(0)
     }

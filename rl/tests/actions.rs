@@ -4,17 +4,17 @@
 
 #[path = "common/ages.rs"]
 mod ages;
-#[path = "common/constant.rs"]
-mod constant;
+#[path = "common/unseeing.rs"]
+mod unseeing;
 
 use ages::Ages;
-use constant::Constant;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
     collect, evaluate,
 };
+use unseeing::{Acting, Unseeing};
 
 const ENVS: usize = 3;
 
@@ -38,13 +38,30 @@ impl VectorEnv for Strict {
     }
 }
 
+/// Does the same everywhere.
+struct Constant(f32);
+
+fn constant(action: f32) -> Acting<Constant> {
+    Acting(Constant(action))
+}
+
+impl Unseeing for Constant {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn decide(&self, (): &mut (), out: &mut [f32]) {
+        out.fill(self.0);
+    }
+}
+
 /// Keeps nothing, and hands out the same actions at every step.
 struct Sieve {
     steps: usize,
     actions: Vec<f32>,
 }
 
-impl Experience<Constant> for Sieve {
+impl Experience<Acting<Constant>> for Sieve {
     fn steps(&self) -> usize {
         self.steps
     }
@@ -55,7 +72,7 @@ impl Experience<Constant> for Sieve {
 
     fn decide(
         &mut self,
-        _: &mut Constant,
+        _: &mut Acting<Constant>,
         _: &Observations,
         (): &mut (),
         _: &mut ChaCha8Rng,
@@ -65,14 +82,14 @@ impl Experience<Constant> for Sieve {
 
     fn record(
         &mut self,
-        _: &mut Constant,
+        _: &mut Acting<Constant>,
         _: &Observations,
         _: &Transition,
     ) -> Result<(), RlError> {
         Ok(())
     }
 
-    fn end(&mut self, _: &mut Constant, _: &Observations) -> Result<(), RlError> {
+    fn end(&mut self, _: &mut Acting<Constant>, _: &Observations) -> Result<(), RlError> {
         Ok(())
     }
 }
@@ -83,7 +100,7 @@ fn env() -> Strict {
 
 /// Collects with these actions at every step.
 fn collected(steps: usize, actions: &[f32]) -> Result<usize, RlError> {
-    let (mut env, mut actor) = (env(), Constant(0.0, ()));
+    let (mut env, mut actor) = (env(), constant(0.0));
     let mut sieve = Sieve {
         steps,
         actions: actions.to_vec(),
@@ -96,7 +113,7 @@ fn collected(steps: usize, actions: &[f32]) -> Result<usize, RlError> {
 #[test]
 fn finite_actions_in_every_environment_are_executed() {
     assert_eq!(collected(4, &[0.5; ENVS]).unwrap(), 4 * ENVS);
-    let stats = evaluate(&mut env(), &mut Constant(0.5, ()), 1).unwrap();
+    let stats = evaluate(&mut env(), &mut constant(0.5), 1).unwrap();
     assert_eq!(stats.episodes.len(), ENVS);
 }
 
@@ -105,7 +122,7 @@ fn actions_that_are_not_numbers_never_reach_the_environment() {
     for action in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let results = [
             collected(4, &[action; ENVS]).map(|_| ()),
-            evaluate(&mut env(), &mut Constant(action, ()), 1).map(|_| ()),
+            evaluate(&mut env(), &mut constant(action), 1).map(|_| ()),
         ];
         for result in results {
             let named =

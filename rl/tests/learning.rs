@@ -4,13 +4,16 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 mod common;
+#[path = "common/joint.rs"]
+mod joint;
 
 use common::{EPISODE, PointReach};
+use joint::joint;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Critic, Encoder, NetworkSettings, Ppo, PpoSettings,
-    RolloutBuffer, RolloutState, VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, Encoder, Ppo, PpoSettings, RolloutBuffer, RolloutState,
+    VectorEnv, collect,
 };
 
 const ROLLOUTS: usize = 25;
@@ -20,14 +23,7 @@ const THRESHOLD: f64 = 7.5;
 /// Mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
 fn last_return(encoder: Encoder, learn: bool) -> f64 {
     let mut env = PointReach::new(32, 1);
-    let network = NetworkSettings {
-        encoder,
-        top_fields: 8,
-        vector_fields: 8,
-        actor_fields: 8,
-        critic: Critic::Joint { fields: 8 },
-        ..NetworkSettings::default()
-    };
+    let network = joint(encoder, 8);
     let settings = PpoSettings {
         encoder_learning_rate: 1e-3,
         gamma: 0.9,

@@ -5,15 +5,18 @@
 
 #[path = "common/ages.rs"]
 mod ages;
+#[path = "common/unseeing.rs"]
+mod unseeing;
 
 use ages::Ages;
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, Decisions, Memory, Observations, OnPolicy, Replay, ReplaySettings, RlError,
-    RolloutBuffer, RolloutState, Values, VectorEnv, collect, evaluate,
+    Actor, Memory, Replay, ReplaySettings, RolloutBuffer, RolloutState, VectorEnv, collect,
+    evaluate,
 };
+use unseeing::{Acting, Unseeing};
 
 /// Counts the steps of each running episode: the smallest recurrent actor there is.
 struct Counter {
@@ -45,7 +48,7 @@ impl Memory for Counts {
     }
 }
 
-impl Actor for Counter {
+impl Unseeing for Counter {
     type Memory = Counts;
 
     fn memory(&self, envs: usize) -> Counts {
@@ -55,54 +58,21 @@ impl Actor for Counter {
         }
     }
 
-    fn act(
-        &mut self,
-        observations: &Observations,
-        memory: &mut Counts,
-        _: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.mean_actions(observations, memory, out)
-    }
-
-    fn mean_actions(
-        &mut self,
-        _: &Observations,
-        memory: &mut Counts,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
+    fn decide(&self, memory: &mut Counts, out: &mut [f32]) {
         for (action, steps) in out.iter_mut().zip(&mut memory.steps) {
             *action = f32::from(*steps);
             *steps = steps.saturating_add(1);
         }
-        Ok(())
     }
 }
 
-impl Values for Counter {
-    fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        out.fill(0.0);
-        Ok(())
-    }
-}
-
-impl OnPolicy for Counter {
-    fn decide(
-        &mut self,
-        observations: &Observations,
-        memory: &mut Counts,
-        rng: &mut ChaCha8Rng,
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        self.act(observations, memory, rng, &mut out.actions)?;
-        out.log_probs.fill(0.0);
-        self.values(observations, &mut out.values)
-    }
+fn counter(forgets: Forgets) -> Acting<Counter> {
+    Acting(Counter { forgets })
 }
 
 /// Rewards of `rollouts` rollouts of `steps` steps that follow one another, after a reset.
 fn rewards(env: &mut dyn VectorEnv, forgets: Forgets, [rollouts, steps]: [usize; 2]) -> Vec<f32> {
-    let mut actor = Counter { forgets };
+    let mut actor = counter(forgets);
     let mut buffer = RolloutBuffer::new(env.spec(), steps).unwrap();
     let mut state = RolloutState::reset(env, &actor).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -131,7 +101,7 @@ proptest! {
         for _ in 0..2 {
             prop_assert!(right(&rewards(&mut env, Forgets::ThisOne, [rollouts, steps])));
         }
-        let mut actor = Counter { forgets: Forgets::ThisOne };
+        let mut actor = counter(Forgets::ThisOne);
         for episode in evaluate(&mut env, &mut actor, 2).unwrap().episodes {
             prop_assert_eq!(episode.length, lengths[episode.env]);
             prop_assert_eq!(episode.total_reward, episode.length as f64);
@@ -143,7 +113,7 @@ proptest! {
 fn the_check_fails_for_memories_that_leak() {
     for forgets in [Forgets::Nothing, Forgets::TheFirst, Forgets::Everything] {
         assert!(!right(&rewards(&mut Ages::new(&[3, 4]), forgets, [2, 5])));
-        let stats = evaluate(&mut Ages::new(&[3, 4]), &mut Counter { forgets }, 2).unwrap();
+        let stats = evaluate(&mut Ages::new(&[3, 4]), &mut counter(forgets), 2).unwrap();
         assert!(
             stats
                 .episodes
@@ -157,9 +127,7 @@ fn the_check_fails_for_memories_that_leak() {
 #[test]
 fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
     let mut env = Ages::new(&[5]);
-    let mut actor = Counter {
-        forgets: Forgets::ThisOne,
-    };
+    let mut actor = counter(Forgets::ThisOne);
     let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
     let mut state = RolloutState::reset(&mut env, &actor).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -201,32 +169,16 @@ impl Memory for Notes {
 /// Acts wrongly at every second step.
 struct Wavering;
 
-impl Actor for Wavering {
+impl Unseeing for Wavering {
     type Memory = Notes;
 
     fn memory(&self, _: usize) -> Notes {
         Notes::default()
     }
 
-    fn act(
-        &mut self,
-        observations: &Observations,
-        memory: &mut Notes,
-        _: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.mean_actions(observations, memory, out)
-    }
-
-    fn mean_actions(
-        &mut self,
-        _: &Observations,
-        memory: &mut Notes,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
+    fn decide(&self, memory: &mut Notes, out: &mut [f32]) {
         out.fill(memory.age);
         memory.age += 2.0;
-        Ok(())
     }
 }
 
@@ -234,27 +186,24 @@ impl Actor for Wavering {
 #[test]
 fn a_memory_hears_of_actions_and_rewards_before_the_end() {
     let mut env = Ages::new(&[2, 5]);
-    let settings = ReplaySettings {
-        steps: 3,
-        warm_up: 0,
-        ..ReplaySettings::default()
-    };
-    let mut replay = Replay::new(settings, env.spec()).unwrap();
-    let mut state = RolloutState::reset(&mut env, &Wavering).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    collect(&mut env, &mut Wavering, &mut replay, &mut state, &mut rng).unwrap();
+    let mut heard = |steps, warm_up| {
+        let settings = ReplaySettings {
+            steps,
+            warm_up,
+            ..ReplaySettings::default()
+        };
+        let mut replay = Replay::new(settings, env.spec()).unwrap();
+        let mut actor = Acting(Wavering);
+        let mut state = RolloutState::reset(&mut env, &actor).unwrap();
+        collect(&mut env, &mut actor, &mut replay, &mut state, &mut rng).unwrap();
+        (state.memory.heard, replay.get(0).action()[0])
+    };
     let step = |action: f32, reward| Heard::Step { action, reward };
     let expected = [step(0.0, 1.0), step(2.0, 0.0), Heard::End, step(4.0, 0.0)];
-    assert_eq!(state.memory.heard, expected);
+    assert_eq!(heard(3, 0).0, expected);
     // random actions of a warm-up are heard as they were executed
-    let warm = ReplaySettings {
-        steps: 1,
-        ..ReplaySettings::default()
-    };
-    let mut replay = Replay::new(warm, env.spec()).unwrap();
-    let mut state = RolloutState::reset(&mut env, &Wavering).unwrap();
-    collect(&mut env, &mut Wavering, &mut replay, &mut state, &mut rng).unwrap();
-    let executed = replay.get(0).action()[0];
-    assert_eq!(state.memory.heard, [step(executed, 0.0)]);
+    let (heard, executed) = heard(1, 1);
+    assert_eq!(heard, [step(executed, 0.0)]);
     assert!(executed != 0.0);
 }

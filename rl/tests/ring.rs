@@ -119,6 +119,10 @@ fn a_share_of_a_minibatch_is_the_newest_experience() {
     let half = newest(&replay, 0.5, 40);
     assert!((101..160).contains(&half), "100 and a fifth of 100: {half}");
     assert!(newest(&replay, 0.0, 40) < 75);
+    replay.mark_newest(4);
+    assert_eq!(newest(&replay, 1.0, 46), 200, "the last four of fifty");
+    replay.mark_newest(1000);
+    assert!(newest(&replay, 1.0, 46) < 50);
     // what is older than the ring counts no more
     fill(&mut episodes, &mut replay, 100, &[]);
     assert_eq!(newest(&replay, 1.0, 0), 200);
@@ -235,29 +239,15 @@ fn what_cannot_be_right_is_refused_and_changes_nothing() {
 
 #[test]
 fn settings_out_of_range_are_refused_by_name() {
-    let default = ReplaySettings::default();
+    let wrong = |spoil: fn(&mut ReplaySettings)| {
+        let mut settings = ReplaySettings::default();
+        spoil(&mut settings);
+        settings
+    };
     for (name, wrong) in [
-        (
-            "capacity",
-            ReplaySettings {
-                capacity: 0,
-                ..default.clone()
-            },
-        ),
-        (
-            "steps",
-            ReplaySettings {
-                steps: 0,
-                ..default.clone()
-            },
-        ),
-        (
-            "still_channels",
-            ReplaySettings {
-                still_channels: 4,
-                ..default
-            },
-        ),
+        ("capacity", wrong(|s| s.capacity = 0)),
+        ("steps", wrong(|s| s.steps = 0)),
+        ("still_channels", wrong(|s| s.still_channels = 4)),
     ] {
         let message = Replay::new(wrong, &spec(1)).unwrap_err().to_string();
         assert!(message.starts_with(name), "{message}");

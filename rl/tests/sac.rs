@@ -3,13 +3,15 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 mod common;
+#[path = "common/joint.rs"]
+mod joint;
 #[path = "common/sac.rs"]
 mod sac;
 
 use common::{EPISODE, PointReach};
 use rl::{
-    Algorithm, ContextSettings, Encoder, EnvSpec, Metrics, NetworkSettings, Replay, ReplaySettings,
-    RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
+    Actor, Algorithm, ContextSettings, Encoder, EnvSpec, Metrics, NetworkSettings, Observations,
+    Replay, RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
 };
 use sac::{ENVS, Run, network, replay_settings, settings};
 use symmetry::Group;
@@ -42,8 +44,8 @@ fn busy() -> Run {
 
 fn learn(run: &mut Run, turns: usize) {
     for _ in 0..turns {
-        run.collect().unwrap();
         run.replay.mark();
+        run.collect().unwrap();
         run.sac
             .update(&mut run.policy, &run.replay, &mut run.rng)
             .unwrap();
@@ -74,31 +76,45 @@ fn one_two_and_three_threads_give_the_same_bits() {
 fn a_saved_learner_goes_on_to_the_same_bits() {
     let mut run = busy();
     learn(&mut run, 2);
-    let spec = run.env.spec().clone();
+    let mut twin = restored(&run);
+    for run in [&mut run, &mut twin] {
+        run.replay.mark();
+        run.collect().unwrap();
+    }
+    assert_eq!(twin.replay.save(), run.replay.save());
+    let [stats, twins] = [&mut run, &mut twin].map(|run| {
+        run.sac
+            .update(&mut run.policy, &run.replay, &mut run.rng)
+            .unwrap()
+    });
+    assert_eq!(twins, stats);
+    assert!(stats.steps > 0);
+    assert_eq!(bits(twin.policy.params()), bits(run.policy.params()));
+    assert_eq!(twin.sac.save(), run.sac.save());
+}
+
+/// The same run from all that can be saved of it, with the same environments and memory.
+fn restored(run: &Run) -> Run {
+    let spec = run.env.spec();
     let params = run.policy.params().to_vec();
-    let mut policy =
-        SacPolicy::with_params(&network(strided()), Some(CONTEXT), &spec, params).unwrap();
+    let policy = SacPolicy::with_params(&network(strided()), Some(CONTEXT), spec, params).unwrap();
     let mut sac = Sac::new(run.sac.settings().clone(), &policy).unwrap();
     sac.restore(&run.sac.save()).unwrap();
-    run.collect().unwrap();
-    let state = run.replay.save();
-    let replay = Replay::restore(replay_settings(), &spec, &state).unwrap();
-    let mut rng = run.rng.clone();
-    let stats = run
-        .sac
-        .update(&mut run.policy, &run.replay, &mut run.rng)
-        .unwrap();
-    assert_eq!(sac.update(&mut policy, &replay, &mut rng).unwrap(), stats);
-    assert!(stats.steps > 0);
-    assert_eq!(bits(policy.params()), bits(run.policy.params()));
-    assert_eq!(sac.save(), run.sac.save());
+    Run {
+        env: run.env.clone(),
+        policy,
+        sac,
+        replay: Replay::restore(replay_settings(), spec, &run.replay.save()).unwrap(),
+        state: run.state.clone(),
+        rng: run.rng.clone(),
+    }
 }
 
 #[test]
 fn a_state_that_cannot_be_right_is_refused() {
     let run = busy();
     let plain = Run::new(&network(strided()), None, settings(), replay_settings());
-    let mut sac = Sac::new(settings(), &run.policy).unwrap();
+    let mut sac = Sac::new(run.sac.settings().clone(), &run.policy).unwrap();
     let other = sac.restore(&plain.sac.save());
     assert!(matches!(other, Err(RlError::State { .. })));
     for moment in [1, 5] {
@@ -203,7 +219,11 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
             *param *= 1e13;
         }
     });
-    assert!(matches!(error, RlError::NotFinite { .. }), "{error}");
+    let what = "the norm of the gradient";
+    assert!(
+        matches!(error, RlError::NotFinite { what: w, .. } if w == what),
+        "{error}"
+    );
     assert!(untouched);
 }
 
@@ -226,20 +246,36 @@ fn what_does_not_fit_is_refused() {
     assert!(matches!(result, Err(RlError::Parameters { .. })));
     let short = SacPolicy::with_params(&network(strided()), None, &other, vec![0.0; 3]);
     assert!(matches!(short, Err(RlError::Parameters { got: 3, .. })));
-    // a memory of fewer environments
-    let mut few = PointReach::new(ENVS - 1, 1);
-    run.replay.cut();
-    let mut replay = Replay::new(ReplaySettings::default(), few.spec()).unwrap();
-    let mut state = rl::RolloutState::reset(&mut few, &run.policy).unwrap();
-    state.memory = rl::Actor::memory(&run.policy, ENVS);
-    let result = rl::collect(
-        &mut few,
-        &mut run.policy,
-        &mut replay,
-        &mut state,
-        &mut run.rng,
-    );
-    assert!(matches!(result, Err(RlError::Shape { what: "memory", .. })));
+}
+
+/// Acts with the memory of a policy of these settings on this many environments.
+fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Result<(), RlError> {
+    let spec = PointReach::new(ENVS, 1).spec().clone();
+    let policy = |fields, context| {
+        let network = joint::joint(strided(), fields);
+        SacPolicy::new(&network, context, &spec, 2).unwrap()
+    };
+    let mut memory = policy(fields, context).memory(envs);
+    let mut out = vec![0.0; 2 * ENVS];
+    policy(4, Some(CONTEXT)).mean_actions(&Observations::new(&spec), &mut memory, &mut out)
+}
+
+#[test]
+fn a_memory_of_another_policy_or_other_environments_is_refused() {
+    act_with(4, Some(CONTEXT), ENVS).unwrap();
+    let longer = ContextSettings {
+        length: 4,
+        ..CONTEXT
+    };
+    for (result, expected) in [
+        (act_with(4, Some(CONTEXT), ENVS - 1), "memory: got 4"),
+        (act_with(4, Some(longer), ENVS), "steps of memory: got 4"),
+        (act_with(4, None, ENVS), "steps of memory: got 0"),
+        (act_with(5, Some(CONTEXT), ENVS), "fields of memory: got"),
+    ] {
+        let message = result.unwrap_err().to_string();
+        assert!(message.starts_with(expected), "{message}");
+    }
 }
 
 #[test]

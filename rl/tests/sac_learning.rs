@@ -6,14 +6,17 @@
 mod common;
 #[path = "common/guess.rs"]
 mod guess;
+#[path = "common/joint.rs"]
+mod joint;
 
 use common::PointReach;
 use guess::Guess;
+use joint::joint;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Algorithm, ContextSettings, Critic, Encoder, NetworkSettings, Replay, ReplaySettings,
-    RolloutState, Sac, SacPolicy, SacSettings, VectorEnv, collect, evaluate,
+    Algorithm, ContextSettings, Encoder, NetworkSettings, Replay, ReplaySettings, RolloutState,
+    Sac, SacPolicy, SacSettings, VectorEnv, collect, evaluate,
 };
 use symmetry::Group;
 
@@ -22,12 +25,7 @@ const ENVS: usize = 16;
 fn network(group: Group, encoder: Encoder) -> NetworkSettings {
     NetworkSettings {
         group,
-        encoder,
-        top_fields: 8,
-        vector_fields: 8,
-        actor_fields: 8,
-        critic: Critic::Joint { fields: 8 },
-        ..NetworkSettings::default()
+        ..joint(encoder, 8)
     }
 }
 

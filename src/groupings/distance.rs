@@ -1,11 +1,11 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{Assigner, AssignerSettings, Assignment, Rule};
+use cluster::{Assigner, AssignerSettings, Rule};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;
 
-use super::grouping::{Candidates, Grouping};
+use super::grouping::{Answer, Candidates, Grouping};
 
 /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
 /// by a calibrated test, or by the paper's threshold.
@@ -30,19 +30,11 @@ impl Grouping for Distance {
         }
     }
 
-    fn assign(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         Ok(self.0.assign(&candidates.clouds()?, rng)?)
     }
 
-    fn settle(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         Ok(self.0.settle(&candidates.clouds()?, rng)?)
     }
 }

@@ -8,6 +8,9 @@ use serde_json::Value;
 
 use crate::error::CoversError;
 
+/// What a grouping decides, or why it could not.
+pub(crate) type Answer = Result<Assignment, CoversError>;
+
 /// What a grouping may look at: the first frames of a rollout beside those of every policy.
 pub trait Candidates {
     /// For each policy the frames that it keeps and those of the rollout, in its own features.
@@ -44,21 +47,13 @@ pub trait Grouping: Send {
     ///
     /// # Errors
     /// Frames that cannot be compared.
-    fn assign(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError>;
+    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer;
 
     /// Decides for good on two rollouts, after [`Grouping::assign`] was undecided on the first.
     ///
     /// # Errors
     /// Frames that cannot be compared.
-    fn settle(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         self.assign(candidates, rng)
     }
 

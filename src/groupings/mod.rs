@@ -11,6 +11,7 @@ mod single;
 
 pub use distance::Distance;
 pub use evidence::Evident;
+pub(crate) use grouping::Answer;
 pub use grouping::{Candidates, Episodes, Grouping};
 pub use oracle::Labels;
 pub use settings::GroupingSettings;

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::error::CoversError;
 
-use super::grouping::{Candidates, Grouping};
+use super::grouping::{Answer, Candidates, Grouping};
 
 /// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads it.
 #[derive(Clone, Debug, Default)]
@@ -54,11 +54,7 @@ impl Grouping for Oracle {
         1
     }
 
-    fn assign(
-        &self,
-        _: &mut dyn Candidates,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn assign(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
         let decision = policy.map_or(Decision::New, Decision::Existing);

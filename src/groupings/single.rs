@@ -3,9 +3,7 @@
 use cluster::{Assignment, Decision};
 use rand_chacha::ChaCha8Rng;
 
-use crate::error::CoversError;
-
-use super::grouping::{Candidates, Grouping};
+use super::grouping::{Answer, Candidates, Grouping};
 
 /// Gives every rollout to policy 0: the paper's baselines Equi and CNN.
 #[derive(Clone, Copy, Debug, Default)]
@@ -16,11 +14,7 @@ impl Grouping for Single {
         1
     }
 
-    fn assign(
-        &self,
-        _: &mut dyn Candidates,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn assign(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
         Ok(Assignment {
             decision: Decision::Existing(0),
             evidence: Vec::new(),

@@ -14,6 +14,9 @@ use super::covers::{CoversSettings, PpoTraining};
 use super::learner::Learner;
 use super::off_policy::{OffPolicySettings, SacTraining};
 
+/// A learner from a file, and the file's note.
+type Loaded = Result<(Box<dyn Learner>, String), CoversError>;
+
 /// What learns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
@@ -24,8 +27,6 @@ pub enum LearnerSettings {
     /// what came after.
     OffPolicy(OffPolicySettings),
 }
-
-type Read = Result<(Box<dyn Learner>, String), CoversError>;
 
 impl Default for LearnerSettings {
     fn default() -> Self {
@@ -50,7 +51,7 @@ impl LearnerSettings {
     /// # Errors
     /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
     /// of other environments.
-    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Read {
+    pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }
 
@@ -59,11 +60,11 @@ impl LearnerSettings {
     /// # Errors
     /// As there, and [`CoversError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
-    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Read {
+    pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
-    fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Read {
+    fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
         let place = (path, spec, labels);
         match self {
             Self::Covers(settings) => read::<PpoTraining>(settings, place, whole),
@@ -125,7 +126,7 @@ fn read<T: Training>(
     settings: &T::Settings,
     (path, spec, labels): (&Path, &EnvSpec, &Labels),
     whole: bool,
-) -> Read {
+) -> Loaded {
     let (learner, note) = Collection::<T>::read(path, spec, settings, labels, whole)?;
     Ok((Box::new(learner), note))
 }

@@ -7,14 +7,14 @@ pub const COLOURS: [&str; 8] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C00",
 ];
 
-const WIDTH: f64 = 960.0;
+/// Where the x axis begins, and its length.
 const LEFT: f64 = 64.0;
-const RIGHT: f64 = 16.0;
+const AXIS: f64 = 880.0;
+const WIDTH: f64 = LEFT + AXIS + 16.0;
+/// Heights above the panels, for the legend, and below them, for the axis.
+const OUTSIDE: [f64; 2] = [34.0, 40.0];
+/// Between two panels.
 const GAP: f64 = 14.0;
-/// Above the panels, for the legend.
-const TOP: f64 = 34.0;
-/// Below them, for the axis.
-const BOTTOM: f64 = 40.0;
 
 /// Panels one below the other over the same axis.
 pub struct Drawing {
@@ -34,7 +34,7 @@ impl Drawing {
         Self {
             text: String::new(),
             end: end.max(f64::MIN_POSITIVE),
-            panel: [TOP - GAP, 0.0],
+            panel: [OUTSIDE[0] - GAP, 0.0],
             bounds: [0.0, 1.0],
             legend: LEFT,
         }
@@ -45,7 +45,7 @@ impl Drawing {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
         let [top, height] = self.panel;
-        let (width, middle) = (WIDTH - LEFT - RIGHT, top + height / 2.0);
+        let (width, middle) = (AXIS, top + height / 2.0);
         self.add(format_args!(
             "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
              <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
@@ -95,7 +95,7 @@ impl Drawing {
 
     /// Adds a name to the legend.
     pub fn legend(&mut self, name: &str, colour: &str) {
-        let (x, y) = (self.legend, TOP - 20.0);
+        let (x, y) = (self.legend, OUTSIDE[0] - 20.0);
         self.add(format_args!(
             "<rect x=\"{x}\" y=\"{y}\" width=\"12\" height=\"12\" fill=\"{colour}\"/>\
              <text x=\"{}\" y=\"{}\" class=\"legend\">{}</text>",
@@ -115,11 +115,11 @@ impl Drawing {
                 "<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"
             ));
         }
-        let (middle, y) = (LEFT.midpoint(WIDTH - RIGHT), bottom + 33.0);
+        let (middle, y) = (LEFT + AXIS / 2.0, bottom + 33.0);
         self.add(format_args!(
             "<text x=\"{middle}\" y=\"{y}\" class=\"below\">decisions</text>"
         ));
-        let height = bottom + BOTTOM;
+        let height = bottom + OUTSIDE[1];
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" \
              font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
@@ -130,7 +130,7 @@ impl Drawing {
     }
 
     fn x(&self, x: f64) -> f64 {
-        LEFT + x / self.end * (WIDTH - LEFT - RIGHT)
+        LEFT + x / self.end * AXIS
     }
 
     fn y(&self, y: f64) -> f64 {

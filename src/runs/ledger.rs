@@ -87,13 +87,15 @@ mod tests {
         ledger
     }
 
+    /// Both shares.
+    fn accuracies(ledger: &Ledger) -> [Option<f64>; 2] {
+        [ledger.accuracy(), ledger.return_accuracy()]
+    }
+
     #[test]
     fn a_policy_for_each_group_is_right() {
         let ledger = ledger(&[(B, false, 0), (B, false, 0), (D, false, 1), (B, true, 0)]);
-        assert_eq!(
-            (ledger.accuracy(), ledger.return_accuracy()),
-            (Some(1.0), Some(1.0))
-        );
+        assert_eq!(accuracies(&ledger), [Some(1.0), Some(1.0)]);
         assert_eq!(ledger.opened_for, [Some(B.to_owned()), Some(D.to_owned())]);
     }
 
@@ -102,10 +104,7 @@ mod tests {
         let mut ledger = ledger(&[(B, false, 0)]);
         ledger.record_straddling(1);
         assert_eq!((ledger.rollouts, ledger.straddled), (2, 1));
-        assert_eq!(
-            (ledger.accuracy(), ledger.return_accuracy()),
-            (Some(1.0), None)
-        );
+        assert_eq!(accuracies(&ledger), [Some(1.0), None]);
         // the policy belongs to the group of its first rollout of one group
         ledger.record(D, false, 1);
         assert_eq!(ledger.accuracy(), Some(1.0));
@@ -116,14 +115,8 @@ mod tests {
     #[test]
     fn mixing_groups_and_splitting_a_group_are_both_wrong() {
         let mixed = ledger(&[(B, false, 0), (D, false, 0), (D, false, 0), (B, true, 0)]);
-        assert_eq!(
-            (mixed.accuracy(), mixed.return_accuracy()),
-            (Some(0.5), Some(1.0))
-        );
+        assert_eq!(accuracies(&mixed), [Some(0.5), Some(1.0)]);
         let split = ledger(&[(B, false, 0), (D, false, 1), (B, true, 2), (B, true, 0)]);
-        assert_eq!(
-            (split.accuracy(), split.return_accuracy()),
-            (Some(0.75), Some(0.5))
-        );
+        assert_eq!(accuracies(&split), [Some(0.75), Some(0.5)]);
     }
 }

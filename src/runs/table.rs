@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io::Error;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::Serialize;
@@ -34,7 +34,7 @@ impl Table {
         };
         let there = fs::read(&table.path).unwrap_or_default();
         if !there.starts_with(&table.text) && !table.text.starts_with(&there) {
-            let aside = table.path.with_added_extension("old");
+            let aside = free_name(&table.path);
             let moved = table.disk.rename(&table.path, &aside);
             moved.map_err(|error| CoversError::write(&aside, error))?;
         }
@@ -120,6 +120,17 @@ impl Table {
     }
 }
 
+/// The path with the first ending of `old`, `old2` and so on that no file has.
+fn free_name(path: &Path) -> PathBuf {
+    let mut aside = path.with_added_extension("old");
+    let mut number = 2;
+    while aside.exists() {
+        aside = path.with_added_extension(format!("old{number}"));
+        number += 1;
+    }
+    aside
+}
+
 /// The names of a table's columns.
 fn header(text: &[u8]) -> Result<Vec<String>, csv::Error> {
     let mut reader = csv::Reader::from_reader(text);
@@ -194,12 +205,16 @@ mod tests {
     #[test]
     fn a_file_of_other_contents_is_put_aside() {
         let path = table("aside").path;
-        fs::write(&path, "notes of my own").unwrap();
-        reopen(path.clone(), ONE);
-        let aside = path.with_added_extension("old");
-        assert_eq!(fs::read_to_string(&aside).unwrap(), "notes of my own");
-        assert_eq!(fs::read(&path).unwrap(), ONE);
-        fs::remove_file(aside).unwrap();
+        for (notes, ending) in [("notes of my own", "old"), ("and others", "old2")] {
+            fs::write(&path, notes).unwrap();
+            reopen(path.clone(), ONE);
+            assert_eq!(fs::read(&path).unwrap(), ONE);
+            let aside = fs::read_to_string(path.with_added_extension(ending));
+            assert_eq!(aside.unwrap(), notes);
+        }
+        for ending in ["old", "old2"] {
+            fs::remove_file(path.with_added_extension(ending)).unwrap();
+        }
         fs::remove_file(path).unwrap();
     }
 

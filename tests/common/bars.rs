@@ -80,11 +80,8 @@ impl VectorEnv for Bars {
         if ended {
             self.draw(&mut out.final_observations);
         }
-        out.outcomes.fill(if ended {
-            Outcome::Truncated
-        } else {
-            Outcome::Running
-        });
+        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        out.outcomes.fill(outcome);
         Ok(())
     }
 }

@@ -23,6 +23,14 @@ fn interrupted(scratch: &Scratch) -> PathBuf {
     folder
 }
 
+/// Such a run's folder, its newest checkpoint, and what that holds.
+fn newest_of(scratch: &Scratch) -> (PathBuf, PathBuf, Vec<u8>) {
+    let folder = interrupted(scratch);
+    let path = newest(&folder);
+    let whole = fs::read(&path).unwrap();
+    (folder, path, whole)
+}
+
 fn resume(folder: &Path) -> Result<Run, CoversError> {
     Run::resume(folder, Some(1))
 }
@@ -42,9 +50,7 @@ fn a_run_of_several_policies_goes_on_to_the_same_bytes() {
 #[test]
 fn a_damaged_checkpoint_is_passed_over_and_named() {
     let scratch = Scratch::new("damaged");
-    let folder = interrupted(&scratch);
-    let path = newest(&folder);
-    let whole = fs::read(&path).unwrap();
+    let (folder, path, whole) = newest_of(&scratch);
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     for _ in 0..if full() { 60 } else { 2 } {
         let mut flipped = whole.clone();
@@ -102,13 +108,8 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
 #[test]
 fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     let scratch = Scratch::new("newer");
-    let folder = interrupted(&scratch);
-    let path = newest(&folder);
-    let newer = resealed(
-        &fs::read(&path).unwrap(),
-        br#"\"format\":3"#,
-        br#"\"format\":4"#,
-    );
+    let (folder, path, whole) = newest_of(&scratch);
+    let newer = resealed(&whole, br#"\"format\":3"#, br#"\"format\":4"#);
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
@@ -122,9 +123,7 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
 #[test]
 fn a_checkpoint_with_a_number_that_is_not_finite_is_passed_over_and_the_number_named() {
     let scratch = Scratch::new("not-finite");
-    let folder = interrupted(&scratch);
-    let path = newest(&folder);
-    let whole = fs::read(&path).unwrap();
+    let (folder, path, whole) = newest_of(&scratch);
     for array in ["policy.0.params", "policy.0.adam.first"] {
         let mut poisoned = whole.clone();
         let start = place(&whole, array).start;

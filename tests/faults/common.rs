@@ -101,6 +101,14 @@ pub fn reference(experiment: &Experiment) -> Bytes {
     finish(Run::start(experiment.clone(), scratch.run("run")).unwrap())
 }
 
+/// A run of [`tiny`] after its first rollout, and its folder.
+pub fn begun(scratch: &Scratch) -> (Run, PathBuf) {
+    let mut run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+    run.advance().unwrap();
+    let folder = run.folder().path().to_owned();
+    (run, folder)
+}
+
 /// What [`tiny`] writes with COVERS.
 pub fn expected() -> &'static Bytes {
     static EXPECTED: OnceLock<Bytes> = OnceLock::new();

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use covers::presets::Method;
 use covers::{CoversError, Disk, LocalDisk, Run, RunFolder};
 
-use crate::common::{Scratch, assert_same, expected, finish, full, tiny};
+use crate::common::{Scratch, assert_same, begun, expected, finish, full, tiny};
 
 /// A disk whose operations fail from the nth on; a write that fails leaves half of its bytes.
 #[derive(Debug)]
@@ -151,10 +151,7 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
 #[test]
 fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let scratch = Scratch::new("full");
-    let experiment = tiny(Method::Covers);
-    let mut run = Run::start(experiment, scratch.run("run")).unwrap();
-    run.advance().unwrap();
-    let folder = run.folder().path().to_owned();
+    let (mut run, folder) = begun(&scratch);
     let next = folder.join("checkpoints/000002.safetensors.partial");
     std::os::unix::fs::symlink("/dev/full", &next).unwrap();
     let message = run.advance().unwrap_err().to_string();

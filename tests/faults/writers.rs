@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use covers::presets::Method;
 use covers::{CoversError, Provenance, Run};
 
-use crate::common::{Scratch, assert_same, crash_after, expected, finish, tiny};
+use crate::common::{Scratch, assert_same, begun, crash_after, expected, finish, tiny};
 
 #[test]
 fn a_second_writer_is_refused_and_told_of_the_first() {
@@ -62,10 +62,7 @@ fn a_finished_run_is_overwritten_only_when_told() {
 #[test]
 fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
-    let experiment = tiny(Method::Covers);
-    let mut run = Run::start(experiment, scratch.run("run")).unwrap();
-    run.advance().unwrap();
-    let folder = run.folder().path().to_owned();
+    let (run, folder) = begun(&scratch);
     for file in ["metrics.csv", "evaluation.csv", "timings.csv"] {
         fs::remove_file(folder.join(file)).unwrap();
     }

@@ -1,5 +1,6 @@
 //! Does the script solve a variant?
 
+use std::fmt;
 use std::sync::Arc;
 
 use rand::SeedableRng;
@@ -15,15 +16,43 @@ use crate::tabletop::TableTop;
 /// Share of the episodes that a scripted expert must solve.
 const SUCCESS_RATE: f64 = 0.98;
 
-/// How the scripted expert fared on one variant.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ExpertRow {
+/// Which variant a row of figures is of.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct VariantName {
     /// What carried the gripper.
     pub embodiment: &'static str,
     /// The task group.
     pub task: &'static str,
     /// The variant's element of D2.
     pub element: String,
+}
+
+impl VariantName {
+    pub(super) fn new(scene: &Scene, element: D2) -> Self {
+        Self {
+            embodiment: scene.embodiment.name(),
+            task: scene.group.name(),
+            element: element.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for VariantName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:<7} {:<13} {:<10}",
+            self.embodiment, self.task, self.element
+        )
+    }
+}
+
+/// How the scripted expert fared on one variant.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ExpertRow {
+    /// The variant.
+    #[serde(flatten)]
+    pub variant: VariantName,
     /// Episodes, one a seed.
     pub episodes: u64,
     /// Episodes in which the success condition held at any control step.
@@ -66,9 +95,7 @@ pub fn experts(
         total += reward;
     }
     Ok(ExpertRow {
-        embodiment: scene.embodiment.name(),
-        task: scene.group.name(),
-        element: element.to_string(),
+        variant: VariantName::new(scene, element),
         episodes: seeds,
         successes,
         mean_return: total * control.action_repeat as f64 / seeds as f64,

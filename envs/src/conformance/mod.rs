@@ -16,6 +16,6 @@ mod rules;
 mod scene_rules;
 mod symmetry;
 
-pub use experts::{ExpertRow, experts};
+pub use experts::{ExpertRow, VariantName, experts};
 pub use rules::{Flaw, check};
 pub use symmetry::{SymmetryRow, symmetry};

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use super::experts::{check_seeds, episode};
+use super::experts::{VariantName, check_seeds, episode};
 use crate::error::EnvError;
 use crate::renderer::{RGB, SceneRenderer};
 use crate::scene::Scene;
@@ -27,12 +27,9 @@ const HELD: usize = 5;
 /// How far a variant strayed from the mirror image of its canonical twin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SymmetryRow {
-    /// What carried the gripper.
-    pub embodiment: &'static str,
-    /// The task group.
-    pub task: &'static str,
-    /// The variant's element of D2.
-    pub element: String,
+    /// The variant.
+    #[serde(flatten)]
+    pub variant: VariantName,
     /// Whether the embodiment mirrors exactly.
     #[serde(skip)]
     exact: bool,
@@ -106,9 +103,7 @@ impl Twins {
         let control = scene.layout.control();
         let pixels = scene.camera.size * scene.camera.size * RGB;
         let row = SymmetryRow {
-            embodiment: scene.embodiment.name(),
-            task: scene.group.name(),
-            element: element.to_string(),
+            variant: VariantName::new(&scene, element),
             exact: scene.embodiment.mirrors_exactly(),
             free_deviation: 0.0,
             contact_deviation: 0.0,

@@ -7,24 +7,18 @@ use envs::mujoco::Model;
 
 use super::{Reading, Target, accepted, measured};
 
-pub const MJCF: Target = Target {
-    name: "mjcf",
-    read: |input| read(input, |files| accepted(Model::check_files(NAMES[0], files))),
+pub const MJCF: Target = Target::new(
+    "mjcf",
+    |input| read(input, |files| accepted(Model::check_files(NAMES[0], files))),
     seeds,
-    multiple: 32,
-    constant: 1 << 10,
-    trials: 20_000,
-};
+)
+.holding(32, 1 << 10)
+.tried(20_000);
 
 /// Its memory is Rust's alone: the virtual file system and what an error says.
-pub const COMPILER: Target = Target {
-    name: "compiler",
-    read: |input| read(input, compile),
-    seeds,
-    multiple: 32,
-    constant: 1 << 21,
-    trials: 500,
-};
+pub const COMPILER: Target = Target::new("compiler", |input| read(input, compile), seeds)
+    .holding(32, 1 << 21)
+    .tried(500);
 
 /// A file on the disk that no model may show.
 static BAIT: LazyLock<PathBuf> = LazyLock::new(|| {

@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use allocation_counter::measure;
+use rl::{Critic, Encoder, NetworkSettings};
 
 mod mjcf;
 mod npz;
@@ -51,6 +52,36 @@ pub struct Reading {
 }
 
 impl Target {
+    /// A target that may hold no memory yet, and that the test does not mutate.
+    const fn new(
+        name: &'static str,
+        read: fn(&[u8]) -> Option<Reading>,
+        seeds: fn() -> Vec<Vec<u8>>,
+    ) -> Self {
+        Self {
+            name,
+            read,
+            seeds,
+            multiple: 0,
+            constant: 0,
+            trials: 0,
+        }
+    }
+
+    /// Bytes that reading may hold at a time: for a byte of the input, and whatever the input is.
+    const fn holding(self, multiple: u64, constant: u64) -> Self {
+        Self {
+            multiple,
+            constant,
+            ..self
+        }
+    }
+
+    /// Mutations that the test tries.
+    const fn tried(self, trials: u32) -> Self {
+        Self { trials, ..self }
+    }
+
     /// Reads one input; none where it is refused before it reaches the reader.
     ///
     /// # Panics
@@ -85,6 +116,23 @@ fn measured(read: impl FnOnce() -> bool) -> Option<Reading> {
     })
 }
 
+/// Texts as inputs.
+fn texts<const N: usize>(texts: [&str; N]) -> Vec<Vec<u8>> {
+    texts.map(|text| text.as_bytes().to_vec()).to_vec()
+}
+
+/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
+fn small_network() -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![1; 4] },
+        top_fields: 1,
+        vector_fields: 1,
+        actor_fields: 1,
+        critic: Critic::Joint { fields: 1 },
+        ..NetworkSettings::default()
+    }
+}
+
 /// Whether reading succeeded. An error must have something to say.
 fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
     if let Err(error) = &result {
@@ -109,14 +157,11 @@ mod tests {
     use super::*;
 
     /// A target whose reader holds as many bytes as the input says.
-    const GREEDY: Target = Target {
-        name: "greedy",
-        read: |input| measured(|| vec![1_u8; 100 * usize::from(input[0])].len() > 100),
-        seeds: Vec::new,
-        multiple: 10,
-        constant: 100,
-        trials: 0,
-    };
+    const GREEDY: Target = Target::new("greedy", greedy, Vec::new).holding(10, 100);
+
+    fn greedy(input: &[u8]) -> Option<Reading> {
+        measured(|| vec![1_u8; 100 * usize::from(input[0])].len() > 100)
+    }
 
     #[test]
     fn what_is_allocated_is_measured() {

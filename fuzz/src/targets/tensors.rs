@@ -9,37 +9,32 @@ use rl::{BoxError, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outc
 use rl::{Transition, VectorEnv};
 use symmetry::{Group, Irrep};
 
-use super::{Reading, Target, accepted, in_file, measured};
+use super::{Reading, Target, accepted, in_file, measured, small_network};
 
 /// The constant holds the learner that a valid file becomes.
-pub const CHECKPOINT: Target = Target {
-    name: "checkpoint",
-    read: |input| in_file("checkpoint", &mended(input), read_checkpoint),
-    seeds: checkpoints,
-    multiple: 64,
-    constant: 1 << 16,
-    trials: 5_000,
-};
+pub const CHECKPOINT: Target = Target::new(
+    "checkpoint",
+    |input| in_file("checkpoint", &mended(input), read_checkpoint),
+    checkpoints,
+)
+.holding(64, 1 << 16)
+.tried(5_000);
 
-pub const NETWORK: Target = Target {
-    name: "network",
-    read: |input| in_file("network", input, read_network),
-    seeds: networks,
-    multiple: 64,
-    constant: 1 << 12,
-    trials: 5_000,
-};
+pub const NETWORK: Target = Target::new(
+    "network",
+    |input| in_file("network", input, read_network),
+    networks,
+)
+.holding(64, 1 << 12)
+.tried(5_000);
 
 /// The smallest learner that has everything: two frames kept of each of two episodes.
 fn learner() -> LearnerSettings {
     LearnerSettings::Covers(CoversSettings {
         network: NetworkSettings {
             encoder: Encoder::Strided { fields: vec![1] },
-            top_fields: 1,
-            vector_fields: 1,
-            actor_fields: 1,
             critic: Critic::Pooled { width: 1 },
-            ..NetworkSettings::default()
+            ..small_network()
         },
         ppo: PpoSettings {
             epochs: 1,
@@ -79,11 +74,8 @@ impl VectorEnv for Blank {
         let ended = out.outcomes[0].ended();
         *out = Transition::new(&self.0);
         out.rewards.copy_from_slice(actions);
-        out.outcomes.fill(if ended {
-            Outcome::Running
-        } else {
-            Outcome::Truncated
-        });
+        let outcome = [Outcome::Truncated, Outcome::Running][usize::from(ended)];
+        out.outcomes.fill(outcome);
         Ok(())
     }
 }

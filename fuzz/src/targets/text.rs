@@ -18,34 +18,19 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Critic, Encoder, NetworkSettings};
 use symmetry::{FieldType, Group};
 
-use super::{Reading, Target, accepted, measured};
+use super::{Reading, Target, accepted, measured, small_network, texts};
 
-pub const NOTATION: Target = Target {
-    name: "notation",
-    read: read_notation,
-    seeds: notations,
-    multiple: 8,
-    constant: 1 << 9,
-    trials: 20_000,
-};
+pub const NOTATION: Target = Target::new("notation", read_notation, notations)
+    .holding(8, 1 << 9)
+    .tried(20_000);
 
-pub const SETTINGS: Target = Target {
-    name: "settings",
-    read: read_settings,
-    seeds: settings,
-    multiple: 32,
-    constant: 1 << 12,
-    trials: 2_000,
-};
+pub const SETTINGS: Target = Target::new("settings", read_settings, settings)
+    .holding(32, 1 << 12)
+    .tried(2_000);
 
-pub const COMMAND_LINE: Target = Target {
-    name: "command-line",
-    read: read_command_line,
-    seeds: command_lines,
-    multiple: 64,
-    constant: 1 << 16,
-    trials: 2_000,
-};
+pub const COMMAND_LINE: Target = Target::new("command-line", read_command_line, command_lines)
+    .holding(64, 1 << 16)
+    .tried(2_000);
 
 fn read_notation(input: &[u8]) -> Option<Reading> {
     let text = std::str::from_utf8(input).ok()?;
@@ -59,7 +44,7 @@ fn read_notation(input: &[u8]) -> Option<Reading> {
 }
 
 fn notations() -> Vec<Vec<u8>> {
-    let texts = [
+    texts([
         "8 reg + 2 x",
         "D1y: 3 1 + 4 y",
         "C2: 1 reg",
@@ -67,8 +52,7 @@ fn notations() -> Vec<Vec<u8>> {
         "D1x: 0",
         "2 xy",
         "hand",
-    ];
-    texts.map(|text| text.as_bytes().to_vec()).to_vec()
+    ])
 }
 
 fn read_settings(input: &[u8]) -> Option<Reading> {
@@ -130,18 +114,6 @@ fn is_small(experiment: &Experiment) -> bool {
         && experiment.schedule.total_decisions() <= 100_000
 }
 
-/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
-fn small_network() -> NetworkSettings {
-    NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![1; 4] },
-        top_fields: 1,
-        vector_fields: 1,
-        actor_fields: 1,
-        critic: Critic::Joint { fields: 1 },
-        ..NetworkSettings::default()
-    }
-}
-
 fn settings() -> Vec<Vec<u8>> {
     let experiments = Method::ALL.map(|method| {
         let mut experiment = Budget::Smoke.experiment(method);
@@ -159,14 +131,9 @@ fn settings() -> Vec<Vec<u8>> {
     experiments.into_iter().flatten().collect()
 }
 
-pub const OVERRIDES: Target = Target {
-    name: "overrides",
-    read: read_overrides,
-    seeds: overrides,
-    multiple: 256,
-    constant: 1 << 17,
-    trials: 500,
-};
+pub const OVERRIDES: Target = Target::new("overrides", read_overrides, overrides)
+    .holding(256, 1 << 17)
+    .tried(500);
 
 /// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
 fn read_overrides(input: &[u8]) -> Option<Reading> {
@@ -179,15 +146,14 @@ fn read_overrides(input: &[u8]) -> Option<Reading> {
 }
 
 fn overrides() -> Vec<Vec<u8>> {
-    let lines = [
+    texts([
         "covers.ppo.gamma=0.97",
         "gamma=0.97",
         "schedule.groups.3.variants=[\"flip x\"]\nschedule.cycles=2",
         "covers.grouping=oracle",
         "evaluation.every=null\n evaluation.rounds = 3",
         "schedule.groups.18446744073709551615.decisions=1",
-    ];
-    lines.map(|line| line.as_bytes().to_vec()).to_vec()
+    ])
 }
 
 thread_local! {
@@ -239,7 +205,7 @@ fn check_names(command: Option<Command>) {
 }
 
 fn command_lines() -> Vec<Vec<u8>> {
-    let lines = [
+    texts([
         "train\n--preset\nequi\n--budget\nsmoke\n--seed\n7\n--threads\n2\n--group\nC2\n--json",
         "train\n--set\ncovers.ppo.gamma=0.97\n--set\nschedule.groups.0.decisions=80",
         "train\n--folder\nx\n--overwrite",
@@ -253,6 +219,5 @@ fn command_lines() -> Vec<Vec<u8>> {
         "check\nparity\nrecordings\n--json",
         "--budget\nzero-shot\n--runs\nx",
         "help\ntrain",
-    ];
-    lines.map(|line| line.as_bytes().to_vec()).to_vec()
+    ])
 }

@@ -19,6 +19,12 @@ const YELLOW: [f64; 3] = [1.0, 1.0, 0.0];
 /// A geom of a scene: type, size, (x, y) in metres, angle about z in degrees, colour.
 type Prop = (&'static str, &'static str, [f64; 2], f64, [f64; 3]);
 
+/// All of them.
+pub fn check_pictures(backends: &[Backend]) {
+    check_orientation(backends);
+    check_mirrored_scenes(backends);
+}
+
 /// Row 0 is the largest y, column 0 the smallest x, and channels are red, green, blue.
 pub fn check_orientation(backends: &[Backend]) {
     let boxes: [Prop; 4] = [
@@ -43,7 +49,7 @@ pub fn check_orientation(backends: &[Backend]) {
 /// Round props stand upright: MuJoCo cuts a round shape into quads and OpenGL each quad into two
 /// triangles, along a diagonal that does not mirror. Lit from above, a lying shape's quads are not
 /// shaded evenly along the cut, and pixels there differ by a few levels.
-pub fn check_mirrored_scenes(backends: &[Backend]) {
+fn check_mirrored_scenes(backends: &[Backend]) {
     let original = draw(&props(1.0, 1.0), backends);
     for (sign_x, sign_y) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
         let expected = mirrored(&original, sign_x < 0.0, sign_y < 0.0);

@@ -48,7 +48,7 @@ impl Sizes {
 
 /// An episode so far, or as it ended: T steps and the T + 1 observations around them. Of an episode
 /// that outlasts the replay, the first steps are removed.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Default)]
 pub(super) struct Episode {
     /// Channels that stand still, `[H, W, S]`.
     pub still: Vec<u8>,

@@ -1,5 +1,7 @@
 //! One step of a replay, as it was recorded.
 
+use std::fmt;
+
 use crate::env::Outcome;
 use crate::replay::episode::{Episode, Sizes};
 
@@ -13,7 +15,7 @@ pub(crate) struct Place {
 
 /// A step that a [`Replay`](crate::Replay) holds: an observation, an action, a reward and the
 /// observation after it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Recorded<'a> {
     pub(super) episode: &'a Episode,
     pub(super) sizes: &'a Sizes,
@@ -106,6 +108,17 @@ impl<'a> Recorded<'a> {
         let first = self.episode.steps() - self.episode.held;
         let step = first + (self.step - first + count) % self.episode.held;
         Self { step, ..*self }
+    }
+}
+
+impl fmt::Debug for Recorded<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Recorded")
+            .field("place", &self.place())
+            .field("action", &self.action())
+            .field("reward", &self.reward())
+            .field("outcome", &self.outcome())
+            .finish_non_exhaustive()
     }
 }
 

@@ -1,6 +1,7 @@
 //! The ring of recorded steps.
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::iter::repeat_n;
 
 use rand::RngExt;
@@ -23,7 +24,7 @@ use crate::replay::settings::ReplaySettings;
 /// reaches into another episode.
 ///
 /// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Replay {
     pub(super) settings: ReplaySettings,
     pub(super) spec: EnvSpec,
@@ -276,6 +277,17 @@ impl Replay {
         self.running.resize(got, None);
         self.actions.resize(got * self.sizes.action, 0.0);
         Ok(())
+    }
+}
+
+impl fmt::Debug for Replay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Replay")
+            .field("settings", &self.settings)
+            .field("spec", &self.spec)
+            .field("len", &self.len())
+            .field("recorded", &self.recorded)
+            .finish_non_exhaustive()
     }
 }
 

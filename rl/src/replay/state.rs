@@ -1,6 +1,7 @@
 //! A replay as plain arrays, for checkpoints.
 
 use std::collections::VecDeque;
+use std::fmt;
 
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
@@ -26,7 +27,7 @@ pub struct ReplayState<'a> {
 
 /// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. An episode of
 /// which no step is held may be empty.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 pub struct EpisodeState<'a> {
     /// Channels that stand still, `[H, W, S]`.
     pub still: &'a [u8],
@@ -108,6 +109,16 @@ impl Episode {
             removed: state.removed as usize,
             held: 0,
         }
+    }
+}
+
+impl fmt::Debug for EpisodeState<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("EpisodeState")
+            .field("rewards", &self.rewards)
+            .field("outcome", &self.outcome)
+            .field("removed", &self.removed)
+            .finish_non_exhaustive()
     }
 }
 

@@ -42,12 +42,11 @@ impl<T: Scalar> Losses<'_, T> {
         w: &mut SacWorkspace<T>,
         gradient: &mut [T],
     ) -> SacSums {
-        let trunk = self.network.parts().trunk;
+        let trunk = self.network.trunk.params();
         self.batch.load((self.network, self.params), &range, w);
         self.evaluate_next(&range, w);
-        let mut sums = SacSums::default();
-        self.critics(&range, w, gradient, &mut sums);
-        self.actor(&range, w, gradient, &mut sums);
+        let mut sums = self.critics(&range, w, gradient);
+        sums.add(&self.actor(&range, w, gradient));
         let (own, params) = (&mut gradient[trunk.clone()], &self.params[trunk]);
         let shared = &self.network.trunk;
         shared.backward(params, range.len(), &mut w.here, own);
@@ -74,18 +73,12 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Adds the critics' loss and its gradient, but for that in the shared part, which is left as
-    /// the gradient in its fields.
-    fn critics(
-        &self,
-        range: &Range<usize>,
-        w: &mut SacWorkspace<T>,
-        gradient: &mut [T],
-        sums: &mut SacSums,
-    ) {
+    /// Returns the critics' loss and adds its gradient, but for that in the shared part, which is left
+    /// as the gradient in its fields.
+    fn critics(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, grad: &mut [T]) -> SacSums {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
-        let fields = &w.here.fields()[..n * network.trunk.out_type().dim()];
+        let fields = network.trunk.fields(n, &w.here);
         let own = &self.params[parts.reader.clone()];
         let reader = &network.reader;
         reader.forward(own, fields, &w.before[0], &mut w.critic_reader);
@@ -98,6 +91,7 @@ impl<T: Scalar> Losses<'_, T> {
                 .for_each(|(to, a)| *to = a.into());
         }
         self.run_critics(n, (self.params, &parts), w);
+        let mut sums = SacSums::default();
         for slot in 0..n {
             for twin in &mut w.critics {
                 let error = twin.y[slot].to_f64() - w.targets[slot];
@@ -108,34 +102,27 @@ impl<T: Scalar> Losses<'_, T> {
         }
         for (twin, own) in w.critics.iter_mut().zip(&parts.twins) {
             let own = (self.params, own.clone());
-            twin.backward(&network.critic, own, n, gradient, true);
+            twin.backward(&network.critic, own, n, grad, true);
         }
         self.split_gradient(n, w);
         let d_state = &mut w.critic_reader.d_state;
         d_state.copy_from_slice(&w.d_state);
-        let (own, dparams) = (
-            &self.params[parts.reader.clone()],
-            &mut gradient[parts.reader],
-        );
+        let (own, dparams) = (&self.params[parts.reader.clone()], &mut grad[parts.reader]);
         let d_fields = reader.backward(own, &w.before[0], n, dparams, &mut w.critic_reader);
         w.here.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
+        sums
     }
 
-    /// Adds the actor's loss and its gradient. The critics have read the same observations.
-    fn actor(
-        &self,
-        range: &Range<usize>,
-        w: &mut SacWorkspace<T>,
-        gradient: &mut [T],
-        sums: &mut SacSums,
-    ) {
+    /// Returns the actor's loss and adds its gradient. The critics have read the same observations.
+    fn actor(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, grad: &mut [T]) -> SacSums {
         let (network, n) = (self.network, range.len());
         let (parts, reader) = (network.parts(), &network.reader);
-        let fields = &w.here.fields()[..n * network.trunk.out_type().dim()];
+        let fields = network.trunk.fields(n, &w.here);
         let own = &self.params[parts.actor_reader.clone()];
         reader.forward(own, fields, &w.before[0], &mut w.actor_reader);
         self.run_actor(range, self.batch.noise[0], w);
         self.run_critics(n, (self.params, &parts.critics), w);
+        let mut sums = SacSums::default();
         for slot in 0..n {
             let (twin, value) = least(w, slot);
             sums.samples += 1.0;
@@ -149,18 +136,14 @@ impl<T: Scalar> Losses<'_, T> {
             twin.backward(&network.critic, own, n, &mut w.discarded, true);
         }
         self.split_gradient(n, w);
-        self.output_gradient(range, w, sums);
-        w.actor.backward(
-            &network.actor,
-            (self.params, parts.actor),
-            n,
-            gradient,
-            true,
-        );
+        sums.cloning = self.output_gradient(range, w);
+        let own = (self.params, parts.actor);
+        w.actor.backward(&network.actor, own, n, grad, true);
         w.actor_reader.d_state.copy_from_slice(&w.actor.dx);
         let own = &self.params[parts.actor_reader.clone()];
-        let dparams = &mut gradient[parts.actor_reader];
+        let dparams = &mut grad[parts.actor_reader];
         reader.backward(own, &w.before[0], n, dparams, &mut w.actor_reader);
+        sums
     }
 
     /// Draws actions with their log-probabilities from the actor that has been read for.
@@ -225,10 +208,12 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Brings the gradient in the actions to the actor's output, and adds that of cloning.
-    fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, sums: &mut SacSums) {
+    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose loss
+    /// it returns.
+    fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) -> f64 {
         let network = self.network;
         let width = network.action_order.len();
+        let mut cloning = 0.0;
         let d_log_prob = self.batch.temperature * self.batch.scale();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
@@ -243,7 +228,7 @@ impl<T: Scalar> Losses<'_, T> {
             for ((d, &mean), done) in d_output.iter_mut().zip(output).zip(done) {
                 let (mean, done) = (mean.tanh(), f64::from(done));
                 let error = mean - done;
-                sums.cloning += error * error;
+                cloning += error * error;
                 let slope = 2.0 * error * (1.0 - mean * mean);
                 *d += self.batch.cloning * self.batch.scale() * slope;
             }
@@ -254,6 +239,7 @@ impl<T: Scalar> Losses<'_, T> {
                 *dy = T::from_f64(d_output[i]);
             }
         }
+        cloning
     }
 }
 

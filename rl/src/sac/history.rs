@@ -2,14 +2,20 @@
 
 use std::collections::VecDeque;
 
+use crate::error::{RlError, check_len};
 use crate::policy::Memory;
 
 /// The last steps of the running episodes of N environments; nothing for an actor without a
 /// context.
+///
+/// It is no part of what is saved: a learner that goes on from a file begins every episode anew, as
+/// [`RolloutState::reset`](crate::RolloutState::reset) does.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
     /// Steps remembered at most.
-    pub(super) length: usize,
+    length: usize,
+    /// Length of the fields of an observation.
+    pub(super) fields: usize,
     pub(super) envs: Vec<Episode>,
 }
 
@@ -31,12 +37,23 @@ pub(super) struct Past {
 }
 
 impl History {
-    pub(super) fn new(length: usize, envs: usize) -> Self {
+    /// A memory of `length` steps with `fields` of this length each.
+    pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
         let envs = if length == 0 { 0 } else { envs };
         Self {
             length,
+            fields,
             envs: vec![Episode::default(); envs],
         }
+    }
+
+    /// Refuses a memory that was made for a network of other sizes, or for another number of
+    /// environments.
+    pub(super) fn check(&self, [length, fields]: [usize; 2], envs: usize) -> Result<(), RlError> {
+        check_len("steps of memory", "[L]", self.length, length)?;
+        check_len("fields of memory", "[h]", self.fields, fields)?;
+        let envs = if length == 0 { 0 } else { envs };
+        check_len("memory", "[N]", self.envs.len(), envs)
     }
 }
 

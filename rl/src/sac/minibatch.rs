@@ -83,7 +83,7 @@ impl<'a> Batch<'a> {
                 }
             }
         }
-        let params = &params[network.parts().trunk];
+        let params = &params[network.trunk.params()];
         let there = w.shown.len() - n;
         network.trunk.forward(params, n, &mut w.here);
         network.trunk.forward(params, there, &mut w.there);

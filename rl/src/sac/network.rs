@@ -13,7 +13,7 @@ use crate::require::require;
 use crate::sac::reader::Reader;
 use crate::sac::settings::ContextSettings;
 use crate::sac::squashed::raw_log_std;
-use crate::trunk::{Layout, Trunk, head};
+use crate::trunk::{Layout, OnTrunk, Trunk, head};
 
 /// Actor and twin critics on shared equivariant features.
 ///
@@ -47,15 +47,12 @@ pub struct SacNetwork<T> {
     /// Natural index of every irrep-major component of the action, and of (mean, log_std).
     pub(super) action_order: Vec<usize>,
     pub(super) output_order: Vec<usize>,
-    settings: NetworkSettings,
     context: Option<ContextSettings>,
-    spec: EnvSpec,
 }
 
 /// Where the parameters of each part lie in the flat slice.
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
-    pub trunk: Range<usize>,
     pub actor_reader: Range<usize>,
     pub actor: Range<usize>,
     pub critics: CriticParts,
@@ -82,12 +79,11 @@ impl<T: Scalar> SacNetwork<T> {
         context: Option<ContextSettings>,
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
-        settings.check()?;
-        spec.check()?;
+        let trunk = Trunk::new(settings, spec)?;
+        let fields = joint_fields(settings)?;
         let raw = raw_log_std(settings.log_std.into());
         let expected = "a number in (-5, 2) for soft actor-critic";
         require("log_std", settings.log_std, expected, raw.is_some())?;
-        let trunk = Trunk::new(settings, spec)?;
         let reader = Reader::new(trunk.out_type(), context, spec)?;
         let group = settings.group;
         let mut output = spec.action.clone();
@@ -98,15 +94,13 @@ impl<T: Scalar> SacNetwork<T> {
         let to = FieldType::from_irreps(group, &output);
         Ok(Self {
             actor: head(reader.out_type(), hidden, to)?,
-            critic: critic(settings, joined.out_shape().fields)?,
+            critic: head(joined.out_shape().fields, fields, group.trivial(1))?,
             joined,
             action_order: irrep_order(group, &spec.action),
             output_order: irrep_order(group, &output),
             trunk,
             reader,
-            settings: settings.clone(),
             context,
-            spec: spec.clone(),
         })
     }
 
@@ -121,14 +115,9 @@ impl<T: Scalar> SacNetwork<T> {
         critics.reader.start..critics.twins[1].end
     }
 
-    /// F, the length of the invariant features: one per regular field of the group.
-    pub fn feature_dim(&self) -> usize {
-        self.trunk.feature_dim()
-    }
-
     /// The settings that the network was built with.
     pub fn settings(&self) -> &NetworkSettings {
-        &self.settings
+        &self.trunk.settings
     }
 
     /// The settings of the context, where there is one.
@@ -138,15 +127,14 @@ impl<T: Scalar> SacNetwork<T> {
 
     /// The spec that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
-        &self.spec
+        &self.trunk.spec
     }
 
     /// Draws all parameters: weights followed by a ReLU with gain sqrt(2), the last layers with
     /// their own gain, those of GRUs with 1, zero biases but for log_std, which starts as set.
     pub fn init(&self, rng: &mut dyn Rng) -> Vec<T> {
-        let (parts, settings) = (self.parts(), &self.settings);
-        let mut params = vec![T::ZERO; self.num_params()];
-        self.trunk.init(settings, rng, &mut params[parts.trunk]);
+        let (parts, settings) = (self.parts(), self.settings());
+        let mut params = self.trunk.init(self.num_params(), rng);
         self.reader.init(rng, &mut params[parts.actor_reader]);
         let actor = &mut params[parts.actor];
         self.actor
@@ -173,10 +161,18 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
+    /// Steps that an actor remembers at most, and the length of their fields; zeros without a
+    /// context.
+    pub(super) fn remembered(&self) -> [usize; 2] {
+        match self.reader.length() {
+            0 => [0; 2],
+            length => [length, self.trunk.out_type().dim()],
+        }
+    }
+
     pub(super) fn parts(&self) -> Parts {
-        let mut layout = Layout::new();
+        let mut layout = Layout::after(&self.trunk);
         Parts {
-            trunk: layout.next(self.trunk.num_params()),
             actor_reader: layout.next(self.reader.num_params()),
             actor: layout.next(self.actor.num_params()),
             critics: self.critic_parts(layout),
@@ -196,15 +192,16 @@ impl<T: Scalar> SacNetwork<T> {
     }
 }
 
-fn critic<T: Scalar>(
-    settings: &NetworkSettings,
-    from: FieldType,
-) -> Result<Sequential<T>, RlError> {
+impl<T> OnTrunk<T> for SacNetwork<T> {
+    fn trunk(&self) -> &Trunk<T> {
+        &self.trunk
+    }
+}
+
+/// The hidden fields of critics that see all that the actor sees.
+fn joint_fields(settings: &NetworkSettings) -> Result<FieldType, RlError> {
     match settings.critic {
-        Critic::Joint { fields } => {
-            let value = settings.group.trivial(1);
-            head(from, settings.regular(fields), value)
-        }
+        Critic::Joint { fields } => Ok(settings.regular(fields)),
         Critic::Pooled { width } => Err(RlError::Setting {
             name: "critic.pooled.width",
             value: width as f64,

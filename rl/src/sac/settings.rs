@@ -25,12 +25,12 @@ pub struct SacSettings {
     /// Steps of a minibatch that follow one another in an episode, a divisor of `batch`. The first
     /// of them is drawn; after an episode's last held step comes its first, so that every step is
     /// drawn equally often. Where [`Replay::mark`](crate::Replay::mark) stands within an episode,
-    /// windows of its newest steps reach back before the mark. They share observations, each of which is encoded once: a window of w steps takes
-    /// w + 1 observations, and w + 1 + L with a context of L steps, where single steps take 2 w and
-    /// (2 + L) w.
+    /// windows of its newest steps reach back before the mark. Steps of a window share
+    /// observations, each of which is encoded once: a window of w steps takes w + 1 observations,
+    /// and w + 1 + L with a context of L steps, where single steps take 2 w and (2 + L) w.
     pub window: usize,
     /// Gradient steps for each recorded step, at least 0; below 1, several recorded steps share a
-    /// gradient step.
+    /// gradient step. All steps that a replay ever recorded count ([`Sac::due`](crate::Sac::due)).
     ///
     /// By default, a step that is recorded after the burn-in is passed through as many gradient
     /// steps as PPO's default passes it through at most, 12 on average
@@ -49,8 +49,9 @@ pub struct SacSettings {
     pub tau: f32,
     /// What a nat of entropy is worth.
     pub temperature: Temperature,
-    /// Share of a minibatch, in [0, 1], that is drawn from the steps since the last
-    /// [`Replay::mark`](crate::Replay::mark); the rest is drawn from all.
+    /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since the
+    /// last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded to
+    /// whole windows: of 512 steps in windows of four, to a multiple of 1 / 128.
     pub newest_share: f32,
     /// Every window of a minibatch is moved by a random element of this group: pictures, vectors and
     /// actions. C1 leaves them as they are.

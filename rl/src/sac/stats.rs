@@ -2,7 +2,9 @@
 
 use crate::algorithm::Metrics;
 
-/// What an update did: means over all steps of all minibatches that were run, zeros where none was.
+/// What an update did: means over all steps of all minibatches that were run. Where none was, as
+/// during the burn-in, `steps` is 0, and the means are zeros that say nothing: every row of a table
+/// has the same columns, and all are numbers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SacStats {
     /// Halved squared error of the critics, both together.

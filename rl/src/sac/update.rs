@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::adam::{Adam, ParamGroup, clip_values, norm};
+use crate::adam::{Adam, ParamGroup, SECOND_MOMENT, clip_values, norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::gaussian::standard_normals;
@@ -23,14 +23,11 @@ use crate::sac::workspace::SacWorkspace;
 /// are shared within a chunk. A workspace holds a chunk, so there is a limit.
 const TRAINING_CHUNK: [usize; 2] = [8, 32];
 
-/// Names of the state in a checkpoint.
-const FIRST_MOMENT: &str = "adam.first";
-const SECOND_MOMENT: &str = "adam.second";
+/// Names of the state in a checkpoint, beside that of the optimiser.
 const TARGETS: &str = "targets";
 const TEMPERATURE: &str = "temperature.log";
 const TEMPERATURE_FIRST: &str = "temperature.first";
 const TEMPERATURE_SECOND: &str = "temperature.second";
-const STEPS: &str = "adam.steps";
 
 /// Soft actor-critic (Haarnoja et al., arXiv 1801.01290, and arXiv 1812.05905, algorithm 1) with
 /// the state of one policy: optimiser, target critics and temperature.
@@ -108,7 +105,11 @@ impl Sac {
         }
     }
 
-    /// Gradient steps that are still to be taken when `recorded` steps have been recorded.
+    /// Gradient steps that are still to be taken when `recorded` steps have been recorded, counted
+    /// from the first one ever: for all of them after the burn-in, less the gradient steps that were
+    /// taken. So a fresh `Sac` on a replay of old steps catches up on all of them at its first
+    /// update. One that goes on where both were saved does not
+    /// ([`Algorithm::restore`] brings its count back).
     pub fn due(&self, recorded: u64) -> u64 {
         let after = recorded.saturating_sub(self.settings.burn_in);
         let total = after as f64 * f64::from(self.settings.updates_per_step);
@@ -150,42 +151,34 @@ impl Algorithm for Sac {
     /// Both moments of Adam and its number of steps, the target critics and the temperature.
     fn save(&self) -> AlgorithmState<'_> {
         let temperature = &self.temperature_optimiser;
-        let mut tensors: Vec<(&str, &[f32])> = vec![
-            (FIRST_MOMENT, &self.optimiser.first_moment),
-            (SECOND_MOMENT, &self.optimiser.second_moment),
-            (TARGETS, &self.targets),
-        ];
+        let mut state = self.optimiser.save();
+        state.tensors.push((TARGETS, &self.targets));
         // a fixed temperature has no state, and takes none from a learned one
         if matches!(self.settings.temperature, Temperature::Learned { .. }) {
-            tensors.extend([
+            state.tensors.extend([
                 (TEMPERATURE, &self.log_temperature[..]),
                 (TEMPERATURE_FIRST, &temperature.first_moment),
                 (TEMPERATURE_SECOND, &temperature.second_moment),
             ]);
         }
-        AlgorithmState {
-            tensors,
-            counters: vec![(STEPS, self.optimiser.steps)],
-        }
+        state
     }
 
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
         state.check_like(&self.save())?;
         check_not_negative(state, &[SECOND_MOMENT, TEMPERATURE_SECOND])?;
         let temperature = &mut self.temperature_optimiser;
-        let own: [&mut [f32]; 6] = [
-            &mut self.optimiser.first_moment,
-            &mut self.optimiser.second_moment,
+        let own: [&mut [f32]; 4] = [
             &mut self.targets,
             &mut self.log_temperature,
             &mut temperature.first_moment,
             &mut temperature.second_moment,
         ];
         // the layout is that of `save`, in which the last three are there for a learned one
-        for (own, (_, saved)) in own.into_iter().zip(&state.tensors) {
+        for (own, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
             own.copy_from_slice(saved);
         }
-        self.optimiser.steps = state.counters[0].1;
+        self.optimiser.restore(state);
         temperature.steps = self.optimiser.steps;
         Ok(())
     }

@@ -48,11 +48,7 @@ impl VectorEnv for Ages {
             out.rewards[n] = f32::from(u8::from(actions[n] == *age as f32));
             *age += 1;
             if *age == self.lengths[n] {
-                out.outcomes[n] = if n % 2 == 0 {
-                    Outcome::Truncated
-                } else {
-                    Outcome::Terminated
-                };
+                out.outcomes[n] = [Outcome::Truncated, Outcome::Terminated][n % 2];
                 *age = 0;
             }
         }

@@ -75,11 +75,7 @@ impl VectorEnv for Guess {
         let over = self.age == EPISODE;
         for (n, (action, goal)) in actions.iter().zip(&self.goals).enumerate() {
             out.rewards[n] = 1.0 - (action.clamp(-1.0, 1.0) - goal).abs();
-            out.outcomes[n] = if over {
-                Outcome::Truncated
-            } else {
-                Outcome::Running
-            };
+            out.outcomes[n] = [Outcome::Running, Outcome::Truncated][usize::from(over)];
         }
         if over {
             self.observe(&mut out.final_observations);

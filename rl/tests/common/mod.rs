@@ -18,6 +18,7 @@ const NEAR: f32 = 0.25;
 /// N points in [-1, 1]^2. Picture: the goal in channel 0, the point in channel 1. Vector: the
 /// point. Reward: 1 minus the mean distance per axis, in [0, 1]. Episodes last [`EPISODE`]
 /// decisions.
+#[derive(Clone)]
 pub struct PointReach {
     spec: EnvSpec,
     points: Vec<[f32; 2]>,
@@ -105,11 +106,7 @@ impl VectorEnv for PointReach {
             out.success[n] = distance.iter().all(|&d| d < NEAR);
             out.success_at_end[n] = out.success[n];
             let over = self.ages[n] == EPISODE;
-            out.outcomes[n] = if over {
-                Outcome::Truncated
-            } else {
-                Outcome::Running
-            };
+            out.outcomes[n] = [Outcome::Running, Outcome::Truncated][usize::from(over)];
             if over {
                 self.observe(n, &mut out.final_observations);
                 self.restart(n);

@@ -3,23 +3,17 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ContextSettings, Critic, Encoder, History, NetworkSettings, Replay, ReplaySettings, RlError,
+    ContextSettings, Encoder, History, NetworkSettings, Replay, ReplaySettings, RlError,
     RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
 };
 
 use crate::common::{EPISODE, PointReach};
+use crate::joint::joint;
 
 pub const ENVS: usize = 5;
 
 pub fn network(encoder: Encoder) -> NetworkSettings {
-    NetworkSettings {
-        encoder,
-        top_fields: 4,
-        vector_fields: 4,
-        actor_fields: 4,
-        critic: Critic::Joint { fields: 4 },
-        ..NetworkSettings::default()
-    }
+    joint(encoder, 4)
 }
 
 /// A replay that collects whole episodes and draws its actions from the policy after 20 decisions.

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
 
 use crate::error::CoversError;
-use crate::groupings::{Episodes, Grouping};
+use crate::groupings::{Answer, Episodes, Grouping};
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
@@ -22,8 +22,6 @@ use super::member::{Clouds, Member};
 use super::policies::Collection;
 use super::settings::{Embedding, Handover, NewPolicy};
 use super::training::Training;
-
-type Answer = Result<Assignment, CoversError>;
 
 impl<T: Training> Learner for Collection<T> {
     /// One turn of Algorithm 1: roll out, assign, update.

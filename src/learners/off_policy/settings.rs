@@ -82,11 +82,17 @@ impl OffPolicySettings {
         settings
     }
 
-    /// 3RL as COVERS compares with it: CLEAR with a context of the last five steps.
+    /// 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows are
+    /// longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
+        let clear = Self::clear();
         Self {
             context: Some(ContextSettings::default()),
-            ..Self::clear()
+            sac: SacSettings {
+                window: 16,
+                ..clear.sac
+            },
+            ..clear
         }
     }
 

@@ -7,9 +7,9 @@ use symmetry::{D2, Group};
 use super::*;
 use crate::encoder::Encoder;
 use crate::env::{Observations, signed};
+use crate::fixtures::{network, replay, settings, spec, strided};
 use crate::policy::{Actor, Memory};
 use crate::replay::ring::Replay;
-use crate::sac::fixtures::{network, replay, settings, spec, strided};
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
@@ -103,7 +103,7 @@ fn check_gradient(network: SacNetwork<f64>) {
     let actors = parts.actor_reader.start..parts.actor.end;
     let (_, gradient, _) = case.run(&replay);
     let from = if case.network.context().is_some() {
-        parts.trunk.end
+        case.network.trunk.params().end
     } else {
         0
     };

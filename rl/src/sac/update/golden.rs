@@ -47,6 +47,7 @@ fn settings() -> SacSettings {
     SacSettings {
         gamma: 0.9,
         batch: BATCH,
+        window: 1,
         learning_rate: 1e-2,
         max_gradient: 0.05,
         tau: 0.1,

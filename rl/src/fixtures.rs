@@ -1,4 +1,4 @@
-//! Small networks and replays of random steps, for the tests of this folder.
+//! Small networks and replays of random steps, for the unit tests.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -56,11 +56,19 @@ fn see(rng: &mut ChaCha8Rng, out: &mut Observations) {
 /// Six steps of every environment; the first ends an episode by a time-out, the second by a
 /// termination.
 pub fn replay() -> Replay {
+    marked(0)
+}
+
+/// The same with a mark before the last `newest` steps.
+pub fn marked(newest: usize) -> Replay {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let mut replay = Replay::new(ReplaySettings::default(), &spec()).unwrap();
     let (mut now, mut transition) = (Observations::new(&spec()), Transition::new(&spec()));
     see(&mut rng, &mut now);
     for step in 0..6 {
+        if ENVS * (6 - step) == newest {
+            replay.mark();
+        }
         see(&mut rng, &mut transition.observations);
         see(&mut rng, &mut transition.final_observations);
         transition.rewards.fill_with(|| rng.random_range(-1.0..1.0));
