@@ -5,7 +5,7 @@ use rand::Rng;
 
 use crate::account::Account;
 use crate::error::EvidenceError;
-use crate::recogniser::{frames, sources_of};
+use crate::opinion::{frames, sources_of};
 
 /// The number of accounts, in the order in which their episodes began, that show another group than
 /// the rest; none where one group explains all. Episodes that began together stay together.

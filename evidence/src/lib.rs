@@ -17,10 +17,13 @@
 //! elsewhere what it earns at home serves there as well.
 
 mod account;
+mod choice;
 mod cut;
 mod error;
 mod filters;
+mod memory;
 mod motion;
+mod opinion;
 mod probability;
 mod recogniser;
 mod settings;
@@ -28,8 +31,9 @@ mod settings;
 pub use account::{Account, Accountant, Course};
 pub use error::EvidenceError;
 pub use filters::Filters;
+pub use opinion::{Look, Opinion};
 pub use probability::Probabilities;
-pub use recogniser::{Finding, Look, Opinion, Recogniser, Situation};
+pub use recogniser::{Finding, Recogniser, Situation};
 pub use settings::RecogniserSettings;
 
 /// Compiles and runs the example of the README.

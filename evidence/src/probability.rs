@@ -1,7 +1,5 @@
 //! From p-values to the probability of each policy.
 
-use crate::recogniser::Opinion;
-
 /// How likely it is that each policy's group is at hand, and that none is.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
@@ -13,12 +11,13 @@ pub struct Probabilities {
 
 /// How much "none of these" weighs beside a policy that nothing speaks against.
 const NONE: f64 = 0.05;
-/// What a policy weighs at least that is not refused: a difference may be drift.
+/// What a policy weighs at least whose difference may be drift.
 const ACCEPTED: f64 = 0.1;
 
 impl Probabilities {
-    pub(crate) fn of(opinions: &[Opinion]) -> Self {
-        let weights: Vec<f64> = opinions.iter().map(weight).collect();
+    /// For each policy the p-value of its group, and whether a difference may be drift.
+    pub(crate) fn of(policies: impl Iterator<Item = (f64, bool)>) -> Self {
+        let weights: Vec<f64> = policies.map(weight).collect();
         let all = weights.iter().sum::<f64>() + NONE;
         Self {
             policies: weights.into_iter().map(|weight| weight / all).collect(),
@@ -45,11 +44,11 @@ fn bayes_factor(p: f64) -> f64 {
     }
 }
 
-fn weight(opinion: &Opinion) -> f64 {
-    let weight = bayes_factor(opinion.tail_p_value());
-    match opinion.is_refused() {
-        true => weight,
-        false => weight.max(ACCEPTED),
+fn weight((p, may_be_drift): (f64, bool)) -> f64 {
+    let weight = bayes_factor(p);
+    match may_be_drift {
+        true => weight.max(ACCEPTED),
+        false => weight,
     }
 }
 

@@ -1,173 +1,19 @@
 //! Whose task new episodes show: the accounts of each policy, and decisions by them.
 
-use std::collections::VecDeque;
-
-use cluster::{
-    Candidate, Decision, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source,
-    SourceTest, Verdict, joint_test,
-};
+use cluster::{Candidate, Decision, Side, Source, SourceTest, Verdict, joint_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize as _};
 
 use crate::account::Account;
+use crate::choice::{best, keep_or};
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
+use crate::memory::Memory;
+use crate::opinion::{Kind, Look, Opinion, changed, frames, mean_earned, sources_of};
 use crate::probability::Probabilities;
 use crate::settings::RecogniserSettings;
-
-/// Another policy takes over from one that acted and is accepted where it fits what is seen at the
-/// beginning of episodes by so many standard deviations better,
-const MARGIN: f64 = 3.0;
-/// and where that has at most this probability for the one that acted. Groups that look alike, too,
-/// differ by chance.
-const UNLIKELY: f64 = 1e-3;
-
-/// Standard deviations of looks that weigh as much as a motion that is another altogether, where
-/// policies are ranked.
-const MOTION_WEIGHT: f64 = 10.0;
-
-/// A source of evidence.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    Picture,
-    Vector,
-    Motion,
-    Earnings,
-}
-
-impl Kind {
-    /// Whether it is there before anybody acts.
-    fn is_look(self) -> bool {
-        matches!(self, Self::Picture | Self::Vector)
-    }
-
-    fn point(self, account: &Account) -> Option<&[f32]> {
-        match self {
-            Self::Picture => Some(&account.picture),
-            Self::Vector => Some(&account.vector),
-            Self::Motion => account.motion.as_deref(),
-            Self::Earnings => account.earned.as_ref().map(std::slice::from_ref),
-        }
-    }
-}
-
-/// What a policy is known by: the accounts of the latest episodes on which it learnt.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-struct Memory {
-    accounts: VecDeque<Account>,
-    /// Mean earnings of the first rollout on which it learnt.
-    beginning: Option<f64>,
-}
-
-/// What speaks for and against one policy.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Opinion {
-    kinds: Vec<Kind>,
-    test: Option<JointTest>,
-    /// By how much motion changed, as a share, and which share of the earnings was lost.
-    changed: f64,
-    lost: f64,
-    verdict: Verdict,
-    /// Episodes that the policy remembers.
-    remembered: usize,
-}
-
-impl Opinion {
-    /// The test of all sources; none where the policy remembers too little.
-    pub fn test(&self) -> Option<&JointTest> {
-        self.test.as_ref()
-    }
-
-    /// The same in the words of the crate `cluster`: the distance of the first source that says
-    /// something, and the test of the largest score.
-    pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
-        let distance = self
-            .sources()
-            .next()
-            .map_or(0.0, |(_, source)| source.distance);
-        let judgement = match &self.test {
-            Some(test) => Judgement::Tested {
-                test: PermutationTest {
-                    distance: test.null.mean + test.score * test.null.sd,
-                    null: test.null,
-                    score: test.score,
-                    p_value: test.p_value,
-                    tail_p_value: self.tail_p_value(),
-                },
-                limit: match look {
-                    Look::First => settings.doubt,
-                    Look::Second => settings.level,
-                },
-            },
-            None => Judgement::BufferTooSmall {
-                episodes: self.remembered,
-                needed: settings.min_episodes,
-            },
-        };
-        Evidence {
-            distance,
-            judgement,
-            verdict: self.verdict,
-        }
-    }
-
-    /// The outcome.
-    pub fn verdict(&self) -> Verdict {
-        self.verdict
-    }
-
-    /// The smallest p-value by the fitted tail, adjusted for the number of sources; 1 where nothing
-    /// was tested.
-    pub fn tail_p_value(&self) -> f64 {
-        let tests = self
-            .test
-            .iter()
-            .flat_map(|test| test.sources.iter().flatten());
-        tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
-    }
-
-    /// The share of what the policy had learnt to earn that these episodes did not pay; zero where
-    /// it was not asked.
-    pub fn lost(&self) -> f64 {
-        self.lost
-    }
-
-    pub(crate) fn is_refused(&self) -> bool {
-        self.verdict == Verdict::Refused
-    }
-
-    /// The largest score of what is seen at the beginning of episodes. Policies that were not
-    /// tested come last.
-    fn look_score(&self) -> f64 {
-        if self.test.is_none() {
-            return f64::INFINITY;
-        }
-        let looks = self.sources().filter(|(kind, _)| kind.is_look());
-        let scores = looks.map(|(_, source)| source.score);
-        scores.fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly
-    /// depends on who acts.
-    fn misfit(&self) -> f64 {
-        self.look_score() + MOTION_WEIGHT * self.changed
-    }
-
-    /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
-    fn looks_doubtful(&self, level: f64) -> bool {
-        self.sources()
-            .any(|(kind, source)| kind.is_look() && source.p_value <= level)
-    }
-
-    /// The sources that say something.
-    fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
-        let tests = self.test.iter().flat_map(|test| &test.sources);
-        let pairs = self.kinds.iter().zip(tests);
-        pairs.filter_map(|(&kind, source)| Some((kind, source.as_ref()?)))
-    }
-}
 
 /// A decision and its reasons.
 #[derive(Clone, Debug, PartialEq)]
@@ -190,15 +36,6 @@ pub struct Situation<'a> {
     pub collector: usize,
     /// Policies that were refused before in the same matter.
     pub refused: &'a [usize],
-}
-
-/// How many rollouts a decision may rest on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
-    /// One: a doubt asks for another one.
-    First,
-    /// Two, or one that the policy in question collected itself: the decision is for good.
-    Second,
 }
 
 /// Remembers what each policy learnt on, and decides whose task new episodes show.
@@ -403,7 +240,11 @@ impl Recogniser {
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, Look::Second, rng)?;
-        Ok(Probabilities::of(&opinions))
+        let weighed = opinions.iter().map(|opinion| {
+            let may_be_drift = !self.speaks_against(opinion, self.settings.doubt);
+            (opinion.tail_p_value(), may_be_drift)
+        });
+        Ok(Probabilities::of(weighed))
     }
 
     /// The accounts in the order in which their episodes began.
@@ -485,25 +326,35 @@ impl Recogniser {
     /// against a policy for good must be large as well, and one that only its course shows must be
     /// so from the beginning.
     fn verdict(&self, opinion: &Opinion, look: Look) -> Verdict {
-        let settings = &self.settings;
-        let mut against = opinion.sources().filter(|&(kind, source)| {
-            let large = match kind {
-                Kind::Picture | Kind::Vector => {
-                    look == Look::First || source.ratio() >= settings.min_ratio
+        let (doubt, level) = (self.settings.doubt, self.settings.level);
+        match look {
+            Look::First => {
+                let mut against = opinion.sources().filter(|(_, s)| s.p_value <= doubt);
+                let doubted = |(kind, source): (Kind, &SourceTest)| {
+                    kind.is_look() || self.is_large(opinion, kind, source)
+                };
+                match against.any(doubted) {
+                    true => Verdict::Doubted,
+                    false => Verdict::Accepted,
                 }
-                Kind::Motion => opinion.changed >= settings.min_motion,
-                Kind::Earnings => opinion.lost >= settings.min_loss,
-            };
-            large
-                && match look {
-                    Look::First => source.p_value <= settings.doubt,
-                    Look::Second => source.tail_p_value <= settings.level,
-                }
-        });
-        match (against.next(), look) {
-            (None, _) => Verdict::Accepted,
-            (Some(_), Look::First) => Verdict::Doubted,
-            (Some(_), Look::Second) => Verdict::Refused,
+            }
+            Look::Second if self.speaks_against(opinion, level) => Verdict::Refused,
+            Look::Second => Verdict::Accepted,
+        }
+    }
+
+    /// Whether a source shows a difference that is large, and significant at this level.
+    fn speaks_against(&self, opinion: &Opinion, level: f64) -> bool {
+        let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
+        against.any(|(kind, source)| self.is_large(opinion, kind, source))
+    }
+
+    /// Whether a difference is more than drift.
+    fn is_large(&self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
+        match kind {
+            Kind::Picture | Kind::Vector => source.ratio() >= self.settings.min_ratio,
+            Kind::Motion => opinion.changed >= self.settings.min_motion,
+            Kind::Earnings => opinion.lost >= self.settings.min_loss,
         }
     }
 
@@ -547,83 +398,4 @@ impl Recogniser {
             opinions,
         })
     }
-}
-
-/// The accepted policy that fits best; the first of equals.
-fn best(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<usize> {
-    let accepted = (0..opinions.len())
-        .filter(|&policy| opinions[policy].verdict == Verdict::Accepted && eligible(policy));
-    let misfit = |policy: &usize| opinions[*policy].misfit();
-    accepted.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
-}
-
-/// The policy that acted, unless another one fits much better.
-fn keep_or(collector: usize, other: Option<usize>, opinions: &[Opinion]) -> usize {
-    let own = &opinions[collector];
-    let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
-    let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
-    let better = |policy: &usize| opinions[*policy].look_score() + MARGIN < own.look_score();
-    other
-        .filter(|policy| is_unlikely && better(policy))
-        .unwrap_or(collector)
-}
-
-impl Memory {
-    /// The share of what was learnt to earn that `accounts` did not pay, at most 1 for those that
-    /// pay what the first rollout paid.
-    fn lost(&self, accounts: &[&Account]) -> f64 {
-        let now = mean_earned(accounts.iter().copied());
-        let home = mean_earned(self.accounts.iter());
-        match (self.beginning, home, now) {
-            (Some(beginning), Some(home), Some(now)) if home > beginning => {
-                (home - now) / (home - beginning)
-            }
-            _ => 0.0,
-        }
-    }
-}
-
-/// By how much the mean motion of two lists differs, as a share of the second one's; zero where it
-/// is not known.
-fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
-    match (mean_motion(accounts), mean_motion(remembered)) {
-        (Some(now), Some(home)) if now.len() == home.len() => {
-            let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
-            let apart = norm(&mut now.iter().zip(&home).map(|(now, home)| now - home));
-            (apart / norm(&mut home.iter().copied()).max(f64::MIN_POSITIVE)).sqrt()
-        }
-        _ => 0.0,
-    }
-}
-
-fn mean_motion(accounts: &[&Account]) -> Option<Vec<f64>> {
-    let known: Vec<&Vec<f32>> = accounts.iter().filter_map(|a| a.motion.as_ref()).collect();
-    let mut mean = vec![0.0; known.first()?.len()];
-    for motion in &known {
-        for (sum, &entry) in mean.iter_mut().zip(motion.iter()) {
-            *sum += f64::from(entry) / known.len() as f64;
-        }
-    }
-    Some(mean)
-}
-
-fn mean_earned<'a>(accounts: impl Iterator<Item = &'a Account>) -> Option<f64> {
-    let earned: Vec<f64> = accounts.filter_map(|a| a.earned.map(f64::from)).collect();
-    (!earned.is_empty()).then(|| earned.iter().sum::<f64>() / earned.len() as f64)
-}
-
-/// The sources that all of these accounts have; courses count where both sides are of one policy.
-pub(crate) fn sources_of(accounts: &[&Account], others: &[&Account], own: bool) -> Vec<Kind> {
-    let whole = |account: &&Account| account.motion.is_some() && account.earned.is_some();
-    match own && accounts.iter().chain(others).all(whole) {
-        true => vec![Kind::Picture, Kind::Vector, Kind::Motion, Kind::Earnings],
-        false => vec![Kind::Picture, Kind::Vector],
-    }
-}
-
-/// The points of one source.
-pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames, EvidenceError> {
-    let points: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
-    let dim = points.first().map_or(0, |point| point.len());
-    Ok(Frames::new(points.concat(), 1, dim)?)
 }

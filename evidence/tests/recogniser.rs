@@ -226,8 +226,8 @@ fn memory_is_bounded_and_survives_a_file() {
 /// Colours stray over hundreds of rounds; what is remembered is the latest.
 #[test]
 fn slow_drift_splits_nothing() {
-    for seed in 1000..1003 {
-        let all = accounts(stream(Kind::Drift, seed, &[(0, 240)], 5), 240, None);
+    for seed in 1000..1002 {
+        let all = accounts(stream(Kind::Drift, seed, &[(0, 100)], 5), 100, None);
         let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
         for rollout in all.chunks(20) {
             if recogniser.policies() > 0 {
