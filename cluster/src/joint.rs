@@ -196,7 +196,8 @@ struct Pool {
 }
 
 impl Pool {
-    /// For the features of all episodes, in the sizes of `like`; nothing where all points are equal.
+    /// For the features of all episodes, in the sizes of `like`; nothing where all points are
+    /// equal.
     fn new(
         features: &[f32],
         like: &Frames,

@@ -46,7 +46,8 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
-/// Solves `gram x = moment` for a positive definite `gram` `[n, n]` and `moment` `[n, m]`, in place.
+/// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
+/// `[n, m]`.
 fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {
     for pivot in 0..n {
         for row in (0..n).filter(|&row| row != pivot) {

@@ -60,83 +60,97 @@ impl RecogniserSettings {
     /// # Errors
     /// The first setting outside its range, with its value.
     pub fn check(&self) -> Result<(), EvidenceError> {
-        let open = |level: f64| level > 0.0 && level < 1.0;
-        let ratio = |ratio: f64| (1.0..f64::INFINITY).contains(&ratio);
-        let checks = [
-            (
-                "filters",
-                self.filters as f64,
-                self.filters > 0,
-                "at least 1",
-            ),
-            (
-                "min_episodes",
-                self.min_episodes as f64,
-                self.min_episodes >= 4,
-                "at least 4",
-            ),
-            (
+        let checks = self.sizes().into_iter().chain(self.levels());
+        let mut checks = checks.chain(self.effects());
+        match checks.find(|check| !check.holds) {
+            None => Ok(()),
+            Some(check) => Err(EvidenceError::Setting {
+                name: check.name,
+                value: check.value,
+                expected: check.expected,
+            }),
+        }
+    }
+
+    fn sizes(&self) -> [Check; 4] {
+        let size = |name, value: usize, least: usize, expected| Check {
+            name,
+            value: value as f64,
+            holds: value >= least,
+            expected,
+        };
+        [
+            size("filters", self.filters, 1, "at least 1"),
+            size("min_episodes", self.min_episodes, 4, "at least 4"),
+            size(
                 "memory",
-                self.memory as f64,
-                self.memory >= self.min_episodes,
+                self.memory,
+                self.min_episodes,
                 "at least min_episodes",
             ),
-            (
-                "permutations",
-                self.permutations as f64,
-                self.permutations >= 20,
-                "at least 20",
-            ),
-            (
-                "doubt",
-                self.doubt,
-                open(self.doubt),
-                "a probability above 0 and below 1",
-            ),
-            (
-                "doubt",
-                self.doubt,
-                self.doubt * (1.0 + self.permutations as f64) >= 1.0,
-                "at least 1 / (1 + permutations), the smallest exact p-value",
-            ),
-            (
-                "level",
-                self.level,
-                self.level > 0.0 && self.level <= self.doubt,
-                "a probability above 0 and at most doubt",
-            ),
-            (
-                "cut",
-                self.cut,
-                open(self.cut),
-                "a probability above 0 and below 1",
-            ),
-            (
+            size("permutations", self.permutations, 20, "at least 20"),
+        ]
+    }
+
+    fn levels(&self) -> [Check; 4] {
+        let open = |level: f64| level > 0.0 && level < 1.0;
+        let smallest = 1.0 / (1.0 + self.permutations as f64);
+        let (probability, below) = (
+            "a probability above 0 and below 1",
+            "a probability above 0 and at most doubt",
+        );
+        let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
+        let level = self.level > 0.0 && self.level <= self.doubt;
+        [
+            Check::new("doubt", self.doubt, open(self.doubt), probability),
+            Check::new("doubt", self.doubt, self.doubt >= smallest, reachable),
+            Check::new("level", self.level, level, below),
+            Check::new("cut", self.cut, open(self.cut), probability),
+        ]
+    }
+
+    fn effects(&self) -> [Check; 3] {
+        let ratio = (1.0..f64::INFINITY).contains(&self.min_ratio);
+        let motion = self.min_motion > 0.0 && self.min_motion.is_finite();
+        let loss = self.min_loss > 0.0 && self.min_loss <= 1.0;
+        [
+            Check::new(
                 "min_ratio",
                 self.min_ratio,
-                ratio(self.min_ratio),
+                ratio,
                 "a finite number, at least 1",
             ),
-            (
+            Check::new(
                 "min_motion",
                 self.min_motion,
-                self.min_motion > 0.0,
-                "a share above 0",
+                motion,
+                "a finite share above 0",
             ),
-            (
+            Check::new(
                 "min_loss",
                 self.min_loss,
-                self.min_loss > 0.0 && self.min_loss <= 1.0,
+                loss,
                 "a share above 0 and at most 1",
             ),
-        ];
-        match checks.into_iter().find(|(_, _, holds, _)| !holds) {
-            None => Ok(()),
-            Some((name, value, _, expected)) => Err(EvidenceError::Setting {
-                name,
-                value,
-                expected,
-            }),
+        ]
+    }
+}
+
+/// One range, and whether a value lies in it.
+struct Check {
+    name: &'static str,
+    value: f64,
+    holds: bool,
+    expected: &'static str,
+}
+
+impl Check {
+    fn new(name: &'static str, value: f64, holds: bool, expected: &'static str) -> Self {
+        Self {
+            name,
+            value,
+            holds,
+            expected,
         }
     }
 }

@@ -13,10 +13,11 @@ pub struct Report {
     exact: f64,
     superfluous: usize,
     missing: usize,
-    right: f64,
-    noticed: f64,
-    split: f64,
-    exactly_split: f64,
+    /// Shares; none where nothing was asked.
+    right: Option<f64>,
+    noticed: Option<f64>,
+    split: Option<f64>,
+    exactly_split: Option<f64>,
     mixed: usize,
     rollouts: f64,
 }
@@ -38,7 +39,8 @@ impl Report {
         let judged: Vec<(Turn, bool, bool)> = outcomes.iter().flat_map(judge).collect();
         let share = |of: &dyn Fn(&(Turn, bool, bool)) -> Option<bool>| {
             let asked: Vec<bool> = judged.iter().filter_map(of).collect();
-            asked.iter().filter(|&&yes| yes).count() as f64 / asked.len().max(1) as f64
+            let yes = asked.iter().filter(|&&yes| yes).count() as f64;
+            (!asked.is_empty()).then(|| yes / asked.len() as f64)
         };
         let turns = judged.len().max(1) as f64;
         Self {
@@ -93,13 +95,15 @@ fn judge(outcome: &Outcome) -> Vec<(Turn, bool, bool)> {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let percent = |share: Option<f64>| {
+            share.map_or("-".to_owned(), |share| format!("{:.1} %", 100.0 * share))
+        };
         write!(
             f,
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {:.2} |",
             self.kind.name(),
             self.worlds,
-            percent(self.exact),
+            percent(Some(self.exact)),
             self.superfluous,
             self.missing,
             percent(self.right),
