@@ -1,5 +1,7 @@
 //! Variants of a world are mirror images of each other, to the bit.
 
+#![allow(clippy::unwrap_used)]
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations, Transition, VectorEnv};

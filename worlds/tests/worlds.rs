@@ -1,5 +1,7 @@
 //! What is drawn is what the kinds promise.
 
+#![allow(clippy::unwrap_used)]
+
 use rl::{Observations, Transition, VectorEnv};
 use worlds::{Kind, Stream, Visit, World, WorldError};
 

@@ -6,6 +6,10 @@ use worlds::Kind;
 
 use crate::trial::{Outcome, Turn};
 
+/// A turn, whether its policy is the one that serves its group most, and whether the group had
+/// just changed.
+type Judged = (Turn, bool, bool);
+
 /// One line of the table.
 pub struct Report {
     kind: Kind,
@@ -36,8 +40,8 @@ impl Report {
         };
         let differences = outcomes.iter().map(difference);
         let exact = differences.clone().filter(|&d| d == (0, 0)).count();
-        let judged: Vec<(Turn, bool, bool)> = outcomes.iter().flat_map(judge).collect();
-        let share = |of: &dyn Fn(&(Turn, bool, bool)) -> Option<bool>| {
+        let judged: Vec<Judged> = outcomes.iter().flat_map(judge).collect();
+        let share = |of: fn(&Judged) -> Option<bool>| {
             let asked: Vec<bool> = judged.iter().filter_map(of).collect();
             let yes = asked.iter().filter(|&&yes| yes).count() as f64;
             (!asked.is_empty()).then(|| yes / asked.len() as f64)
@@ -49,14 +53,14 @@ impl Report {
             exact: exact as f64 / outcomes.len().max(1) as f64,
             superfluous: differences.clone().map(|d| d.0).max().unwrap_or(0),
             missing: differences.map(|d| d.1).max().unwrap_or(0),
-            right: share(&|(turn, right, _)| turn.is_known.then_some(*right)),
-            noticed: share(&|(turn, right, switch)| (turn.is_known && *switch).then_some(*right)),
+            right: share(|(turn, right, _)| turn.is_known.then_some(*right)),
+            noticed: share(|(turn, right, switch)| (turn.is_known && *switch).then_some(*right)),
             mixed: judged
                 .iter()
                 .filter(|(turn, _, _)| turn.cut.is_some())
                 .count(),
-            split: share(&|(turn, _, _)| turn.cut.map(|cut| cut.is_some_and(|by| by <= 1))),
-            exactly_split: share(&|(turn, _, _)| turn.cut.map(|cut| cut == Some(0))),
+            split: share(|(turn, _, _)| turn.cut.map(|cut| cut.is_some_and(|by| by <= 1))),
+            exactly_split: share(|(turn, _, _)| turn.cut.map(|cut| cut == Some(0))),
             rollouts: judged
                 .iter()
                 .map(|(turn, _, _)| turn.rollouts as f64)
@@ -66,9 +70,7 @@ impl Report {
     }
 }
 
-/// Each turn, whether its policy is the one that serves its group most, and whether the group had
-/// just changed.
-fn judge(outcome: &Outcome) -> Vec<(Turn, bool, bool)> {
+fn judge(outcome: &Outcome) -> Vec<Judged> {
     let served = |policy, group| {
         let turns = outcome.turns.iter();
         turns
