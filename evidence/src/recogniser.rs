@@ -315,7 +315,7 @@ impl Recogniser {
         let sources: Vec<Source> = sources.collect::<Result<_, EvidenceError>>()?;
         let permutations = match look {
             Look::First => settings.permutations,
-            Look::Second => 4 * settings.permutations,
+            Look::Second => 3 * settings.permutations,
         };
         opinion.test = Some(joint_test(&sources, permutations, rng)?);
         opinion.verdict = self.verdict(&opinion, look);

@@ -33,7 +33,7 @@ pub struct RecogniserSettings {
     /// Least share of what a policy has learnt to earn that must be lost for earnings to count, in
     /// `(0, 1]`.
     pub min_loss: f64,
-    /// Random splits of the first look, at least 20; the second one takes four times as many.
+    /// Random splits of the first look, at least 20; the second one takes three times as many.
     pub permutations: usize,
 }
 
