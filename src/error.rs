@@ -40,6 +40,9 @@ pub enum CoversError {
     /// Distances and assignment.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
+    /// Evidence of groups.
+    #[error(transparent)]
+    Evidence(#[from] evidence::EvidenceError),
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]
     Threads {

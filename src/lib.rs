@@ -42,7 +42,9 @@ mod world;
 pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-pub use groupings::{Candidates, Distance, Grouping, GroupingSettings, Labels, Single};
+pub use groupings::{
+    Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Single,
+};
 pub use learners::{
     Collection, CollectionSettings, Covers, CoversSettings, Embedding, Extent, Handover, Learner,
     LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Seconds, Shared,

@@ -44,7 +44,7 @@ const SEVERAL_VERSIONS: [(&str, usize); 5] = [
 
 /// The table of imports in ARCHITECTURE.md: a crate, what its code may import, and what its tests,
 /// examples and benches may import besides.
-const IMPORTS: [(&str, &[&str], &[&str]); 9] = [
+const IMPORTS: [(&str, &[&str], &[&str]); 11] = [
     ("mujoco-sys", &[], &[]),
     ("mujoco", &["mujoco-sys"], &[]),
     ("symmetry", &[], &[]),
@@ -53,12 +53,15 @@ const IMPORTS: [(&str, &[&str], &[&str]); 9] = [
     ("equivariant", &["symmetry"], &[]),
     ("rl", &["equivariant", "symmetry"], &[]),
     ("cluster", &[], &[]),
+    ("evidence", &["cluster", "symmetry"], &["rl", "worlds"]),
+    ("worlds", &["rl", "symmetry"], &[]),
     (
         "covers",
         &[
             "cluster",
             "envs",
             "equivariant",
+            "evidence",
             "inpainting",
             "rl",
             "symmetry",

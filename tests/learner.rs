@@ -404,3 +404,48 @@ fn a_saved_learner_goes_on_alike() {
     }
     std::fs::remove_file(path).unwrap();
 }
+
+fn evident() -> CoversSettings {
+    with(settings(), |s| {
+        s.grouping = GroupingSettings::Evidence(Default::default())
+    })
+}
+
+#[test]
+fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(evident(), env.spec()).unwrap();
+    let mut policies = Vec::new();
+    for group in [0, 0, 1, 1, 0, 1] {
+        env.group = group;
+        let turn = covers.learn(&mut env).unwrap();
+        policies.push((turn.policy, turn.created));
+    }
+    let known = |policy| (policy, false);
+    let expected = [known(0), known(0), (1, true), known(1), known(0), known(1)];
+    assert_eq!(policies, expected);
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    env.group = 0;
+    assert_eq!(covers.recognise(&mut env, &mut rng).unwrap(), 0);
+}
+
+#[test]
+fn evidence_is_saved_and_goes_on_to_the_same_bits() {
+    let mut env = Bars::new();
+    let mut covers = Covers::new(evident(), env.spec()).unwrap();
+    for group in [0, 1] {
+        env.group = group;
+        covers.learn(&mut env).unwrap();
+    }
+    let path = std::env::temp_dir().join(format!("covers-evidence-{}", std::process::id()));
+    covers.save(&path, Extent::Everything, "").unwrap();
+    let (mut again, _) = Covers::load(&path, env.spec()).unwrap();
+    let mut same = env.clone();
+    let (one, other) = (
+        covers.learn(&mut env).unwrap(),
+        again.learn(&mut same).unwrap(),
+    );
+    assert_eq!(one.evidence, other.evidence);
+    assert_eq!((one.policy, one.rollout), (other.policy, other.rollout));
+    std::fs::remove_file(&path).unwrap();
+}

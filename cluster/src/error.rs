@@ -10,6 +10,18 @@ pub enum ClusterError {
         /// What was being read, for instance `x` or `cost`.
         what: &'static str,
     },
+    /// Sources of evidence that show different numbers of episodes.
+    #[error(
+        "source {source_index} shows {got:?} episodes, expected {expected:?} (rollout, buffer)"
+    )]
+    SourceMismatch {
+        /// Index of the source.
+        source_index: usize,
+        /// Episodes of its rollout and of its buffer.
+        got: (usize, usize),
+        /// Those of the first source.
+        expected: (usize, usize),
+    },
     /// A size or a setting lies outside its range.
     #[error("{name} is {value}: expected {expected}")]
     OutOfRange {

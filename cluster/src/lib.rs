@@ -69,6 +69,7 @@ mod check;
 mod error;
 mod euclidean;
 mod frames;
+mod joint;
 mod line;
 mod permutation;
 mod reservoir;
@@ -81,6 +82,7 @@ pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict}
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
+pub use joint::{ChangeTest, JointTest, Side, Source, SourceTest, change_test, joint_test};
 pub use line::wasserstein1_line;
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;

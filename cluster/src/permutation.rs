@@ -10,7 +10,7 @@ use crate::tail::pearson3_tail;
 use crate::transport::{Solver, Weights};
 
 /// Rounding allowance for distances, as a fraction of the largest pooled one.
-const ROUNDING: f64 = 1e-9;
+pub(crate) const ROUNDING: f64 = 1e-9;
 
 /// `W1` over random splits of the pooled episodes, in the features' unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,7 +114,7 @@ impl Pool {
 }
 
 /// Distances between all pooled frames, and the memory for the part that one split needs.
-struct PooledDistances {
+pub(crate) struct PooledDistances {
     all: Vec<f64>,
     frames: usize,
     per_episode: usize,
@@ -123,7 +123,7 @@ struct PooledDistances {
 }
 
 impl PooledDistances {
-    fn new(features: &[f32], like: &Frames) -> Result<Self, ClusterError> {
+    pub(crate) fn new(features: &[f32], like: &Frames) -> Result<Self, ClusterError> {
         let all = EuclideanCosts::new()
             .compute(features, features, like.dim())?
             .to_vec();
@@ -137,12 +137,12 @@ impl PooledDistances {
         })
     }
 
-    fn largest(&self) -> f64 {
+    pub(crate) fn largest(&self) -> f64 {
         self.all.iter().copied().fold(0.0, f64::max)
     }
 
     /// Returns `W1` between the first `split` episodes of `order` and the rest.
-    fn between(&mut self, order: &[usize], split: usize) -> Result<f64, ClusterError> {
+    pub(crate) fn between(&mut self, order: &[usize], split: usize) -> Result<f64, ClusterError> {
         let k = self.per_episode;
         let (left, right) = order.split_at(split);
         // the solver is fastest with more sources than sinks
@@ -174,14 +174,19 @@ fn summarise(distance: f64, splits: Vec<f64>, rounding: f64) -> PermutationTest 
     let p_value = (1 + exceeding) as f64 / (1 + splits.len()) as f64;
     let null = describe(splits, rounding);
     let score = (distance - null.mean) / null.sd.max(rounding);
-    let skewness = null.skewness.max(0.0) + skewness_error(null.permutations);
     PermutationTest {
         distance,
         null,
         score,
         p_value,
-        tail_p_value: pearson3_tail(score, skewness),
+        tail_p_value: tail(score, &null),
     }
+}
+
+/// The probability of a score under the Pearson type III distribution of the null's moments.
+pub(crate) fn tail(score: f64, null: &NullDistribution) -> f64 {
+    let skewness = null.skewness.max(0.0) + skewness_error(null.permutations);
+    pearson3_tail(score, skewness)
 }
 
 /// Standard error of the skewness of a normal sample. It is added to the skewness measured, since a
@@ -191,7 +196,7 @@ fn skewness_error(permutations: usize) -> f64 {
     (6.0 / permutations as f64).sqrt()
 }
 
-fn describe(mut splits: Vec<f64>, rounding: f64) -> NullDistribution {
+pub(crate) fn describe(mut splits: Vec<f64>, rounding: f64) -> NullDistribution {
     splits.sort_unstable_by(f64::total_cmp);
     let count = splits.len() as f64;
     let mean = splits.iter().sum::<f64>() / count;

@@ -1,7 +1,9 @@
 //! What every grouping can do.
 
 use cluster::{Assignment, Candidate};
+use evidence::Course;
 use rand_chacha::ChaCha8Rng;
+use rl::EnvSpec;
 use serde_json::Value;
 
 use crate::error::CoversError;
@@ -17,6 +19,20 @@ pub trait Candidates {
     /// # Errors
     /// What a network says.
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
+
+    /// The episodes of the rollout as they ran.
+    fn episodes(&self) -> Episodes<'_>;
+}
+
+/// Episodes of one rollout or two.
+#[derive(Clone, Copy, Debug)]
+pub struct Episodes<'a> {
+    /// The environments.
+    pub spec: &'a EnvSpec,
+    /// The policy that acted.
+    pub collector: usize,
+    /// The episodes; what was not seen to its end is marked so.
+    pub courses: &'a [Course],
 }
 
 /// Decides which policy a rollout belongs to (lines 8 to 15 of the paper's Algorithm 1).
@@ -39,6 +55,34 @@ pub trait Grouping: Send {
     /// Frames that cannot be compared.
     fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         self.assign(candidates, rng)
+    }
+
+    /// Judges the policy that a decision named, by a rollout that it collected itself: names another
+    /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
+    /// and those that this call adds.
+    ///
+    /// # Errors
+    /// Episodes that cannot be compared.
+    fn review(
+        &self,
+        _candidates: &mut dyn Candidates,
+        _refused: &mut Vec<usize>,
+        _rng: &mut ChaCha8Rng,
+    ) -> Result<Option<Assignment>, CoversError> {
+        Ok(None)
+    }
+
+    /// Learns which episodes policy `index` is about to learn from.
+    ///
+    /// # Errors
+    /// Episodes that cannot be compared.
+    fn remember(
+        &mut self,
+        _index: usize,
+        _episodes: Episodes<'_>,
+        _rng: &mut ChaCha8Rng,
+    ) -> Result<(), CoversError> {
+        Ok(())
     }
 
     /// Learns that policy `index` took the last rollout.

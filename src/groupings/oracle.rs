@@ -101,6 +101,7 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
+    use crate::groupings::grouping::Episodes;
 
     /// An oracle must not look at pictures.
     struct Blind;
@@ -108,6 +109,10 @@ mod tests {
     impl Candidates for Blind {
         fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
             panic!("an oracle does not compare")
+        }
+
+        fn episodes(&self) -> Episodes<'_> {
+            panic!("an oracle does not look")
         }
     }
 

@@ -1,11 +1,13 @@
 //! The registry of groupings: settings that name one.
 
 use cluster::{Calibrated, Rule};
+use evidence::RecogniserSettings;
 use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 
 use super::distance::Distance;
+use super::evidence::Evident;
 use super::grouping::Grouping;
 use super::oracle::{Labels, Oracle, unlabelled};
 use super::single::Single;
@@ -22,6 +24,9 @@ pub enum GroupingSettings {
         /// Largest distance within a group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
+    /// What no policy owns: pictures, motion and earnings of whole episodes, in one permutation
+    /// test.
+    Evidence(RecogniserSettings),
     /// One policy for everything.
     Single,
     /// One policy for each label. Only a run can give labels.
@@ -54,6 +59,7 @@ impl GroupingSettings {
         Ok(match *self {
             Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
             Self::Threshold { threshold } => Box::new(Distance::new(Rule::Fixed { threshold })?),
+            Self::Evidence(settings) => Box::new(Evident::new(settings)?),
             Self::Single => Box::new(Single),
             Self::Oracle => Box::new(Oracle::new(labels.clone())),
         })
@@ -69,6 +75,7 @@ mod tests {
         let all = [
             GroupingSettings::default(),
             GroupingSettings::PAPER,
+            GroupingSettings::Evidence(RecogniserSettings::default()),
             GroupingSettings::Single,
             GroupingSettings::Oracle,
         ];

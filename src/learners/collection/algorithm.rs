@@ -6,15 +6,17 @@
 use std::path::Path;
 use std::time::Instant;
 
-use cluster::{Assignment, Decision, Evidence, PermutationTest};
+use cluster::{Assignment, Decision, Evidence, PermutationTest, Verdict};
+use evidence::Course;
 use rand_chacha::ChaCha8Rng;
 use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
 
 use crate::error::CoversError;
-use crate::groupings::{Answer, Grouping};
+use crate::groupings::{Answer, Episodes, Grouping};
 use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
+use super::courses::courses;
 use super::first_frames::{FirstFrames, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::policies::Collection;
@@ -29,23 +31,32 @@ impl<T: Training> Learner for Collection<T> {
         let mut stats = self.roll_out(env)?;
         let mut decisions = stats.decisions;
         let mut frames = self.first_frames()?;
-        let mut assignment = self.assign(&frames)?;
+        let mut courses = courses(&self.rollout, 0);
+        let mut assignment = self.assign(&frames, &courses)?;
         let mut first_look = None;
         // the paper opens a policy on a single rollout
         if assignment.decision == Decision::Undecided {
             stats = self.roll_out(env)?;
-            decisions += stats.decisions;
             frames.extend(self.first_frames()?);
+            courses.extend(self::courses(&self.rollout, decisions));
+            decisions += stats.decisions;
             first_look = Some(assignment.evidence);
-            assignment = self.settle(&frames)?;
+            assignment = self.settle(&frames, &courses)?;
         }
-        let created = self.adopt(&assignment, frames)?;
+        let mut created = self.adopt(&assignment, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
             match self.shared.handover {
                 Handover::CollectAgain => {
                     stats = self.roll_out(env)?;
                     decisions += stats.decisions;
+                    let mut refused = refused(&assignment);
+                    while !created && let Some(other) = self.review(&mut refused)? {
+                        created = self.adopt(&other, self.first_frames()?)?;
+                        assignment = other;
+                        stats = self.roll_out(env)?;
+                        decisions += stats.decisions;
+                    }
                 }
                 Handover::Reuse => {
                     let policy = &mut self.members[self.current].policy;
@@ -53,6 +64,7 @@ impl<T: Training> Learner for Collection<T> {
                 }
             }
         }
+        self.remember(self.current_collector(collector))?;
         let update = self.update()?;
         Ok(Turn {
             policy: self.current,
@@ -76,7 +88,7 @@ impl<T: Training> Learner for Collection<T> {
     ) -> Result<usize, CoversError> {
         let k = self.shared.first_frames;
         let mut glimpse = T::rollout(env.spec(), k)?;
-        let mut frames = Vec::new();
+        let (mut frames, mut episodes) = (Vec::new(), Vec::new());
         while frames.len() < self.grouping.min_episodes() {
             let policy = &mut self.members[self.current].policy;
             let mut state = RolloutState::reset(env, policy)?;
@@ -86,6 +98,7 @@ impl<T: Training> Learner for Collection<T> {
                 return self.check_episodes(0).map(|()| self.current);
             }
             frames.extend(seen);
+            episodes.extend(courses(&glimpse, 0));
         }
         if !self.has_learnt() {
             return Ok(0);
@@ -93,6 +106,11 @@ impl<T: Training> Learner for Collection<T> {
         let mut clouds = Clouds {
             members: &mut self.members,
             rollout: &frames,
+            episodes: Episodes {
+                spec: &self.spec,
+                collector: self.current,
+                courses: &episodes,
+            },
         };
         let assignment = self.grouping.assign(&mut clouds, rng)?;
         match assignment.decision {
@@ -166,20 +184,7 @@ impl<T: Training> Collection<T> {
     }
 
     /// Asks the grouping whose rollout it was.
-    fn assign(&mut self, frames: &[FirstFrames]) -> Answer {
-        self.ask(frames, |grouping, clouds, rng| grouping.assign(clouds, rng))
-    }
-
-    /// Asks it again, for good, with the frames of two rollouts.
-    fn settle(&mut self, frames: &[FirstFrames]) -> Answer {
-        self.ask(frames, |grouping, clouds, rng| grouping.settle(clouds, rng))
-    }
-
-    fn ask(
-        &mut self,
-        rollout: &[FirstFrames],
-        question: impl Fn(&dyn Grouping, &mut Clouds<T>, &mut ChaCha8Rng) -> Answer,
-    ) -> Answer {
+    fn assign(&mut self, frames: &[FirstFrames], courses: &[Course]) -> Answer {
         // the paper starts with an empty `B`, for which no distance exists
         if !self.has_learnt() {
             return Ok(Assignment {
@@ -187,13 +192,73 @@ impl<T: Training> Collection<T> {
                 evidence: Vec::new(),
             });
         }
+        self.ask(frames, courses, |grouping, clouds, rng| {
+            grouping.assign(clouds, rng)
+        })
+    }
+
+    /// Asks it again, for good, with the frames of two rollouts.
+    fn settle(&mut self, frames: &[FirstFrames], courses: &[Course]) -> Answer {
+        self.ask(frames, courses, |grouping, clouds, rng| {
+            grouping.settle(clouds, rng)
+        })
+    }
+
+    /// Asks it whether the current policy, which has acted since it was named, is the right one;
+    /// the answer is another one, or nothing.
+    fn review(&mut self, refused: &mut Vec<usize>) -> Result<Option<Assignment>, CoversError> {
+        let (frames, courses) = (self.first_frames()?, courses(&self.rollout, 0));
+        self.ask(&frames, &courses, |grouping, clouds, rng| {
+            grouping.review(clouds, refused, rng)
+        })
+    }
+
+    fn ask<A>(
+        &mut self,
+        rollout: &[FirstFrames],
+        courses: &[Course],
+        mut question: impl FnMut(
+            &dyn Grouping,
+            &mut Clouds<T>,
+            &mut ChaCha8Rng,
+        ) -> Result<A, CoversError>,
+    ) -> Result<A, CoversError> {
         let clock = Instant::now();
-        let members = &mut self.members;
-        let mut clouds = Clouds { members, rollout };
+        let mut clouds = Clouds {
+            members: &mut self.members,
+            rollout,
+            episodes: Episodes {
+                spec: &self.spec,
+                collector: self.current,
+                courses,
+            },
+        };
         let rng = &mut self.generators.assignment;
         let answer = question(&*self.grouping, &mut clouds, rng);
         self.seconds.assignment += clock.elapsed().as_secs_f64();
         answer
+    }
+
+    /// Shows the grouping what the current policy is about to learn from.
+    fn remember(&mut self, collector: usize) -> Result<(), CoversError> {
+        let clock = Instant::now();
+        let episodes = Episodes {
+            spec: &self.spec,
+            collector,
+            courses: &courses(&self.rollout, 0),
+        };
+        let rng = &mut self.generators.assignment;
+        self.grouping.remember(self.current, episodes, rng)?;
+        self.seconds.assignment += clock.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Who collected the rollout that is learnt from; `first` collected the turn's first one.
+    fn current_collector(&self, first: usize) -> usize {
+        match self.shared.handover {
+            Handover::CollectAgain => self.current,
+            Handover::Reuse => first,
+        }
     }
 
     /// Makes the assigned policy current and gives it the frames; returns whether it is new.
@@ -264,6 +329,13 @@ impl<T: Training> Collection<T> {
         self.seconds.update += clock.elapsed().as_secs_f64();
         Ok(logged)
     }
+}
+
+/// The policies that a decision refused for good.
+fn refused(assignment: &Assignment) -> Vec<usize> {
+    let evidence = assignment.evidence.iter().enumerate();
+    let refused = evidence.filter(|(_, e)| e.verdict == Verdict::Refused);
+    refused.map(|(index, _)| index).collect()
 }
 
 /// What is logged: the evidence of the grouping, one number for each policy, and the update.

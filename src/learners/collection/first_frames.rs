@@ -57,6 +57,12 @@ pub trait Rollout {
 
     /// The picture `[H, W, C]` and the vector `[D]` that were acted on.
     fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]);
+
+    /// The action `[A]`.
+    fn action(&self, step: usize, env: usize) -> &[f32];
+
+    /// What it was rewarded with.
+    fn reward(&self, step: usize, env: usize) -> f32;
 }
 
 impl Rollout for RolloutBuffer {
@@ -75,6 +81,15 @@ impl Rollout for RolloutBuffer {
     fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
         let row = step * self.spec().num_envs + env;
         self.observations().sample(self.spec(), row)
+    }
+
+    fn action(&self, step: usize, env: usize) -> &[f32] {
+        let (row, len) = (step * self.spec().num_envs + env, self.spec().action.len());
+        &self.decisions().actions[row * len..(row + 1) * len]
+    }
+
+    fn reward(&self, step: usize, env: usize) -> f32 {
+        self.rewards()[step * self.spec().num_envs + env]
     }
 }
 

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
-use crate::groupings::Candidates;
+use crate::groupings::{Candidates, Episodes};
 
 use super::first_frames::{FirstFrames, embed, recall};
 use super::training::Training;
@@ -22,6 +22,7 @@ pub(super) struct Member<T: Training> {
 pub(super) struct Clouds<'a, T: Training> {
     pub members: &'a mut [Member<T>],
     pub rollout: &'a [FirstFrames],
+    pub episodes: Episodes<'a>,
 }
 
 impl<T: Training> Candidates for Clouds<'_, T> {
@@ -33,6 +34,10 @@ impl<T: Training> Candidates for Clouds<'_, T> {
             })
         });
         clouds.collect()
+    }
+
+    fn episodes(&self) -> Episodes<'_> {
+        self.episodes
     }
 }
 

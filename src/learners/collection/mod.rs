@@ -3,6 +3,7 @@
 
 mod algorithm;
 mod checkpoint;
+mod courses;
 mod first_frames;
 mod member;
 mod policies;

@@ -124,4 +124,13 @@ impl Rollout for Recording {
     fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
         self.last()[step].observations.sample(&self.spec, env)
     }
+
+    fn action(&self, step: usize, env: usize) -> &[f32] {
+        let len = self.spec.action.len();
+        &self.last()[step].actions[env * len..(env + 1) * len]
+    }
+
+    fn reward(&self, step: usize, env: usize) -> f32 {
+        self.last()[step].transition.rewards[env]
+    }
 }

@@ -1,0 +1,402 @@
+//! One permutation test of several sources of evidence at once.
+
+use rand::Rng;
+use rand::seq::SliceRandom;
+
+use crate::error::ClusterError;
+use crate::frames::{Candidate, Frames};
+use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
+
+/// One source of evidence: what it says of each episode of a rollout, and of those of a buffer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    /// The two clouds.
+    pub clouds: Candidate,
+    /// Which differences count.
+    pub side: Side,
+}
+
+/// Which differences between two clouds count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// All.
+    Both,
+    /// Only a rollout whose values are smaller on average, over all dimensions; else the distance
+    /// is taken for zero.
+    Less,
+}
+
+/// What one source says under a [`JointTest`]. All values are finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceTest {
+    /// `W1` between both sides in the source's own unit; zero on the side that does not count.
+    pub distance: f64,
+    /// Its mean over random splits.
+    pub mean: f64,
+    /// `(distance - mean) / sd`, with moments over random splits.
+    pub score: f64,
+    /// Share of splits, the one at hand included, whose largest score over all sources is at least
+    /// this source's score: its p-value, adjusted for the number of sources.
+    pub p_value: f64,
+    /// The same from the Pearson type III distribution of the largest scores' moments.
+    pub tail_p_value: f64,
+}
+
+impl SourceTest {
+    /// Returns the distance in units of its mean over random splits.
+    pub fn ratio(&self) -> f64 {
+        self.distance / self.mean.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// The test of "rollout and buffer have one distribution", by all sources together.
+///
+/// Whole episodes are permuted, in all sources alike, so the largest standardised distance has a
+/// null distribution that takes the sources' dependence and their number into account: the "max T"
+/// of Westfall and Young, "Resampling-based multiple testing" (1993), algorithm 2.8.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JointTest {
+    /// One item a source; none where all pooled points are equal, so that it says nothing.
+    pub sources: Vec<Option<SourceTest>>,
+    /// The largest score over the sources, under random splits.
+    pub null: NullDistribution,
+    /// The largest score, standardised by `null`.
+    pub score: f64,
+    /// The smallest p-value of a source, at most 1. Exact: for exchangeable episodes it is at most
+    /// `a` with probability at most `a`, whatever the sources and their number.
+    pub p_value: f64,
+}
+
+/// Runs the test with `permutations` random splits, at least 1.
+///
+/// # Errors
+/// No source, sources that show different numbers of episodes, or clouds that cannot be compared.
+pub fn joint_test<R: Rng + ?Sized>(
+    sources: &[Source],
+    permutations: usize,
+    rng: &mut R,
+) -> Result<JointTest, ClusterError> {
+    let (rollout, _) = episodes(sources)?;
+    let pools = sources.iter().map(|source| {
+        let Candidate { rollout: o, buffer } = &source.clouds;
+        let features = [o.features(), buffer.features()].concat();
+        Pool::new(&features, o, source.side, rollout)
+    });
+    let pools = pools.collect::<Result<Vec<_>, _>>()?;
+    permute(pools, permutations, rng)
+}
+
+/// Where a sequence of episodes changes, if it does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChangeTest {
+    /// Episodes before the likeliest change.
+    pub cut: usize,
+    /// The p-value of "nothing changes", over all cuts and sources together; exact as that of a
+    /// [`JointTest`].
+    pub p_value: f64,
+}
+
+/// Tests whether a sequence of episodes changes at one of `cuts`: numbers of episodes before the
+/// change, which leave an episode on either side. Each of `sources` shows all episodes in their
+/// order.
+///
+/// # Errors
+/// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
+pub fn change_test<R: Rng + ?Sized>(
+    sources: &[Frames],
+    cuts: &[usize],
+    permutations: usize,
+    rng: &mut R,
+) -> Result<ChangeTest, ClusterError> {
+    let first = sources
+        .first()
+        .ok_or(ClusterError::Empty { what: "sources" })?;
+    let all = first.episodes();
+    for (source_index, source) in sources.iter().enumerate() {
+        if source.episodes() != all {
+            return Err(ClusterError::SourceMismatch {
+                source_index,
+                got: (source.episodes(), 0),
+                expected: (all, 0),
+            });
+        }
+    }
+    if let Some(&cut) = cuts.iter().find(|&&cut| cut == 0 || cut >= all) {
+        return Err(ClusterError::OutOfRange {
+            name: "cut",
+            value: cut as f64,
+            expected: "at least 1 episode on either side",
+        });
+    }
+    let pairs = cuts
+        .iter()
+        .flat_map(|&cut| sources.iter().map(move |source| (cut, source)));
+    let pools = pairs.map(|(cut, source)| Pool::new(source.features(), source, Side::Both, cut));
+    let pools = pools.collect::<Result<Vec<_>, _>>()?;
+    let test = permute(pools, permutations, rng)?;
+    let score = |index: &usize| test.sources[*index].map_or(f64::NEG_INFINITY, |s| s.score);
+    let best = (0..test.sources.len()).max_by(|a, b| score(a).total_cmp(&score(b)));
+    let best = best.ok_or(ClusterError::Empty { what: "cuts" })?;
+    Ok(ChangeTest {
+        cut: cuts[best / sources.len()],
+        p_value: test.p_value,
+    })
+}
+
+/// Measures all pools under the same random splits.
+fn permute<R: Rng + ?Sized>(
+    mut pools: Vec<Option<Pool>>,
+    permutations: usize,
+    rng: &mut R,
+) -> Result<JointTest, ClusterError> {
+    let episodes = pools.iter().flatten().map(|pool| pool.episodes).next();
+    let mut order: Vec<usize> = (0..episodes.unwrap_or(0)).collect();
+    for split in 0..=permutations {
+        if split > 0 {
+            order.shuffle(rng);
+        }
+        for pool in pools.iter_mut().flatten() {
+            pool.measure(&order)?;
+        }
+    }
+    Ok(judge(&pools, permutations))
+}
+
+/// The numbers of episodes on both sides, which all sources must share.
+fn episodes(sources: &[Source]) -> Result<(usize, usize), ClusterError> {
+    let count = |source: &Source| {
+        let Candidate { rollout, buffer } = &source.clouds;
+        (rollout.episodes(), buffer.episodes())
+    };
+    let first = sources.first().map(count);
+    let first = first.ok_or(ClusterError::Empty { what: "sources" })?;
+    for (index, source) in sources.iter().enumerate() {
+        source.clouds.check(index)?;
+        let (got, expected) = (count(source), first);
+        if got != expected {
+            return Err(ClusterError::SourceMismatch {
+                source_index: index,
+                got,
+                expected,
+            });
+        }
+    }
+    Ok(first)
+}
+
+/// One source's distances: those of the episodes as they came first, then those of random splits.
+struct Pool {
+    distances: PooledDistances,
+    episodes: usize,
+    /// Episodes of the first side.
+    split: usize,
+    /// The mean of each episode, where only one side counts.
+    means: Option<Vec<f64>>,
+    measured: Vec<f64>,
+}
+
+impl Pool {
+    /// For the features of all episodes, in the sizes of `like`; nothing where all points are
+    /// equal.
+    fn new(
+        features: &[f32],
+        like: &Frames,
+        side: Side,
+        split: usize,
+    ) -> Result<Option<Self>, ClusterError> {
+        let distances = PooledDistances::new(features, like)?;
+        let each = like.frames_per_episode() * like.dim();
+        let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
+        Ok((distances.largest() > 0.0).then(|| Self {
+            distances,
+            episodes: features.len() / each,
+            split,
+            means: (side == Side::Less).then(|| features.chunks(each).map(mean).collect()),
+            measured: Vec::new(),
+        }))
+    }
+
+    fn measure(&mut self, order: &[usize]) -> Result<(), ClusterError> {
+        let counts = self.means.as_ref().is_none_or(|means| {
+            let mean = |side: &[usize]| {
+                side.iter().map(|&episode| means[episode]).sum::<f64>() / side.len() as f64
+            };
+            mean(&order[..self.split]) < mean(&order[self.split..])
+        });
+        let distance = match counts {
+            true => self.distances.between(order, self.split)?,
+            false => 0.0,
+        };
+        self.measured.push(distance);
+        Ok(())
+    }
+
+    /// Mean and spread of the distances from the one of this index on; a spread is at least what
+    /// rounding makes of it.
+    fn moments(&self, from: usize) -> (f64, f64) {
+        let values = &self.measured[from..];
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
+        let sd = (variance / (values.len() as f64 - 1.0).max(1.0)).sqrt();
+        (mean, sd.max(ROUNDING * self.distances.largest()))
+    }
+
+    fn scores(&self, from: usize) -> Vec<f64> {
+        let (mean, sd) = self.moments(from);
+        self.measured.iter().map(|d| (d - mean) / sd).collect()
+    }
+}
+
+/// Scores that differ by less are equal.
+const EQUAL: f64 = 1e-9;
+
+fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
+    // where the one at hand does not count
+    let exact: Vec<_> = pools
+        .iter()
+        .map(|p| p.as_ref().map(|p| p.scores(0)))
+        .collect();
+    let outer: Vec<_> = pools
+        .iter()
+        .map(|p| p.as_ref().map(|p| p.scores(1)))
+        .collect();
+    let largest = |scores: &[Option<Vec<f64>>], split: usize| {
+        let scores = scores.iter().flatten().map(|scores| scores[split]);
+        scores.reduce(f64::max).unwrap_or(0.0)
+    };
+    let maxima: Vec<f64> = (0..=permutations)
+        .map(|split| largest(&exact, split))
+        .collect();
+    let null: Vec<f64> = (1..=permutations)
+        .map(|split| largest(&outer, split))
+        .collect();
+    let null = describe(null, ROUNDING);
+    let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
+    let source = |index: usize| {
+        let (pool, exact, outer) = (
+            pools[index].as_ref()?,
+            exact[index].as_ref()?,
+            outer[index].as_ref()?,
+        );
+        let reaching = maxima.iter().filter(|&&m| m >= exact[0] - EQUAL).count();
+        Some(SourceTest {
+            distance: pool.measured[0],
+            mean: pool.moments(1).0,
+            score: outer[0],
+            p_value: reaching as f64 / (1 + permutations) as f64,
+            tail_p_value: tail(standardised(outer[0]), &null),
+        })
+    };
+    let sources: Vec<_> = (0..pools.len()).map(source).collect();
+    let smallest = sources
+        .iter()
+        .flatten()
+        .map(|s| s.p_value)
+        .fold(1.0, f64::min);
+    JointTest {
+        sources,
+        null,
+        score: standardised(largest(&outer, 0)),
+        p_value: smallest,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn source(rollout: &[f32], buffer: &[f32], side: Side) -> Source {
+        let frames = |values: &[f32]| Frames::new(values.to_vec(), 1, 1).unwrap();
+        let clouds = Candidate {
+            rollout: frames(rollout),
+            buffer: frames(buffer),
+        };
+        Source { clouds, side }
+    }
+
+    fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
+        (0..count)
+            .map(|_| centre + rng.random_range(-1.0..1.0))
+            .collect()
+    }
+
+    #[test]
+    fn equal_points_say_nothing_and_do_not_silence_the_others() {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let (near, far) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
+        let still = source(&[7.0; 10], &[7.0; 20], Side::Both);
+        let alone = joint_test(std::slice::from_ref(&still), 50, &mut rng).unwrap();
+        assert_eq!((alone.sources[0], alone.p_value), (None, 1.0));
+        assert!(alone.score.is_finite());
+        let both = [still, source(&near, &far, Side::Both)];
+        let test = joint_test(&both, 50, &mut rng).unwrap();
+        assert!(test.sources[0].is_none() && test.p_value <= 1.0 / 51.0);
+        assert!(test.sources[1].unwrap().ratio() > 3.0);
+    }
+
+    #[test]
+    fn only_the_side_that_counts_is_seen() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let (low, high) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
+        let mut p = |rollout: &[f32], buffer: &[f32]| {
+            let source = [source(rollout, buffer, Side::Less)];
+            joint_test(&source, 99, &mut rng).unwrap().p_value
+        };
+        assert!(p(&low, &high) <= 0.01);
+        assert!(p(&high, &low) > 0.3);
+    }
+
+    /// 400 tests of ten sources, none of which differs: the rate of false alarms stays that of one.
+    #[test]
+    fn many_sources_give_no_more_false_alarms_than_one() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let alarms = (0..400).filter(|_| {
+            let sources: Vec<Source> = (0..10)
+                .map(|_| {
+                    source(
+                        &draw(6, 0.0, &mut rng),
+                        &draw(12, 0.0, &mut rng),
+                        Side::Both,
+                    )
+                })
+                .collect();
+            joint_test(&sources, 39, &mut rng).unwrap().p_value <= 0.05
+        });
+        let alarms = alarms.count();
+        // nominal 20; four standard deviations are 17
+        assert!((5..=37).contains(&alarms), "{alarms}");
+    }
+
+    #[test]
+    fn a_change_is_found_where_it_is() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let sequence = [draw(7, 0.0, &mut rng), draw(13, 3.0, &mut rng)].concat();
+        let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
+        let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
+        let cuts: Vec<usize> = (1..20).collect();
+        let test = change_test(&frames, &cuts, 99, &mut rng).unwrap();
+        assert_eq!((test.cut, test.p_value), (7, 0.01));
+        let nothing = change_test(&[still], &cuts, 99, &mut rng).unwrap();
+        assert_eq!(nothing.p_value, 1.0);
+        assert!(change_test(&frames, &[20], 99, &mut rng).is_err());
+        assert!(change_test(&frames, &[], 99, &mut rng).is_err());
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_refused() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let sources = [
+            source(&[0.0, 1.0], &[2.0], Side::Both),
+            source(&[0.0], &[2.0], Side::Both),
+        ];
+        let message = joint_test(&sources, 20, &mut rng).unwrap_err().to_string();
+        assert!(
+            message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"),
+            "{message}"
+        );
+        assert!(joint_test(&[], 20, &mut rng).is_err());
+    }
+}

@@ -1,0 +1,193 @@
+//! Will recognition work in an environment of your own? Measures it on its first frames.
+//!
+//! `cargo run --release -p covers-evidence --example own_frames -- FOLDER`
+//!
+//! FOLDER holds one folder for each group of tasks, and those hold the first picture of each of its
+//! episodes as PNG files of one size, 8 bits a channel; 40 of each group are plenty, 20 will do.
+//! Without FOLDER the frames of a drawn world are measured.
+
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use cluster::Verdict;
+use evidence::{Account, Filters, Recogniser, RecogniserSettings};
+use rand::seq::SliceRandom;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{Observations, VectorEnv};
+use worlds::{Kind, Stream, Visit, World};
+
+type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+/// Random halves of each group: one is remembered, the other is asked about.
+const REPETITIONS: usize = 10;
+
+struct Group {
+    name: String,
+    accounts: Vec<Account>,
+}
+
+fn main() -> Answer<()> {
+    let groups = match std::env::args().nth(1) {
+        Some(folder) => read(Path::new(&folder))?,
+        None => drawn()?,
+    };
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    pairs(&groups, &mut rng)?;
+    recognition(&groups, &mut rng)
+}
+
+/// A line for each two groups, and for each group and itself.
+fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
+    println!("| remembered | asked about | distance over chance | score | refused |");
+    println!("|---|---|---|---|---|");
+    for home in groups {
+        for other in groups {
+            let (mut ratio, mut score, mut refused) = (0.0, 0.0, 0);
+            for _ in 0..REPETITIONS {
+                let [remembered, asked] = halves(home, other, rng);
+                let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
+                recogniser.learn(0, &remembered, rng)?;
+                let finding = recogniser.settle(&asked, 0, rng)?;
+                let opinion = &finding.opinions[0];
+                let test = opinion.test().ok_or("fewer than 4 frames of a group")?;
+                let picture = test.sources[0];
+                ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
+                score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
+                refused += usize::from(opinion.verdict() == Verdict::Refused);
+            }
+            let (home, other) = (&home.name, &other.name);
+            println!("| {home} | {other} | {ratio:.2} | {score:.1} | {refused} of {REPETITIONS} |");
+        }
+    }
+    Ok(())
+}
+
+/// Frames of one group to remember and of another, or of the same, to ask about.
+fn halves<R: Rng>(home: &Group, other: &Group, rng: &mut R) -> [Vec<Account>; 2] {
+    let mut shuffled = home.accounts.clone();
+    shuffled.shuffle(rng);
+    let asked = shuffled.split_off(shuffled.len() / 2);
+    if std::ptr::eq(home, other) {
+        return [shuffled, asked];
+    }
+    let mut asked = other.accounts.clone();
+    asked.shuffle(rng);
+    asked.truncate(asked.len() / 2);
+    [shuffled, asked]
+}
+
+/// How often 1, 4 and 20 frames name their group, with all groups known and with their own unknown.
+fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
+    println!("\n| frames | right | its own group unknown: \"none of these\" |\n|---|---|---|");
+    for frames in [1, 4, 20] {
+        let (mut right, mut none, mut asked) = (0, 0, 0);
+        for _ in 0..REPETITIONS {
+            for (index, group) in groups.iter().enumerate() {
+                let mut known = Recogniser::new(RecogniserSettings::default())?;
+                let mut question = Vec::new();
+                for (policy, other) in groups.iter().enumerate() {
+                    let [remembered, rest] = halves(other, other, rng);
+                    known.learn(policy, &remembered, rng)?;
+                    if policy == index {
+                        question = rest;
+                    }
+                }
+                question.truncate(frames);
+                right += usize::from(known.recognise(&question, rng)?.likeliest() == Some(index));
+                let mut others = Recogniser::new(RecogniserSettings::default())?;
+                let rest = groups.iter().filter(|other| other.name != group.name);
+                for (policy, other) in rest.enumerate() {
+                    others.learn(policy, &halves(other, other, rng)[0], rng)?;
+                }
+                none += usize::from(others.recognise(&question, rng)?.likeliest().is_none());
+                asked += 1;
+            }
+        }
+        println!("| {frames} | {right} of {asked} | {none} of {asked} |");
+    }
+    Ok(())
+}
+
+/// Groups from the folders in `folder`.
+fn read(folder: &Path) -> Answer<Vec<Group>> {
+    let mut groups = Vec::new();
+    for path in sorted(folder)?.into_iter().filter(|path| path.is_dir()) {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into();
+        let mut accounts = Vec::new();
+        for file in sorted(&path)? {
+            let (size, pixels) = picture(&file)?;
+            let filters = Filters::new(size, RecogniserSettings::default().filters)?;
+            accounts.push(account(accounts.len(), filters.describe(&pixels)?));
+        }
+        groups.push(Group { name, accounts });
+    }
+    Ok(groups)
+}
+
+fn sorted(folder: &Path) -> Answer<Vec<PathBuf>> {
+    let entries = fs::read_dir(folder)?.map(|entry| Ok(entry?.path()));
+    let mut paths = entries.collect::<Answer<Vec<_>>>()?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn picture(path: &Path) -> Answer<([usize; 3], Vec<u8>)> {
+    let mut decoder = png::Decoder::new(BufReader::new(File::open(path)?));
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let mut reader = decoder.read_info()?;
+    let mut pixels = vec![
+        0;
+        reader
+            .output_buffer_size()
+            .ok_or("the picture is too large")?
+    ];
+    let info = reader.next_frame(&mut pixels)?;
+    pixels.truncate(info.buffer_size());
+    let channels = info.color_type.samples();
+    Ok((
+        [info.height as usize, info.width as usize, channels],
+        pixels,
+    ))
+}
+
+fn account(began: usize, picture: Vec<f32>) -> Account {
+    Account {
+        began,
+        picture,
+        vector: vec![0.0],
+        motion: None,
+        earned: None,
+    }
+}
+
+/// 40 first frames of each group of a drawn world.
+fn drawn() -> Answer<Vec<Group>> {
+    let world = World::draw(Kind::Appearance, 1000);
+    let mut groups = Vec::new();
+    for group in 0..world.groups.len() {
+        let visits = vec![Visit { group, rounds: 1 }];
+        let mut stream = Stream::new(world.clone(), visits, 40)?;
+        let spec = stream.spec().clone();
+        let mut seen = Observations::new(&spec);
+        stream.reset(&mut seen)?;
+        let filters = Filters::new(spec.image, RecogniserSettings::default().filters)?;
+        let images = seen.images.chunks(spec.image_len());
+        let described = images.map(|image| filters.describe(image));
+        let described = described.collect::<Result<Vec<_>, _>>()?;
+        let accounts = described.into_iter().enumerate();
+        groups.push(Group {
+            name: format!("{:?} {:?}", world.groups[group].look.shape, group),
+            accounts: accounts
+                .map(|(began, picture)| account(began, picture))
+                .collect(),
+        });
+    }
+    Ok(groups)
+}

@@ -1,0 +1,61 @@
+//! The errors of this crate.
+
+use cluster::ClusterError;
+
+/// Why evidence could not be gathered or weighed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EvidenceError {
+    /// A picture that is smaller than a filter, or has no channel.
+    #[error(
+        "pictures are {height} x {width} with {channels} channels, expected at least 7 x 7 with \
+         1 to 1000"
+    )]
+    PictureSize {
+        /// Rows.
+        height: usize,
+        /// Columns.
+        width: usize,
+        /// Channels.
+        channels: usize,
+    },
+    /// A list of another length than its sizes say.
+    #[error("{what} holds {got} values, expected {expected}")]
+    Length {
+        /// The list.
+        what: &'static str,
+        /// Its length.
+        got: usize,
+        /// What its sizes say.
+        expected: usize,
+    },
+    /// A setting outside its range.
+    #[error("setting `{name}` is {value}, expected {expected}")]
+    Setting {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range in words.
+        expected: &'static str,
+    },
+    /// Too few episodes to decide anything.
+    #[error("got {got} episodes, expected at least {needed}")]
+    TooFewEpisodes {
+        /// Episodes given.
+        got: usize,
+        /// Episodes needed.
+        needed: usize,
+    },
+    /// A policy that was never told of.
+    #[error("policy {policy} was named, {policies} are known")]
+    NoPolicy {
+        /// The index given.
+        policy: usize,
+        /// Policies known.
+        policies: usize,
+    },
+    /// Distances and tests.
+    #[error(transparent)]
+    Cluster(#[from] ClusterError),
+}

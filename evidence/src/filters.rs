@@ -1,0 +1,222 @@
+//! A description of pictures by what is in them: random filters, pooled over places and flips.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+use crate::error::EvidenceError;
+
+/// Steps between two places of a filter, in rows and in columns.
+const STRIDE: usize = 2;
+/// Seed of the weights: every bank of one size is the same.
+const SEED: u64 = 0;
+
+/// A fixed bank of random filters. Each gives two numbers: the mean and the largest response over
+/// the picture, after a rectifier, averaged over the four flips of the filter.
+///
+/// The numbers are the same for the four mirror images of a picture, to the bit: pixels and weights
+/// are whole numbers, so sums are exact and do not depend on their order. Weights of each filter
+/// sum to zero in each channel, so that even ground gives no response.
+///
+/// ```
+/// use evidence::Filters;
+/// use symmetry::D2;
+///
+/// let filters = Filters::new([12, 12, 3], 8)?;
+/// let image: Vec<u8> = (0..12 * 12 * 3).map(|i| (i * i % 251) as u8).collect();
+/// let described = filters.describe(&image)?;
+/// assert_eq!(described.len(), filters.dim());
+/// let mirrored = D2::FlipX.transform_image(&image, 12, 12, 3);
+/// assert_eq!(filters.describe(&mirrored)?, described);
+/// # Ok::<(), evidence::EvidenceError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Filters {
+    image: [usize; 3],
+    kernel: [usize; 2],
+    count: usize,
+    /// `[kernel rows, kernel columns, channels, 4, filters]`.
+    weights: Vec<f32>,
+}
+
+impl Filters {
+    /// A bank of `count` filters for pictures `[H, W, C]`.
+    ///
+    /// # Errors
+    /// Pictures smaller than 7 x 7 or without channels, or no filter.
+    pub fn new(image: [usize; 3], count: usize) -> Result<Self, EvidenceError> {
+        let [height, width, channels] = image;
+        if height < 7 || width < 7 || !(1..=1000).contains(&channels) {
+            return Err(EvidenceError::PictureSize {
+                height,
+                width,
+                channels,
+            });
+        }
+        if count == 0 {
+            return Err(EvidenceError::Setting {
+                name: "filters",
+                value: 0.0,
+                expected: "at least 1",
+            });
+        }
+        // places of a filter must be mirror images of each other
+        let kernel = [height, width].map(|size| if size.is_multiple_of(2) { 6 } else { 7 });
+        Ok(Self {
+            image,
+            kernel,
+            count,
+            weights: weights(kernel, channels, count),
+        })
+    }
+
+    /// The number of values that describe a picture.
+    pub fn dim(&self) -> usize {
+        2 * self.count
+    }
+
+    /// Describes a picture `[H, W, C]`: the filters' means, then their largest responses, as shares
+    /// of a typical weight times the full range of pixels.
+    ///
+    /// # Errors
+    /// A picture of another size.
+    pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>, EvidenceError> {
+        let expected = self.image.iter().product();
+        if image.len() != expected {
+            return Err(EvidenceError::Length {
+                what: "a picture",
+                got: image.len(),
+                expected,
+            });
+        }
+        let responses = self.respond(image);
+        let mut described = vec![0.0; self.dim()];
+        let (means, maxima) = described.split_at_mut(self.count);
+        let unit = 4.0 * 255.0 * f64::from(most(self.kernel, self.image[2]));
+        for (filter, (mean, largest)) in means.iter_mut().zip(maxima).enumerate() {
+            let (sum, peak) = self.pool(filter, &responses);
+            let places = responses.len() / (4 * self.count);
+            // what is pooled over all places is small beside a peak
+            *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
+            *largest = (peak / unit) as f32;
+        }
+        Ok(described)
+    }
+
+    /// All responses `[places, 4, filters]`.
+    fn respond(&self, image: &[u8]) -> Vec<f32> {
+        let [height, width, channels] = self.image;
+        let [rows, cols] = self.kernel;
+        let taps = rows * cols * channels;
+        let mut patches = Vec::new();
+        for row in (0..=height - rows).step_by(STRIDE) {
+            for col in (0..=width - cols).step_by(STRIDE) {
+                for r in row..row + rows {
+                    let from = (r * width + col) * channels;
+                    let pixels = &image[from..from + cols * channels];
+                    patches.extend(pixels.iter().map(|&p| f32::from(p)));
+                }
+            }
+        }
+        let places = patches.len() / taps;
+        let mut responses = vec![0.0; places * 4 * self.count];
+        matmul(
+            MatMut::from_row_major_slice_mut(&mut responses, places, 4 * self.count),
+            Accum::Replace,
+            MatRef::from_row_major_slice(&patches, places, taps),
+            MatRef::from_row_major_slice(&self.weights, taps, 4 * self.count),
+            1.0,
+            Par::Seq,
+        );
+        responses
+    }
+
+    /// The sum over places and flips of the rectified responses of a filter, and the sum over flips
+    /// of its largest ones. In `f64` the sums of whole numbers are exact.
+    fn pool(&self, filter: usize, responses: &[f32]) -> (f64, f64) {
+        let (mut sum, mut peaks) = (0.0, 0.0);
+        for flip in 0..4 {
+            let mut peak = 0.0;
+            for place in responses.chunks_exact(4 * self.count) {
+                let response = place[flip * self.count + filter].max(0.0);
+                sum += f64::from(response);
+                peak = f32::max(peak, response);
+            }
+            peaks += f64::from(peak);
+        }
+        (sum, peaks)
+    }
+}
+
+/// How much the means count beside the largest responses.
+const MEAN_WEIGHT: f64 = 10.0;
+
+/// The largest weight: whole responses must fit into the 24 bits of an `f32`'s significand.
+fn most([rows, cols]: [usize; 2], channels: usize) -> i32 {
+    let taps = (rows * cols * channels) as i32;
+    ((1 << 24) / (255 * taps) / 2).clamp(1, 100)
+}
+
+/// Whole weights `[rows, cols, channels, 4, count]`, drawn evenly and then shifted so that they sum
+/// to about zero in each channel.
+fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
+    let [rows, cols] = kernel;
+    let (most, taps) = (most(kernel, channels), rows * cols);
+    let mut rng = ChaCha8Rng::seed_from_u64(SEED);
+    let mut weights = vec![0.0; taps * channels * 4 * count];
+    for filter in 0..count {
+        let mut drawn: Vec<i32> = (0..taps * channels)
+            .map(|_| rng.random_range(-most..=most))
+            .collect();
+        for channel in 0..channels {
+            centre(&mut drawn, channel, channels, taps as i32);
+        }
+        for (flip, g) in D2::ALL.into_iter().enumerate() {
+            let moved = g.transform_image(&drawn, rows, cols, channels);
+            for (tap, weight) in moved.into_iter().enumerate() {
+                weights[(tap * 4 + flip) * count + filter] = weight as f32;
+            }
+        }
+    }
+    weights
+}
+
+/// Takes the mean from the weights of a channel; what is left over goes to the first taps.
+fn centre(drawn: &mut [i32], channel: usize, channels: usize, taps: i32) {
+    let own = || (0..taps as usize).map(move |tap| tap * channels + channel);
+    let sum: i32 = own().map(|at| drawn[at]).sum();
+    let (each, mut rest) = (sum.div_euclid(taps), sum.rem_euclid(taps));
+    for at in own() {
+        drawn[at] -= each + i32::from(rest > 0);
+        rest -= i32::from(rest > 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_whole_and_even_ground_gives_no_response() {
+        for image in [[8, 9, 3], [48, 48, 6]] {
+            let filters = Filters::new(image, 5).unwrap();
+            assert!(filters.weights.iter().all(|w| w.fract() == 0.0));
+            let even = vec![200; image.iter().product()];
+            assert!(filters.describe(&even).unwrap().iter().all(|&v| v == 0.0));
+        }
+    }
+
+    #[test]
+    fn sizes_are_asked_for() {
+        assert!(Filters::new([6, 48, 3], 4).is_err());
+        assert!(Filters::new([48, 48, 0], 4).is_err());
+        assert!(Filters::new([48, 48, 3], 0).is_err());
+        let message = Filters::new([8, 8, 1], 4)
+            .unwrap()
+            .describe(&[0; 3])
+            .unwrap_err();
+        assert_eq!(message.to_string(), "a picture holds 3 values, expected 64");
+    }
+}

@@ -1,0 +1,121 @@
+//! How vectors answer to actions: least squares over one episode, invariant under D2.
+
+use symmetry::Irrep;
+
+/// Added to the diagonal, as a share of its mean: what an action that never varies does not show
+/// counts as no answer.
+const RIDGE: f64 = 1e-6;
+
+/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns the entries of M
+/// `[D, A]`: as they are where component and action have one irrep, so that no flip changes their
+/// sign, and without their sign elsewhere.
+///
+/// Actions are clipped to `[-1, 1]`, as environments clip them: else what they seem to do would
+/// depend on how far a policy explores.
+///
+/// `vectors` `[T + 1, D]`, `actions` `[T, A]`. Mirror images of an episode give the same bits.
+pub(crate) fn motion(
+    (vectors, components): (&[f32], &[Irrep]),
+    (actions, directions): (&[f32], &[Irrep]),
+) -> Vec<f32> {
+    let (d, a) = (components.len(), directions.len());
+    let mut gram = vec![0.0; a * a];
+    let mut moment = vec![0.0; a * d];
+    let pairs = vectors.chunks_exact(d).zip(vectors.chunks_exact(d).skip(1));
+    let actions: Vec<f32> = actions.iter().map(|a| a.clamp(-1.0, 1.0)).collect();
+    for ((now, next), action) in pairs.zip(actions.chunks_exact(a)) {
+        for (i, &ai) in action.iter().enumerate() {
+            for (j, &aj) in action.iter().enumerate() {
+                gram[i * a + j] += f64::from(ai) * f64::from(aj);
+            }
+            for (k, (now, next)) in now.iter().zip(next).enumerate() {
+                moment[i * d + k] += f64::from(ai) * (f64::from(*next) - f64::from(*now));
+            }
+        }
+    }
+    let trace: f64 = (0..a).map(|i| gram[i * a + i]).sum();
+    for i in 0..a {
+        gram[i * a + i] += RIDGE * trace / a as f64 + f64::MIN_POSITIVE;
+    }
+    solve(&mut gram, &mut moment, a, d);
+    let entries = (0..d).flat_map(|k| (0..a).map(move |i| (k, i)));
+    let entry = |(k, i): (usize, usize)| match components[k] == directions[i] {
+        true => moment[i * d + k] as f32,
+        false => moment[i * d + k].abs() as f32,
+    };
+    entries.map(entry).collect()
+}
+
+/// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
+/// `[n, m]`.
+fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {
+    for pivot in 0..n {
+        for row in (0..n).filter(|&row| row != pivot) {
+            let factor = gram[row * n + pivot] / gram[pivot * n + pivot];
+            for col in pivot..n {
+                gram[row * n + col] -= factor * gram[pivot * n + col];
+            }
+            for col in 0..m {
+                moment[row * m + col] -= factor * moment[pivot * m + col];
+            }
+        }
+    }
+    for row in 0..n {
+        moment[row * m..(row + 1) * m]
+            .iter_mut()
+            .for_each(|value| *value /= gram[row * n + row]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use symmetry::D2;
+
+    const IRREPS: [Irrep; 2] = [Irrep::X, Irrep::Y];
+
+    /// A course under a motion that turns and slows.
+    fn course() -> (Vec<f32>, Vec<f32>) {
+        let actions: Vec<f32> = (0..20).map(|i| ((i * 7 % 11) as f32 - 5.0) / 8.0).collect();
+        let mut vectors = vec![0.25, -0.5];
+        for action in actions.chunks(2) {
+            let [x, y] = [vectors[vectors.len() - 2], vectors[vectors.len() - 1]];
+            let (dx, dy) = (0.5 * action[0] - 0.25 * action[1], 0.125 * action[1]);
+            vectors.extend([x + dx, y + dy]);
+        }
+        (vectors, actions)
+    }
+
+    #[test]
+    fn finds_what_moved_the_hand() {
+        let (vectors, actions) = course();
+        let found = motion((&vectors, &IRREPS), (&actions, &IRREPS));
+        for (got, expected) in found.iter().zip([0.5, 0.25, 0.0, 0.125]) {
+            assert!((got - expected).abs() < 2e-3, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn mirror_images_give_the_same_bits() {
+        let (vectors, actions) = course();
+        let found = motion((&vectors, &IRREPS), (&actions, &IRREPS));
+        for g in D2::ALL {
+            let mirrored = |values: &[f32]| -> Vec<f32> {
+                let signs = IRREPS.map(|irrep| f32::from(irrep.sign(g)));
+                values
+                    .iter()
+                    .zip(signs.iter().cycle())
+                    .map(|(v, s)| v * s)
+                    .collect()
+            };
+            let (v, a) = (mirrored(&vectors), mirrored(&actions));
+            assert_eq!(motion((&v, &IRREPS), (&a, &IRREPS)), found);
+        }
+    }
+
+    #[test]
+    fn a_hand_that_never_acts_gives_zeros() {
+        let found = motion((&[0.5; 6], &IRREPS), (&[0.0; 4], &IRREPS));
+        assert_eq!(found, [0.0; 4]);
+    }
+}

@@ -1,0 +1,198 @@
+//! What speaks for and against one policy: the sources of evidence and their test.
+
+use cluster::{Evidence, Frames, JointTest, Judgement, PermutationTest, SourceTest, Verdict};
+
+use crate::account::Account;
+use crate::error::EvidenceError;
+use crate::settings::RecogniserSettings;
+
+/// Standard deviations of looks that weigh as much as a motion that is another altogether, where
+/// policies are ranked.
+const MOTION_WEIGHT: f64 = 10.0;
+
+/// A source of evidence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Picture,
+    Vector,
+    Motion,
+    Earnings,
+}
+
+impl Kind {
+    /// Whether it is there before anybody acts.
+    pub(crate) fn is_look(self) -> bool {
+        matches!(self, Self::Picture | Self::Vector)
+    }
+
+    fn point(self, account: &Account) -> Option<&[f32]> {
+        match self {
+            Self::Picture => Some(&account.picture),
+            Self::Vector => Some(&account.vector),
+            Self::Motion => account.motion.as_deref(),
+            Self::Earnings => account.earned.as_ref().map(std::slice::from_ref),
+        }
+    }
+}
+
+/// How many rollouts a decision may rest on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// One: a doubt asks for another one.
+    First,
+    /// Two, or one that the policy in question collected itself: the decision is for good.
+    Second,
+}
+
+/// What speaks for and against one policy.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Opinion {
+    pub(crate) kinds: Vec<Kind>,
+    pub(crate) test: Option<JointTest>,
+    /// By how much motion changed, as a share, and which share of the earnings was lost.
+    pub(crate) changed: f64,
+    pub(crate) lost: f64,
+    pub(crate) verdict: Verdict,
+    /// Episodes that the policy remembers.
+    pub(crate) remembered: usize,
+}
+
+impl Opinion {
+    /// The test of all sources; none where the policy remembers too little.
+    pub fn test(&self) -> Option<&JointTest> {
+        self.test.as_ref()
+    }
+
+    /// The same in the words of the crate `cluster`: the distance of the first source that says
+    /// something, and the test of the largest score.
+    pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
+        let distance = self
+            .sources()
+            .next()
+            .map_or(0.0, |(_, source)| source.distance);
+        let judgement = match &self.test {
+            Some(test) => Judgement::Tested {
+                test: PermutationTest {
+                    distance: test.null.mean + test.score * test.null.sd,
+                    null: test.null,
+                    score: test.score,
+                    p_value: test.p_value,
+                    tail_p_value: self.tail_p_value(),
+                },
+                limit: match look {
+                    Look::First => settings.doubt,
+                    Look::Second => settings.level,
+                },
+            },
+            None => Judgement::BufferTooSmall {
+                episodes: self.remembered,
+                needed: settings.min_episodes,
+            },
+        };
+        Evidence {
+            distance,
+            judgement,
+            verdict: self.verdict,
+        }
+    }
+
+    /// The outcome.
+    pub fn verdict(&self) -> Verdict {
+        self.verdict
+    }
+
+    /// The smallest p-value by the fitted tail, adjusted for the number of sources; 1 where nothing
+    /// was tested.
+    pub fn tail_p_value(&self) -> f64 {
+        let tests = self
+            .test
+            .iter()
+            .flat_map(|test| test.sources.iter().flatten());
+        tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
+    }
+
+    /// The share of what the policy had learnt to earn that these episodes did not pay; zero where
+    /// it was not asked.
+    pub fn lost(&self) -> f64 {
+        self.lost
+    }
+
+    pub(crate) fn is_refused(&self) -> bool {
+        self.verdict == Verdict::Refused
+    }
+
+    /// The largest score of what is seen at the beginning of episodes. Policies that were not
+    /// tested come last.
+    pub(crate) fn look_score(&self) -> f64 {
+        if self.test.is_none() {
+            return f64::INFINITY;
+        }
+        let looks = self.sources().filter(|(kind, _)| kind.is_look());
+        let scores = looks.map(|(_, source)| source.score);
+        scores.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly
+    /// depends on who acts.
+    pub(crate) fn misfit(&self) -> f64 {
+        self.look_score() + MOTION_WEIGHT * self.changed
+    }
+
+    /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
+    pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
+        self.sources()
+            .any(|(kind, source)| kind.is_look() && source.p_value <= level)
+    }
+
+    /// The sources that say something.
+    pub(crate) fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
+        let tests = self.test.iter().flat_map(|test| &test.sources);
+        let pairs = self.kinds.iter().zip(tests);
+        pairs.filter_map(|(&kind, source)| Some((kind, source.as_ref()?)))
+    }
+}
+
+/// By how much the mean motion of two lists differs, as a share of the second one's; zero where it
+/// is not known.
+pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
+    match (mean_motion(accounts), mean_motion(remembered)) {
+        (Some(now), Some(home)) if now.len() == home.len() => {
+            let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+            let apart = norm(&mut now.iter().zip(&home).map(|(now, home)| now - home));
+            (apart / norm(&mut home.iter().copied()).max(f64::MIN_POSITIVE)).sqrt()
+        }
+        _ => 0.0,
+    }
+}
+
+fn mean_motion(accounts: &[&Account]) -> Option<Vec<f64>> {
+    let known: Vec<&Vec<f32>> = accounts.iter().filter_map(|a| a.motion.as_ref()).collect();
+    let mut mean = vec![0.0; known.first()?.len()];
+    for motion in &known {
+        for (sum, &entry) in mean.iter_mut().zip(motion.iter()) {
+            *sum += f64::from(entry) / known.len() as f64;
+        }
+    }
+    Some(mean)
+}
+
+pub(crate) fn mean_earned<'a>(accounts: impl Iterator<Item = &'a Account>) -> Option<f64> {
+    let earned: Vec<f64> = accounts.filter_map(|a| a.earned.map(f64::from)).collect();
+    (!earned.is_empty()).then(|| earned.iter().sum::<f64>() / earned.len() as f64)
+}
+
+/// The sources that all of these accounts have; courses count where both sides are of one policy.
+pub(crate) fn sources_of(accounts: &[&Account], others: &[&Account], own: bool) -> Vec<Kind> {
+    let whole = |account: &&Account| account.motion.is_some() && account.earned.is_some();
+    match own && accounts.iter().chain(others).all(whole) {
+        true => vec![Kind::Picture, Kind::Vector, Kind::Motion, Kind::Earnings],
+        false => vec![Kind::Picture, Kind::Vector],
+    }
+}
+
+/// The points of one source.
+pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames, EvidenceError> {
+    let points: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
+    let dim = points.first().map_or(0, |point| point.len());
+    Ok(Frames::new(points.concat(), 1, dim)?)
+}

@@ -1,0 +1,197 @@
+//! Settings of the recogniser.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::EvidenceError;
+
+/// Settings of a [`Recogniser`](crate::Recogniser).
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecogniserSettings {
+    /// Random filters that describe a picture, at least 1.
+    pub filters: usize,
+    /// Episodes remembered for each policy, the latest on which it learnt; at least `min_episodes`.
+    pub memory: usize,
+    /// Episodes that a rollout must show, and a policy remember, to be tested; at least 4.
+    pub min_episodes: usize,
+    /// Level of the first look, in `(0, 1)`: the share of rollouts of a known group that are
+    /// doubted, over all sources together. Compared with the exact p-value.
+    pub doubt: f64,
+    /// Level of a refusal, in `(0, doubt]`: the nominal rate of false alarms over all sources
+    /// together. Compared with the tail's p-value.
+    pub level: f64,
+    /// Level in `(0, 1)` at which a doubted rollout is taken to show two groups, over all places
+    /// where it may be cut.
+    pub cut: f64,
+    /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
+    /// refusal, at least 1: less counts as drift.
+    pub min_ratio: f64,
+    /// Least change of how vectors answer to actions, as a share, for motion to count; above 0.
+    pub min_motion: f64,
+    /// Least share of what a policy has learnt to earn that must be lost for earnings to count, in
+    /// `(0, 1]`.
+    pub min_loss: f64,
+    /// Random splits of the first look, at least 20; the second one takes four times as many.
+    pub permutations: usize,
+}
+
+impl Default for RecogniserSettings {
+    fn default() -> Self {
+        Self {
+            filters: 32,
+            memory: 40,
+            min_episodes: 4,
+            doubt: 0.02,
+            level: 1e-4,
+            cut: 0.01,
+            min_ratio: 1.2,
+            min_motion: 0.25,
+            min_loss: 0.3,
+            permutations: 100,
+        }
+    }
+}
+
+impl RecogniserSettings {
+    /// Checks every range.
+    ///
+    /// # Errors
+    /// The first setting outside its range, with its value.
+    pub fn check(&self) -> Result<(), EvidenceError> {
+        let checks = self.sizes().into_iter().chain(self.levels());
+        let mut checks = checks.chain(self.effects());
+        match checks.find(|check| !check.holds) {
+            None => Ok(()),
+            Some(check) => Err(EvidenceError::Setting {
+                name: check.name,
+                value: check.value,
+                expected: check.expected,
+            }),
+        }
+    }
+
+    fn sizes(&self) -> [Check; 4] {
+        let size = |name, value: usize, least: usize, expected| Check {
+            name,
+            value: value as f64,
+            holds: value >= least,
+            expected,
+        };
+        [
+            size("filters", self.filters, 1, "at least 1"),
+            size("min_episodes", self.min_episodes, 4, "at least 4"),
+            size(
+                "memory",
+                self.memory,
+                self.min_episodes,
+                "at least min_episodes",
+            ),
+            size("permutations", self.permutations, 20, "at least 20"),
+        ]
+    }
+
+    fn levels(&self) -> [Check; 4] {
+        let open = |level: f64| level > 0.0 && level < 1.0;
+        let smallest = 1.0 / (1.0 + self.permutations as f64);
+        let (probability, below) = (
+            "a probability above 0 and below 1",
+            "a probability above 0 and at most doubt",
+        );
+        let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
+        let level = self.level > 0.0 && self.level <= self.doubt;
+        [
+            Check::new("doubt", self.doubt, open(self.doubt), probability),
+            Check::new("doubt", self.doubt, self.doubt >= smallest, reachable),
+            Check::new("level", self.level, level, below),
+            Check::new("cut", self.cut, open(self.cut), probability),
+        ]
+    }
+
+    fn effects(&self) -> [Check; 3] {
+        let ratio = (1.0..f64::INFINITY).contains(&self.min_ratio);
+        let motion = self.min_motion > 0.0 && self.min_motion.is_finite();
+        let loss = self.min_loss > 0.0 && self.min_loss <= 1.0;
+        [
+            Check::new(
+                "min_ratio",
+                self.min_ratio,
+                ratio,
+                "a finite number, at least 1",
+            ),
+            Check::new(
+                "min_motion",
+                self.min_motion,
+                motion,
+                "a finite share above 0",
+            ),
+            Check::new(
+                "min_loss",
+                self.min_loss,
+                loss,
+                "a share above 0 and at most 1",
+            ),
+        ]
+    }
+}
+
+/// One range, and whether a value lies in it.
+struct Check {
+    name: &'static str,
+    value: f64,
+    holds: bool,
+    expected: &'static str,
+}
+
+impl Check {
+    fn new(name: &'static str, value: f64, holds: bool, expected: &'static str) -> Self {
+        Self {
+            name,
+            value,
+            holds,
+            expected,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_survive_a_file_and_ranges_are_checked() {
+        let settings = RecogniserSettings {
+            memory: 33,
+            level: 3e-5,
+            ..RecogniserSettings::default()
+        };
+        let text = serde_json::to_string(&settings).unwrap();
+        assert_eq!(
+            serde_json::from_str::<RecogniserSettings>(&text).unwrap(),
+            settings
+        );
+        assert!(serde_json::from_str::<RecogniserSettings>(r#"{"leval": 1}"#).is_err());
+        assert!(settings.check().is_ok());
+        let wrong = RecogniserSettings {
+            min_loss: f64::NAN,
+            ..settings
+        };
+        let message = wrong.check().unwrap_err().to_string();
+        assert!(
+            message.starts_with("setting `min_loss` is NaN"),
+            "{message}"
+        );
+        let coarse = RecogniserSettings {
+            permutations: 20,
+            ..settings
+        };
+        assert!(
+            coarse
+                .check()
+                .unwrap_err()
+                .to_string()
+                .contains("smallest exact")
+        );
+    }
+}

@@ -1,0 +1,240 @@
+//! Decisions on episodes of drawn worlds.
+
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use cluster::{Decision, Verdict};
+use common::{accounts, mirrored, stream};
+use evidence::{Account, Recogniser, RecogniserSettings, Situation};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+use worlds::Kind;
+
+fn rng() -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(0)
+}
+
+/// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;
+/// the first of them earned nothing.
+fn knowing(kind: Kind, seed: u64, groups: usize) -> Recogniser {
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    for group in 0..groups {
+        let mut learnt = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
+        let (first, later) = learnt.split_at_mut(20);
+        first.iter_mut().for_each(|a| a.earned = Some(0.0));
+        recogniser.learn(group, first, &mut rng()).unwrap();
+        recogniser.learn(group, later, &mut rng()).unwrap();
+        recogniser.learn(group, later, &mut rng()).unwrap();
+    }
+    recogniser
+}
+
+/// 20 episodes of a group that come later than what the recogniser learnt from.
+fn rollout(kind: Kind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
+    let all = accounts(stream(kind, seed, &[(group, 12)], 5), 12, Some(as_group));
+    all[40..].to_vec()
+}
+
+#[test]
+fn accounts_of_mirror_images_are_equal_to_the_bit() {
+    for kind in Kind::ALL {
+        let of = |g| accounts(mirrored(stream(kind, 1000, &[(0, 2)], 3), g), 2, None);
+        let straight = of(D2::Identity);
+        for g in D2::ALL {
+            assert_eq!(of(g), straight, "{} {g}", kind.name());
+        }
+    }
+}
+
+#[test]
+fn what_looks_different_is_told_apart_at_the_first_look() {
+    for kind in [Kind::Appearance, Kind::Shape] {
+        let recogniser = knowing(kind, 1000, 3);
+        for group in 0..3 {
+            let seen = rollout(kind, 1000, group, group);
+            let finding = recogniser.assign(&seen, group, &mut rng()).unwrap();
+            assert_eq!(
+                finding.decision,
+                Decision::Existing(group),
+                "{}",
+                kind.name()
+            );
+            let other = recogniser
+                .assign(&seen, (group + 1) % 3, &mut rng())
+                .unwrap();
+            assert_eq!(other.decision, Decision::Existing(group), "{}", kind.name());
+        }
+        let unknown = rollout(kind, 1000, 3, 0);
+        let finding = recogniser.assign(&unknown, 0, &mut rng()).unwrap();
+        assert_eq!(finding.decision, Decision::Undecided);
+        let finding = recogniser.settle(&unknown, 0, &mut rng()).unwrap();
+        assert_eq!(finding.decision, Decision::New);
+    }
+}
+
+#[test]
+fn what_looks_alike_is_told_apart_by_what_happens() {
+    for kind in [Kind::Target, Kind::Reward, Kind::Dynamics] {
+        let recogniser = knowing(kind, 1000, 2);
+        let verdict = |group, policy| {
+            let seen = rollout(kind, 1000, group, policy);
+            let situation = Situation {
+                collector: policy,
+                refused: &[],
+            };
+            let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+            (finding.opinions[policy].verdict(), finding.decision)
+        };
+        let (name, accepted) = (kind.name(), Verdict::Accepted);
+        assert_eq!(verdict(0, 0), (accepted, Decision::Existing(0)), "{name}");
+        assert_eq!(verdict(1, 1), (accepted, Decision::Existing(1)), "{name}");
+        assert_eq!(
+            verdict(1, 0),
+            (Verdict::Refused, Decision::Existing(1)),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn who_was_refused_is_not_proposed_again() {
+    let recogniser = knowing(Kind::Target, 1000, 2);
+    let seen = rollout(Kind::Target, 1000, 1, 0);
+    let situation = Situation {
+        collector: 0,
+        refused: &[1],
+    };
+    let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+    assert_eq!(finding.decision, Decision::New);
+    assert!(finding.refused.contains(&0) && finding.refused.contains(&1));
+}
+
+#[test]
+fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
+    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    for before in [1, 2, 3] {
+        let visits = [(0, before), (1, 4 - before)];
+        let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
+        let finding = recogniser.assign(&mixed, 0, &mut rng()).unwrap();
+        let began = before * common::HORIZON * 5;
+        assert_eq!(
+            (finding.decision, finding.cut),
+            (Decision::Existing(1), Some(began))
+        );
+    }
+    let whole = accounts(stream(Kind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
+    let finding = recogniser.assign(&whole, 0, &mut rng()).unwrap();
+    assert_eq!(
+        (finding.decision, finding.cut),
+        (Decision::Existing(0), None)
+    );
+}
+
+#[test]
+fn a_new_policy_remembers_only_the_group_it_was_opened_for() {
+    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
+    let mixed = accounts(
+        stream(Kind::Appearance, 1000, &[(1, 2), (2, 2)], 5),
+        4,
+        Some(1),
+    );
+    recogniser.learn(1, &mixed, &mut rng()).unwrap();
+    let one = recogniser.recognise(&rollout(Kind::Appearance, 1000, 1, 0), &mut rng());
+    assert_eq!(one.unwrap().likeliest(), Some(1));
+    let other = recogniser.recognise(&rollout(Kind::Appearance, 1000, 2, 0), &mut rng());
+    assert_eq!(other.unwrap().likeliest(), None);
+}
+
+#[test]
+fn one_episode_names_its_policy_or_none_and_more_are_surer() {
+    let recogniser = knowing(Kind::Appearance, 1000, 3);
+    for group in 0..4 {
+        let seen = rollout(Kind::Appearance, 1000, group, 0);
+        for episodes in [1, 4, 20] {
+            let found = recogniser.recognise(&seen[..episodes], &mut rng()).unwrap();
+            let sum = found.policies.iter().sum::<f64>() + found.none;
+            assert!((sum - 1.0).abs() < 1e-12);
+            if episodes > 1 {
+                let expected = (group < 3).then_some(group);
+                assert_eq!(
+                    found.likeliest(),
+                    expected,
+                    "{episodes} of {group}: {found:?}"
+                );
+            }
+        }
+    }
+    assert!(recogniser.recognise(&[], &mut rng()).is_err());
+}
+
+/// The first frames of some tasks never vary: nothing is divided by zero, and others differ.
+#[test]
+fn frames_that_are_all_equal_say_nothing_of_each_other() {
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    let still = |value: f32, count: usize| -> Vec<Account> {
+        let account = |began| Account {
+            began,
+            picture: vec![value; 4],
+            vector: vec![0.0],
+            motion: None,
+            earned: None,
+        };
+        (0..count).map(account).collect()
+    };
+    recogniser.learn(0, &still(1.0, 20), &mut rng()).unwrap();
+    let same = recogniser.assign(&still(1.0, 20), 0, &mut rng()).unwrap();
+    assert_eq!(same.decision, Decision::Existing(0));
+    let test = same.opinions[0].test().unwrap();
+    assert!(test.sources.iter().all(Option::is_none) && test.score.is_finite());
+    let other = recogniser.settle(&still(2.0, 20), 0, &mut rng()).unwrap();
+    assert_eq!(other.decision, Decision::New);
+}
+
+#[test]
+fn memory_is_bounded_and_survives_a_file() {
+    let mut recogniser = knowing(Kind::Appearance, 1000, 2);
+    let size = |recogniser: &Recogniser| {
+        recogniser
+            .state(serde_json::value::Serializer)
+            .unwrap()
+            .to_string()
+            .len()
+    };
+    let before = size(&recogniser);
+    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    for _ in 0..1000 {
+        recogniser.learn(0, &seen, &mut rng()).unwrap();
+    }
+    assert!(
+        size(&recogniser) < 11 * before / 10,
+        "a thousand visits later"
+    );
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let mut restored = Recogniser::new(*recogniser.settings()).unwrap();
+    restored.restore(&state).unwrap();
+    assert_eq!(restored, recogniser);
+    assert!(restored.restore(&serde_json::json!([3])).is_err());
+    let message = restored
+        .learn(7, &seen, &mut rng())
+        .unwrap_err()
+        .to_string();
+    assert_eq!(message, "policy 7 was named, 2 are known");
+}
+
+/// Colours stray over hundreds of rounds; what is remembered is the latest.
+#[test]
+fn slow_drift_splits_nothing() {
+    for seed in 1000..1002 {
+        let all = accounts(stream(Kind::Drift, seed, &[(0, 100)], 5), 100, None);
+        let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+        for rollout in all.chunks(20) {
+            if recogniser.policies() > 0 {
+                let finding = recogniser.settle(rollout, 0, &mut rng()).unwrap();
+                assert_eq!(finding.decision, Decision::Existing(0), "seed {seed}");
+            }
+            recogniser.learn(0, rollout, &mut rng()).unwrap();
+        }
+    }
+}

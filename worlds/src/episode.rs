@@ -1,0 +1,105 @@
+//! One episode of one environment, in one frame of reference; mirrored where it is shown.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use symmetry::{D2, Irrep};
+
+use crate::group::Group;
+use crate::picture::{Picture, SIDE};
+use crate::world::Scene;
+
+/// Farthest that the hand goes from the middle.
+const REACH: f32 = 0.95;
+/// Farthest from full pay that counts as success.
+const NEAR: f32 = 0.06;
+
+/// The hand, the object and the camera of one environment.
+#[derive(Clone, Debug)]
+pub(crate) struct Episode {
+    group: Group,
+    noise: f32,
+    variant: D2,
+    hand: [f32; 2],
+    object: [f32; 2],
+    still: Picture,
+    first: Vec<u8>,
+    now: Vec<u8>,
+    rng: ChaCha8Rng,
+}
+
+impl Episode {
+    /// Places an object of `group` as it looks after `rounds` rounds of the stream.
+    pub fn begin(
+        scene: &Scene,
+        group: &Group,
+        rounds: usize,
+        variant: Option<D2>,
+        mut rng: ChaCha8Rng,
+    ) -> Self {
+        let drawn = D2::from_bits(rng.random_range(0..4));
+        let [from, to] = scene.places;
+        let object = [0; 2].map(|_| rng.random_range(from..=to));
+        let still = Picture::still(scene, &group.look_after(rounds), object, &mut rng);
+        let hand = [0.0; 2];
+        let first = still.with_hand(hand).taken(scene.noise, &mut rng);
+        Self {
+            group: *group,
+            noise: scene.noise,
+            variant: variant.unwrap_or(drawn),
+            hand,
+            object,
+            still,
+            now: first.clone(),
+            first,
+            rng,
+        }
+    }
+
+    /// Moves the hand by the action as it is given in the variant shown; returns the pay, and
+    /// whether it is nearly full.
+    pub fn step(&mut self, action: [f32; 2]) -> (f32, bool) {
+        let action = mirrored(self.variant, action).map(|a| a.clamp(-1.0, 1.0));
+        let motion = self.group.motion.forward(action);
+        for (hand, motion) in self.hand.iter_mut().zip(motion) {
+            *hand = (*hand + motion).clamp(-REACH, REACH);
+        }
+        self.now = self
+            .still
+            .with_hand(self.hand)
+            .taken(self.noise, &mut self.rng);
+        let place = self.place();
+        let pay = &self.group.pay;
+        (pay.at(place), pay.distance(place) <= NEAR)
+    }
+
+    /// The action of one who takes this for a task of `group`.
+    pub fn expert(&self, group: &Group) -> [f32; 2] {
+        let action = group.motion.inverse(group.pay.way(self.place()));
+        let most = action[0].abs().max(action[1].abs()).max(1.0);
+        mirrored(self.variant, action.map(|a| a / most))
+    }
+
+    /// Writes the picture `[48, 48, 6]` and the hand's place.
+    pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
+        for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
+            // every variant is its own inverse, so the source is where the pixel goes
+            let (row, col) = self.variant.apply_pixel(at / SIDE, at % SIDE, SIDE, SIDE);
+            let from = 3 * (row * SIDE + col);
+            pixel[..3].copy_from_slice(&self.now[from..from + 3]);
+            pixel[3..].copy_from_slice(&self.first[from..from + 3]);
+        }
+        vector.copy_from_slice(&mirrored(self.variant, self.hand));
+    }
+
+    /// The hand's place from the object.
+    fn place(&self) -> [f32; 2] {
+        [self.hand[0] - self.object[0], self.hand[1] - self.object[1]]
+    }
+}
+
+fn mirrored(g: D2, [x, y]: [f32; 2]) -> [f32; 2] {
+    [
+        x * f32::from(Irrep::X.sign(g)),
+        y * f32::from(Irrep::Y.sign(g)),
+    ]
+}

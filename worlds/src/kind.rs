@@ -1,0 +1,225 @@
+//! In what the groups of a world differ: the registry of kinds.
+
+use rand::RngExt;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
+
+use crate::group::{Group, Motion, Pay};
+use crate::look::{Look, Shape, Texture};
+
+/// In what the groups of a world differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Everything: colours, shapes, sizes, textures, numbers, and where targets lie.
+    Appearance,
+    /// Shapes, of one colour and size; and where targets lie.
+    Shape,
+    /// Where the target lies from an object that always looks the same.
+    Target,
+    /// What is paid around one and the same target.
+    Reward,
+    /// How the hand moves.
+    Dynamics,
+    /// Nothing: one group under several names.
+    Identical,
+    /// What [`Kind::Appearance`] has, and colours stray slowly.
+    Drift,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 7] = [
+        Self::Appearance,
+        Self::Shape,
+        Self::Target,
+        Self::Reward,
+        Self::Dynamics,
+        Self::Identical,
+        Self::Drift,
+    ];
+
+    /// Its name in tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Appearance => "appearance",
+            Self::Shape => "shape",
+            Self::Target => "target",
+            Self::Reward => "reward",
+            Self::Dynamics => "dynamics",
+            Self::Identical => "identical",
+            Self::Drift => "drift",
+        }
+    }
+
+    /// How many groups a world of this kind has where nobody says.
+    pub(crate) fn number(self, rng: &mut ChaCha8Rng) -> usize {
+        match self {
+            Self::Appearance | Self::Shape => 8,
+            Self::Target | Self::Drift => rng.random_range(2..=6),
+            Self::Reward => rng.random_range(2..=4),
+            Self::Dynamics => rng.random_range(2..=5),
+            Self::Identical => rng.random_range(2..=16),
+        }
+    }
+
+    /// How many groups a world of this kind can tell apart: what it draws from is finite.
+    pub(crate) const fn most(self) -> usize {
+        match self {
+            Self::Appearance | Self::Identical | Self::Drift => 16,
+            Self::Shape | Self::Target => 8,
+            Self::Reward => 4,
+            Self::Dynamics => 5,
+        }
+    }
+
+    /// Draws `number` groups.
+    pub(crate) fn groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
+        let groups = match self {
+            Self::Appearance => appearance(number, rng),
+            Self::Shape => shapes(number, rng),
+            Self::Target => vary(number, rng, &targets(), |group, &pay| group.pay = pay),
+            Self::Reward => vary(number, rng, &rings(), |group, &pay| group.pay = pay),
+            Self::Dynamics => vary(number, rng, &MOTIONS, |group, &m| group.motion = m),
+            Self::Identical => vec![group(look(rng), rng); number],
+            Self::Drift => appearance(number, rng),
+        };
+        let stray = |group: Group, rng: &mut ChaCha8Rng| Group {
+            drift: [0; 3].map(|_| rng.random_range(-STRAY..STRAY)),
+            ..group
+        };
+        match self {
+            Self::Drift => groups.into_iter().map(|group| stray(group, rng)).collect(),
+            _ => groups,
+        }
+    }
+}
+
+/// Most that a colour strays, in 0..=255.
+const STRAY: f32 = 25.0;
+
+/// Colours that groups are drawn from.
+const COLOURS: [[f32; 3]; 8] = [
+    [210.0, 50.0, 45.0],
+    [50.0, 165.0, 65.0],
+    [55.0, 85.0, 205.0],
+    [215.0, 185.0, 50.0],
+    [150.0, 60.0, 170.0],
+    [60.0, 180.0, 185.0],
+    [225.0, 225.0, 225.0],
+    [40.0, 40.0, 45.0],
+];
+
+/// Sizes that groups are drawn from.
+const SIZES: [f32; 2] = [0.12, 0.18];
+
+const ORDINARY: Motion = Motion {
+    gain: 0.08,
+    turn: 0.0,
+};
+
+const MOTIONS: [Motion; 5] = [
+    ORDINARY,
+    Motion {
+        gain: 0.04,
+        ..ORDINARY
+    },
+    Motion {
+        gain: -0.08,
+        ..ORDINARY
+    },
+    Motion {
+        turn: 1.6,
+        ..ORDINARY
+    },
+    Motion {
+        turn: -1.6,
+        ..ORDINARY
+    },
+];
+
+fn look(rng: &mut ChaCha8Rng) -> Look {
+    Look {
+        colour: COLOURS[rng.random_range(0..COLOURS.len())],
+        shape: Shape::ALL[rng.random_range(0..Shape::ALL.len())],
+        size: SIZES[rng.random_range(0..SIZES.len())],
+        texture: Texture::ALL[rng.random_range(0..Texture::ALL.len())],
+        number: rng.random_range(1..=3),
+    }
+}
+
+fn group(look: Look, rng: &mut ChaCha8Rng) -> Group {
+    let around = rng.random_range(0.0..std::f32::consts::TAU);
+    let (sin, cos) = around.sin_cos();
+    Group {
+        look,
+        pay: Pay {
+            offset: [0.3 * cos, 0.3 * sin],
+            radius: 0.0,
+        },
+        motion: ORDINARY,
+        drift: [0.0; 3],
+    }
+}
+
+/// Groups no two of which look alike; they differ in one property or in several.
+fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::with_capacity(number);
+    while groups.len() < number {
+        let look = look(rng);
+        if groups.iter().all(|other| other.look != look) {
+            groups.push(group(look, rng));
+        }
+    }
+    groups
+}
+
+fn shapes(number: usize, rng: &mut ChaCha8Rng) -> Vec<Group> {
+    let common = Look {
+        texture: Texture::Plain,
+        number: 1,
+        size: 0.18,
+        ..look(rng)
+    };
+    let mut shapes = Shape::ALL;
+    shapes.shuffle(rng);
+    let shapes = shapes.into_iter().take(number);
+    let looks = shapes.map(|shape| Look { shape, ..common });
+    looks.map(|look| group(look, rng)).collect()
+}
+
+/// Groups of one look that differ in one property, drawn from `values`.
+fn vary<T: Copy>(
+    number: usize,
+    rng: &mut ChaCha8Rng,
+    values: &[T],
+    set: impl Fn(&mut Group, &T),
+) -> Vec<Group> {
+    let common = group(look(rng), rng);
+    let mut values = values.to_vec();
+    values.shuffle(rng);
+    let different = values.iter().take(number).map(|value| {
+        let mut group = common;
+        set(&mut group, value);
+        group
+    });
+    different.collect()
+}
+
+/// Eight targets around the object.
+fn targets() -> [Pay; 8] {
+    std::array::from_fn(|i| {
+        let (sin, cos) = (i as f32 * std::f32::consts::TAU / 8.0).sin_cos();
+        Pay {
+            offset: [0.4 * cos, 0.4 * sin],
+            radius: 0.0,
+        }
+    })
+}
+
+/// Four circles around the object.
+fn rings() -> [Pay; 4] {
+    [0.0, 0.25, 0.5, 0.75].map(|radius| Pay {
+        offset: [0.0, 0.0],
+        radius,
+    })
+}

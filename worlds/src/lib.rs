@@ -1,0 +1,47 @@
+//! Draws small pictured worlds from a seed, in which groups of tasks differ in chosen ways.
+//!
+//! A learner that assigns tasks to policies by itself should be tried in worlds that nobody tuned
+//! it for. This crate draws such worlds: a hand moves on a plane, seen from above; somewhere lies
+//! an object, and the hand earns by where it stays relative to the object. A *group* says how
+//! objects look, what is paid, and how the hand moves. A [`Kind`] says in what the groups of a
+//! world differ. No simulator is needed, and a step takes microseconds.
+//!
+//! - [`World::draw`] draws groups and their surroundings: clutter, light, camera noise, placements.
+//! - [`Stream`] shows the groups one after another, as an [`rl::VectorEnv`] of pictures
+//!   `[48, 48, 6]`.
+//! - [`Stream::expert`] solves any group, and can be asked to act for the wrong one.
+//!
+//! Every episode shows one of the four variants of D2. Everything happens in one frame of
+//! reference and is mirrored last, so variants are mirror images of each other to the bit.
+//!
+//! ```
+//! use rl::{Observations, VectorEnv};
+//! use worlds::{Kind, Stream, Visit, World};
+//!
+//! let world = World::draw(Kind::Appearance, 1000);
+//! let visits = vec![Visit { group: 0, rounds: 2 }, Visit { group: 1, rounds: 2 }];
+//! let mut stream = Stream::new(world, visits, 4)?;
+//! let mut observations = Observations::new(stream.spec());
+//! stream.reset(&mut observations)?;
+//! assert_eq!(observations.images.len(), 4 * 48 * 48 * 6);
+//! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
+//! ```
+
+mod episode;
+mod group;
+mod kind;
+mod look;
+mod picture;
+mod stream;
+mod world;
+
+pub use group::{Group, Motion, Pay};
+pub use kind::Kind;
+pub use look::{Look, Shape, Texture};
+pub use stream::{HORIZON, Stream, Visit, WorldError};
+pub use world::{Scene, World};
+
+/// Compiles and runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

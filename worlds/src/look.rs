@@ -1,0 +1,101 @@
+//! How an object looks.
+
+/// How an object looks. Two objects of one look differ in their place only.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Red, green and blue in 0..=255.
+    pub colour: [f32; 3],
+    /// Outline.
+    pub shape: Shape,
+    /// Half of its extent, in units of half the picture's side.
+    pub size: f32,
+    /// Pattern.
+    pub texture: Texture,
+    /// Copies that lie together, 1 to 3.
+    pub number: usize,
+}
+
+/// The outline of an object, inside the square `[-1, 1]^2`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// A disc.
+    Disc,
+    /// A square.
+    Square,
+    /// A triangle that points to larger y.
+    Triangle,
+    /// A bar along x.
+    Bar,
+    /// A ring.
+    Ring,
+    /// A cross.
+    Cross,
+    /// A square on its corner.
+    Diamond,
+    /// A letter L.
+    Ell,
+}
+
+impl Shape {
+    /// All outlines.
+    pub const ALL: [Self; 8] = [
+        Self::Disc,
+        Self::Square,
+        Self::Triangle,
+        Self::Bar,
+        Self::Ring,
+        Self::Cross,
+        Self::Diamond,
+        Self::Ell,
+    ];
+
+    /// Whether the outline holds the point (u, v).
+    pub fn holds(self, u: f32, v: f32) -> bool {
+        let (squared, inside) = (u * u + v * v, u.abs() <= 1.0 && v.abs() <= 1.0);
+        match self {
+            Self::Disc => squared <= 1.0,
+            Self::Square => inside,
+            Self::Triangle => inside && 2.0 * u.abs() + v <= 1.0,
+            Self::Bar => inside && v.abs() <= 0.4,
+            Self::Ring => (0.36..=1.0).contains(&squared),
+            Self::Cross => inside && (u.abs() <= 0.35 || v.abs() <= 0.35),
+            Self::Diamond => u.abs() + v.abs() <= 1.0,
+            Self::Ell => inside && (u <= -0.3 || v <= -0.3),
+        }
+    }
+}
+
+/// The pattern of an object: parts of it are darker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Texture {
+    /// One colour.
+    Plain,
+    /// Four stripes across y.
+    Stripes,
+    /// Two by two fields.
+    Checks,
+}
+
+impl Texture {
+    /// All patterns.
+    pub const ALL: [Self; 3] = [Self::Plain, Self::Stripes, Self::Checks];
+
+    /// The share of the colour's brightness at the point (u, v) of `[-1, 1]^2`.
+    pub fn brightness(self, u: f32, v: f32) -> f32 {
+        let dark = match self {
+            Self::Plain => false,
+            Self::Stripes => ((v + 1.0) * 2.0).rem_euclid(2.0) < 1.0,
+            Self::Checks => (u < 0.0) != (v < 0.0),
+        };
+        if dark { 0.35 } else { 1.0 }
+    }
+}
+
+impl Look {
+    /// Where the copies lie, relative to the middle of the first one.
+    pub(crate) fn copies(&self) -> impl Iterator<Item = [f32; 2]> {
+        let apart = 2.3 * self.size;
+        let places = [[0.0, 0.0], [apart, 0.0], [0.0, apart]];
+        places.into_iter().take(self.number)
+    }
+}

@@ -1,0 +1,108 @@
+//! Pictures from above, in one frame of reference.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use crate::look::{Look, Shape, Texture};
+use crate::world::Scene;
+
+/// Pixels of a side.
+pub(crate) const SIDE: usize = 48;
+/// Points of a side of each pixel that are looked at.
+const SAMPLES: usize = 2;
+
+const HAND: Look = Look {
+    colour: [250.0, 120.0, 20.0],
+    shape: Shape::Disc,
+    size: 0.07,
+    texture: Texture::Plain,
+    number: 1,
+};
+
+/// A picture `[48, 48, 3]` of order 255; row 0 is the largest y, column 0 the smallest x.
+#[derive(Clone, Debug)]
+pub(crate) struct Picture(Vec<f32>);
+
+impl Picture {
+    /// The ground with clutter and an object, all in the light of one episode.
+    pub fn still(scene: &Scene, look: &Look, object: [f32; 2], rng: &mut ChaCha8Rng) -> Self {
+        let mut picture = Self(vec![scene.ground; SIDE * SIDE * 3]);
+        for _ in 0..scene.clutter {
+            let place = [0; 2].map(|_| rng.random_range(-0.95..0.95));
+            picture.paint(&litter(rng), place);
+        }
+        for [dx, dy] in look.copies() {
+            picture.paint(look, [object[0] + dx, object[1] + dy]);
+        }
+        let light = 1.0 + rng.random_range(-1.0..=1.0) * scene.light;
+        picture.0.iter_mut().for_each(|value| *value *= light);
+        picture
+    }
+
+    /// The same with the hand in it.
+    pub fn with_hand(&self, hand: [f32; 2]) -> Self {
+        let mut picture = self.clone();
+        picture.paint(&HAND, hand);
+        picture
+    }
+
+    /// What a camera sees, `[48, 48, 3]`: each value is wrong by at most `noise`.
+    pub fn taken(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
+        let mut grain = vec![0; self.0.len()];
+        rng.fill(&mut grain[..]);
+        let values = self.0.iter().zip(grain);
+        values
+            .map(|(value, grain): (_, u8)| (value + noise * (f32::from(grain) / 127.5 - 1.0)) as u8)
+            .collect()
+    }
+
+    /// Paints one copy of an object; pixels that it covers in part are mixed.
+    fn paint(&mut self, look: &Look, [x, y]: [f32; 2]) {
+        for row in pixels(-(y + look.size), -(y - look.size)) {
+            for col in pixels(x - look.size, x + look.size) {
+                let (share, brightness) = cover(look, x, y, row, col);
+                let pixel = &mut self.0[(row * SIDE + col) * 3..][..3];
+                for (value, colour) in pixel.iter_mut().zip(look.colour) {
+                    *value += brightness * colour - share * *value;
+                }
+            }
+        }
+    }
+}
+
+/// The pixels of a side between two places in `[-1, 1]`.
+fn pixels(from: f32, to: f32) -> std::ops::Range<usize> {
+    let pixel = |place: f32| (place + 1.0) * SIDE as f32 / 2.0;
+    pixel(from).floor().max(0.0) as usize..(pixel(to).ceil().max(0.0) as usize).min(SIDE)
+}
+
+/// Which share of a pixel an object covers, and the same weighted with its brightness.
+fn cover(look: &Look, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
+    let place = |pixel: usize, sample: usize| {
+        let offset = (sample as f32 + 0.5) / SAMPLES as f32;
+        (pixel as f32 + offset) * 2.0 / SIDE as f32 - 1.0
+    };
+    let (mut share, mut brightness) = (0.0, 0.0);
+    for (i, j) in (0..SAMPLES).flat_map(|i| (0..SAMPLES).map(move |j| (i, j))) {
+        let u = (place(col, i) - x) / look.size;
+        let v = (-place(row, j) - y) / look.size;
+        if look.shape.holds(u, v) {
+            share += 1.0;
+            brightness += look.texture.brightness(u, v);
+        }
+    }
+    let all = (SAMPLES * SAMPLES) as f32;
+    (share / all, brightness / all)
+}
+
+/// A piece of clutter.
+fn litter(rng: &mut ChaCha8Rng) -> Look {
+    let grey = rng.random_range(60.0..190.0);
+    Look {
+        colour: [0; 3].map(|_| grey + rng.random_range(-15.0..15.0)),
+        shape: Shape::ALL[rng.random_range(0..2)],
+        size: rng.random_range(0.04..0.09),
+        texture: Texture::Plain,
+        number: 1,
+    }
+}

@@ -1,0 +1,229 @@
+//! A stream of groups as a vectorised environment.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use symmetry::{D2, Irrep};
+
+use crate::episode::Episode;
+use crate::picture::SIDE;
+use crate::world::World;
+
+/// Decisions of an episode, where nobody says.
+pub const HORIZON: usize = 50;
+
+/// A group, and for how many rounds of episodes it stays: all environments begin and end their
+/// episodes together, and one such round is the least that a group can stay.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Visit {
+    /// Index of the group.
+    pub group: usize,
+    /// Episodes of each environment.
+    pub rounds: usize,
+}
+
+/// Why a stream cannot be made, or cannot step.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WorldError {
+    /// A stream with nothing in it.
+    #[error("{what} is 0, expected at least 1")]
+    Zero {
+        /// What is missing.
+        what: &'static str,
+    },
+    /// A visit of a group that the world does not have.
+    #[error("visit {visit} is of group {group}, expected one of the world's {groups}")]
+    NoGroup {
+        /// Index of the visit.
+        visit: usize,
+        /// The group asked for.
+        group: usize,
+        /// How many there are.
+        groups: usize,
+    },
+    /// Actions that are not two numbers for each environment.
+    #[error("got {got} actions, expected {expected}: two for each environment")]
+    Actions {
+        /// The number of values given.
+        got: usize,
+        /// The number of values expected.
+        expected: usize,
+    },
+    /// A step before the first reset.
+    #[error("the environments were never reset: call `reset` before `step`")]
+    NotReset,
+}
+
+/// The visits of groups of a world, one after another; the last group stays for good.
+///
+/// Pictures are `[48, 48, 6]`: the present one and the episode's first. The vector is the hand's
+/// place (x, y) in `[-0.95, 0.95]`, actions are (x, y) in `[-1, 1]` and are clipped. What is shown
+/// depends on the world and on the number of rounds so far, and on nothing else.
+#[derive(Clone, Debug)]
+pub struct Stream {
+    world: World,
+    visits: Vec<Visit>,
+    variant: Option<D2>,
+    horizon: usize,
+    spec: EnvSpec,
+    episodes: Vec<Episode>,
+    round: usize,
+    step: usize,
+}
+
+impl Stream {
+    /// Shows `visits` in `num_envs` environments.
+    ///
+    /// # Errors
+    /// No visit, no environment, or a group that the world does not have.
+    pub fn new(world: World, visits: Vec<Visit>, num_envs: usize) -> Result<Self, WorldError> {
+        for (what, size) in [
+            ("the number of visits", visits.len()),
+            ("num_envs", num_envs),
+        ] {
+            if size == 0 {
+                return Err(WorldError::Zero { what });
+            }
+        }
+        let groups = world.groups.len();
+        if let Some(visit) = visits.iter().position(|visit| visit.group >= groups) {
+            let group = visits[visit].group;
+            return Err(WorldError::NoGroup {
+                visit,
+                group,
+                groups,
+            });
+        }
+        let spec = EnvSpec {
+            num_envs,
+            image: [SIDE, SIDE, 6],
+            vector: vec![Irrep::X, Irrep::Y],
+            action: vec![Irrep::X, Irrep::Y],
+        };
+        Ok(Self {
+            world,
+            visits,
+            variant: None,
+            horizon: HORIZON,
+            spec,
+            episodes: Vec::new(),
+            round: 0,
+            step: 0,
+        })
+    }
+
+    /// The same with one variant of D2 in every episode.
+    #[must_use]
+    pub fn with_variant(mut self, variant: D2) -> Self {
+        self.variant = Some(variant);
+        self
+    }
+
+    /// The same with episodes of `horizon` decisions, at least 1.
+    #[must_use]
+    pub fn with_horizon(mut self, horizon: usize) -> Self {
+        self.horizon = horizon.max(1);
+        self
+    }
+
+    /// The world.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Rounds of episodes that ended so far.
+    pub fn rounds(&self) -> usize {
+        self.round
+    }
+
+    /// The group of the round of this number.
+    pub fn group_at(&self, round: usize) -> usize {
+        let mut end = 0;
+        let visit = self.visits.iter().find(|visit| {
+            end += visit.rounds;
+            round < end
+        });
+        visit.or(self.visits.last()).map_or(0, |visit| visit.group)
+    }
+
+    /// The action of an expert in environment `env` who takes its task for one of `group`.
+    ///
+    /// # Panics
+    /// When there is no such environment or group, or before the first reset.
+    pub fn expert(&self, env: usize, group: usize) -> [f32; 2] {
+        self.episodes[env].expert(&self.world.groups[group])
+    }
+
+    /// Begins an episode in every environment.
+    fn begin(&mut self) {
+        self.step = 0;
+        let (world, round) = (&self.world, self.round);
+        let group = &world.groups[self.group_at(round)];
+        let episodes = (0..self.spec.num_envs).map(|env| {
+            let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
+            rng.set_stream(1 + (round * self.spec.num_envs + env) as u64);
+            Episode::begin(&world.scene, group, round, self.variant, rng)
+        });
+        self.episodes = episodes.collect();
+    }
+
+    fn show(&self, out: &mut Observations) {
+        let images = out.images.chunks_exact_mut(self.spec.image_len());
+        let vectors = out.vectors.chunks_exact_mut(self.spec.vector.len());
+        for (episode, (image, vector)) in self.episodes.iter().zip(images.zip(vectors)) {
+            episode.show(image, vector);
+        }
+    }
+}
+
+impl VectorEnv for Stream {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(self.horizon)
+    }
+
+    /// Begins episodes; those that run are broken off and count as a round.
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        if self.step > 0 {
+            self.round += 1;
+        }
+        self.begin();
+        self.show(out);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        let expected = 2 * self.spec.num_envs;
+        if actions.len() != expected {
+            let got = actions.len();
+            return Err(WorldError::Actions { got, expected }.into());
+        }
+        if self.episodes.is_empty() {
+            return Err(WorldError::NotReset.into());
+        }
+        for (env, episode) in self.episodes.iter_mut().enumerate() {
+            let (pay, success) = episode.step([actions[2 * env], actions[2 * env + 1]]);
+            out.rewards[env] = pay;
+            out.success[env] = success;
+            out.success_at_end[env] = success;
+        }
+        self.step += 1;
+        let ends = self.step == self.horizon;
+        out.outcomes.fill(if ends {
+            Outcome::Truncated
+        } else {
+            Outcome::Running
+        });
+        if ends {
+            self.show(&mut out.final_observations);
+            self.round += 1;
+            self.begin();
+        }
+        self.show(&mut out.observations);
+        Ok(())
+    }
+}

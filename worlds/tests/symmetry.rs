@@ -1,0 +1,82 @@
+//! Variants of a world are mirror images of each other, to the bit.
+
+#![allow(clippy::unwrap_used)]
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, Observations, Transition, VectorEnv};
+use symmetry::D2;
+use worlds::{Kind, Stream, Visit, World};
+
+fn stream(kind: Kind, seed: u64, variant: D2) -> Stream {
+    let world = World::draw(kind, seed);
+    let visits = (0..2).map(|group| Visit { group, rounds: 1 }).collect();
+    let stream = Stream::new(world, visits, 2).unwrap();
+    stream.with_variant(variant).with_horizon(6)
+}
+
+fn mirrored(g: D2, components: &[f32]) -> Vec<f32> {
+    let signs = [symmetry::Irrep::X, symmetry::Irrep::Y].map(|irrep| f32::from(irrep.sign(g)));
+    components
+        .iter()
+        .zip(signs.iter().cycle())
+        .map(|(c, s)| c * s)
+        .collect()
+}
+
+fn moved(g: D2, observations: &Observations, spec: &EnvSpec) -> Observations {
+    let [height, width, channels] = spec.image;
+    let images = observations.images.chunks(spec.image_len());
+    Observations {
+        images: images
+            .flat_map(|image| g.transform_image(image, height, width, channels))
+            .collect(),
+        vectors: mirrored(g, &observations.vectors),
+    }
+}
+
+/// Compares a stream with its mirror image under mirrored actions over two groups.
+fn is_equivariant(kind: Kind, seed: u64, g: D2) -> bool {
+    let (mut one, mut other) = (stream(kind, seed, D2::Identity), stream(kind, seed, g));
+    let spec = one.spec().clone();
+    let mut seen = [Observations::new(&spec), Observations::new(&spec)];
+    one.reset(&mut seen[0]).unwrap();
+    other.reset(&mut seen[1]).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut out = [Transition::new(&spec), Transition::new(&spec)];
+    let mut equal = moved(g, &seen[0], &spec) == seen[1];
+    for _ in 0..13 {
+        let actions: Vec<f32> = (0..4).map(|_| rng.random_range(-1.5..1.5)).collect();
+        one.step(&actions, &mut out[0]).unwrap();
+        other.step(&mirrored(g, &actions), &mut out[1]).unwrap();
+        out[0].check(&spec).unwrap();
+        equal &= moved(g, &out[0].observations, &spec) == out[1].observations;
+        equal &= out[0].rewards == out[1].rewards && out[0].outcomes == out[1].outcomes;
+    }
+    equal
+}
+
+#[test]
+fn all_kinds_are_equivariant_to_the_bit() {
+    for kind in Kind::ALL {
+        for g in D2::ALL {
+            for seed in 1000..1003 {
+                assert!(is_equivariant(kind, seed, g), "{} {g} {seed}", kind.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn the_comparison_sees_a_wrong_mirror() {
+    let (mut one, mut other) = (
+        stream(Kind::Shape, 1000, D2::Identity),
+        stream(Kind::Shape, 1000, D2::FlipX),
+    );
+    let spec = one.spec().clone();
+    let mut seen = [Observations::new(&spec), Observations::new(&spec)];
+    one.reset(&mut seen[0]).unwrap();
+    other.reset(&mut seen[1]).unwrap();
+    assert!(moved(D2::FlipX, &seen[0], &spec) == seen[1]);
+    assert!(moved(D2::FlipY, &seen[0], &spec) != seen[1]);
+}
