@@ -11,7 +11,7 @@
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
 //! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `tests/replay.rs` |
+//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `src/replay/ring.rs`, `src/sac/update.rs` |
 //!
 //! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
 //!   mean action is the mirrored one, its value and features are the same.

@@ -65,11 +65,11 @@ pub struct ScoreRow {
     pub policy: usize,
     /// Episodes played.
     pub episodes: usize,
-    /// Share of episodes in which the success condition held at any step, in `[0, 1]`.
+    /// As in [`Score`](crate::evaluation::Score).
     pub success: f64,
-    /// Share of episodes in which it held at the last step, in `[0, 1]`.
+    /// As there.
     pub success_at_end: f64,
-    /// Mean return on the paper's scale, in `[0, 500]`.
+    /// As there.
     pub reward: f64,
 }
 

@@ -1,7 +1,7 @@
 //! The tables of a report.
 
 use super::comparison::Comparison;
-use super::figures::{GroupFigures, Undefined};
+use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
 use super::run_data::RunData;
@@ -74,73 +74,62 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     table
 }
 
+/// Columns of [`over_seeds`].
+const OVER_SEEDS: [&str; 13] = [
+    "method",
+    "seeds",
+    "decisions",
+    "mean",
+    "IQM",
+    "at the last step",
+    "forgetting",
+    "forward transfer",
+    "assignment",
+    "when groups come back",
+    "policies",
+    "rollouts of two groups",
+    "seconds of learning",
+];
+
 /// What each method is like over seeds and the whole stream.
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
     let caption = "Over seeds: mean and interquartile mean of success with stratified bootstrap \
         intervals of 95 %; forgetting, transfer and accuracy are means over groups and seeds.";
-    let mut table = Table::new(
-        caption,
-        &[
-            "method",
-            "seeds",
-            "decisions",
-            "mean",
-            "IQM",
-            "at the last step",
-            "forgetting",
-            "forward transfer",
-            "assignment",
-            "when groups come back",
-            "policies",
-            "rollouts of two groups",
-            "seconds of learning",
-        ],
-    );
+    let mut table = Table::new(caption, &OVER_SEEDS);
     for method in methods {
-        let success = method.scores(groups, |group| group.success);
-        let at_end = method.scores(groups, |group| group.success_at_end);
-        let figures = || method.figures.iter();
-        let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
-        let row = vec![
-            method.name.clone(),
-            method.runs.len().to_string(),
-            range(figures().map(|figures| figures.decisions)),
-            format!(
-                "{:.3}{}",
-                success.of(mean),
-                brackets(success.interval(mean), 3)
-            ),
-            format!(
-                "{:.3}{}",
-                success.of(iqm),
-                brackets(success.interval(iqm), 3)
-            ),
-            format!("{:.3}", at_end.of(mean)),
-            cell(
-                &mut table,
-                figures()
-                    .map(|f| f.mean(|group| group.forgetting))
-                    .collect(),
-            ),
-            cell(
-                &mut table,
-                figures().map(|f| f.mean(|group| group.transfer)).collect(),
-            ),
-            cell(
-                &mut table,
-                figures().map(|figures| figures.accuracy).collect(),
-            ),
-            cell(
-                &mut table,
-                figures().map(|figures| figures.return_accuracy).collect(),
-            ),
-            range(figures().map(|figures| figures.policies)),
-            share(figures().map(|figures| figures.rollouts)),
-            format!("{:.0}", mean(&seconds)),
-        ];
+        let row = over_seeds_row(&mut table, method, groups);
         table.rows.push(row);
     }
     table
+}
+
+fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
+    let success = method.scores(groups, |group| group.success);
+    let at_end = method.scores(groups, |group| group.success_at_end);
+    let with_interval = |statistic: fn(&[f64]) -> f64| {
+        let interval = brackets(success.interval(statistic), 3);
+        format!("{:.3}{interval}", success.of(statistic))
+    };
+    let figures = || method.figures.iter();
+    let mut mean_of = |figure: fn(&Figures) -> Result<f64, Undefined>| {
+        cell(table, &figures().map(figure).collect::<Vec<_>>())
+    };
+    let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
+    vec![
+        method.name.clone(),
+        method.runs.len().to_string(),
+        range(figures().map(|figures| figures.decisions)),
+        with_interval(mean),
+        with_interval(iqm),
+        format!("{:.3}", at_end.of(mean)),
+        mean_of(|figures| figures.mean(|group| group.forgetting)),
+        mean_of(|figures| figures.mean(|group| group.transfer)),
+        mean_of(|figures| figures.accuracy),
+        mean_of(|figures| figures.return_accuracy),
+        range(figures().map(|figures| figures.policies)),
+        share(figures().map(|figures| figures.rollouts)),
+        format!("{:.0}", mean(&seconds)),
+    ]
 }
 
 /// The first method against each of the others.
@@ -241,7 +230,7 @@ fn runs(methods: &[MethodRuns]) -> Table {
 }
 
 /// The mean over seeds of a figure that some of them may not have; why, where none has it.
-fn cell(table: &mut Table, figures: Vec<Result<f64, Undefined>>) -> String {
+fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
     let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
     match (known.is_empty(), figures.first()) {
         (true, Some(Err(reason))) => format!("- {}", table.note(reason)),

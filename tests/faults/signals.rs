@@ -127,6 +127,8 @@ fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
         groups.iter_mut().for_each(|plan| plan.decisions = 2 * 1600);
         let mut process = train(&scratch, &experiment);
         process.wait_for("policy 0");
+        // the second rollout has begun
+        sleep(Duration::from_millis(500));
         process.signal(signal);
         // two signals that are waiting count as one
         sleep(Duration::from_millis(100));
