@@ -37,16 +37,14 @@ pub enum TrialError {
 /// What came of one turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
-    /// The group that was learnt on.
+    /// The group that ran at the end.
     pub group: usize,
-    /// The one that ran in the middle of the last rollout.
-    pub half: usize,
     pub policy: usize,
     pub rollouts: usize,
     /// Whether the group was met in an earlier visit.
     pub is_known: bool,
-    /// Rounds between where the first rollout was cut and where its group changed, if it did.
-    pub cut: Option<Option<usize>>,
+    /// Whether the first rollout was cut at the round in which its group changed, if it did.
+    pub is_cut: Option<bool>,
 }
 
 /// What came of one world.
@@ -105,14 +103,11 @@ impl Trial {
         let mut turns = Vec::new();
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
         while self.stream.rounds() < self.rounds {
-            let begins = self.stream.rounds();
             let turn = self.turn()?;
-            let group = self.group_at(self.stream.rounds() - 1);
-            // known from the first turn after that of the meeting on
-            let since = *met[group].get_or_insert(begins);
-            let left = (since..begins).any(|round| self.group_at(round) != group);
+            let last = self.stream.rounds() - 1;
+            let since = *met[turn.group].get_or_insert(last);
             turns.push(Turn {
-                is_known: left,
+                is_known: has_returned((since..=last).map(|round| self.group_at(round))),
                 ..turn
             });
         }
@@ -159,11 +154,10 @@ impl Trial {
         let cut = cut.map(|cut| cut / (ENVS * HORIZON));
         Ok(Turn {
             group,
-            half,
             policy: self.current,
             rollouts,
             is_known: false,
-            cut: changed.map(|changed| cut.map(|cut| cut.abs_diff(changed))),
+            is_cut: changed.map(|changed| cut == Some(changed)),
         })
     }
 
@@ -237,5 +231,23 @@ impl Trial {
             self.now.clone_from(&transition.observations);
         }
         Ok(courses)
+    }
+}
+
+/// Whether the group that is first and last in these rounds was left in between.
+fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
+    let first = groups.next();
+    groups.any(|group| Some(group) != first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_group_is_known_only_in_a_later_visit() {
+        assert!(!has_returned([3].into_iter()), "the turn that meets it");
+        assert!(!has_returned([3, 3, 3].into_iter()), "the same visit");
+        assert!(has_returned([3, 3, 1, 1, 3].into_iter()));
     }
 }
