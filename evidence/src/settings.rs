@@ -22,8 +22,8 @@ pub struct RecogniserSettings {
     /// Level of a refusal, in `(0, doubt]`: the nominal rate of false alarms over all sources
     /// together. Compared with the tail's p-value.
     pub level: f64,
-    /// Level in `(0, 1)` at which a doubted rollout is taken to show two groups, over all places
-    /// where it may be cut.
+    /// Level in `(0, 1)`, at least `1 / (1 + permutations)`, at which a rollout is taken to show
+    /// two groups, over all places where it may be cut.
     pub cut: f64,
     /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
     /// refusal, at least 1: less counts as drift.
@@ -92,7 +92,7 @@ impl RecogniserSettings {
         ]
     }
 
-    fn levels(&self) -> [Check; 4] {
+    fn levels(&self) -> [Check; 5] {
         let open = |level: f64| level > 0.0 && level < 1.0;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
         let (probability, below) = (
@@ -106,6 +106,7 @@ impl RecogniserSettings {
             Check::new("doubt", self.doubt, self.doubt >= smallest, reachable),
             Check::new("level", self.level, level, below),
             Check::new("cut", self.cut, open(self.cut), probability),
+            Check::new("cut", self.cut, self.cut >= smallest, reachable),
         ]
     }
 
@@ -186,12 +187,14 @@ mod tests {
             permutations: 20,
             ..settings
         };
-        assert!(
-            coarse
-                .check()
-                .unwrap_err()
-                .to_string()
-                .contains("smallest exact")
-        );
+        let unreachable_cut = RecogniserSettings {
+            permutations: 60,
+            ..settings
+        };
+        for (wrong, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
+            let message = wrong.check().unwrap_err().to_string();
+            let says = message.contains(name) && message.contains("smallest exact");
+            assert!(says, "{message}");
+        }
     }
 }
