@@ -122,7 +122,11 @@ impl Accountant {
     }
 }
 
-fn check_len(what: &'static str, got: usize, expected: usize) -> Result<(), EvidenceError> {
+pub(crate) fn check_len(
+    what: &'static str,
+    got: usize,
+    expected: usize,
+) -> Result<(), EvidenceError> {
     match got == expected {
         true => Ok(()),
         false => Err(EvidenceError::Length {

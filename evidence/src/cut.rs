@@ -5,24 +5,89 @@ use rand::Rng;
 
 use crate::account::Account;
 use crate::error::EvidenceError;
-use crate::opinion::{frames, sources_of};
+use crate::opinion::{Kind, frames, whole};
+use crate::settings::RecogniserSettings;
+
+/// Most places where a rollout may be cut.
+const MOST: usize = 16;
 
 /// The number of accounts, in the order in which their episodes began, that show another group than
 /// the rest; none where one group explains all. Episodes that began together stay together.
+///
+/// Bounded in time: only the latest accounts are looked at, twice as many as a policy remembers,
+/// and at most [`MOST`] places.
 pub(crate) fn find_cut<R: Rng + ?Sized>(
     accounts: &[&Account],
-    level: f64,
-    permutations: usize,
+    settings: &RecogniserSettings,
     rng: &mut R,
 ) -> Result<Option<usize>, EvidenceError> {
-    let begins = |at: &usize| accounts[*at].began != accounts[*at - 1].began;
-    let cuts: Vec<usize> = (1..accounts.len()).filter(begins).collect();
+    let latest = &accounts[accounts.len().saturating_sub(2 * settings.memory)..];
+    let (kinds, seen) = match whole(latest, settings.min_episodes) {
+        Some(seen) => (Kind::ALL.to_vec(), seen),
+        None => (Kind::LOOKS.to_vec(), latest.to_vec()),
+    };
+    let cuts = places(&seen, settings.min_episodes);
     if cuts.is_empty() {
         return Ok(None);
     }
-    let kinds = sources_of(accounts, &[], true);
-    let all = kinds.iter().map(|&kind| frames(accounts, kind));
+    let all = kinds.iter().map(|&kind| frames(&seen, kind));
     let all = all.collect::<Result<Vec<_>, _>>()?;
-    let test = change_test(&all, &cuts, permutations, rng)?;
-    Ok((test.p_value <= level).then_some(test.cut))
+    let test = change_test(&all, &cuts, settings.permutations, rng)?;
+    let began = seen[test.cut].began;
+    let cut = accounts.partition_point(|account| account.began < began);
+    Ok((test.p_value <= settings.cut).then_some(cut))
+}
+
+/// Where these accounts may be cut, with at least `least` on either side: [`MOST`] places evenly
+/// spaced where there are more.
+fn places(accounts: &[&Account], least: usize) -> Vec<usize> {
+    let begins = |at: &usize| accounts[*at].began != accounts[*at - 1].began;
+    let last = (accounts.len() + 1).saturating_sub(least);
+    let all: Vec<usize> = (least.max(1)..last).filter(begins).collect();
+    match all.len() {
+        0..=MOST => all,
+        more => (0..MOST)
+            .map(|i| all[i * (more - 1) / (MOST - 1)])
+            .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn accounts(began: impl Iterator<Item = usize>) -> Vec<Account> {
+        let account = |began| Account {
+            began,
+            picture: vec![0.0],
+            vector: vec![0.0],
+            motion: None,
+            earned: None,
+        };
+        began.map(account).collect()
+    }
+
+    fn places_of(began: impl Iterator<Item = usize>) -> Vec<usize> {
+        let accounts = accounts(began);
+        places(&accounts.iter().collect::<Vec<_>>(), 4)
+    }
+
+    #[test]
+    fn both_sides_of_a_place_show_enough_episodes() {
+        assert_eq!(places_of(0..9), [4, 5]);
+        assert_eq!(places_of((0..20).map(|i| i / 5)), [5, 10, 15]);
+        assert!(places_of((0..9).map(|i| i / 3)).is_empty());
+        assert!(places_of(0..3).is_empty() && places_of(0..0).is_empty());
+    }
+
+    #[test]
+    fn the_number_of_places_is_bounded() {
+        let found = places_of(0..1000);
+        assert_eq!((found.len(), found[0], found[MOST - 1]), (MOST, 4, 996));
+        assert!(
+            found
+                .windows(2)
+                .all(|pair| (66..=67).contains(&(pair[1] - pair[0])))
+        );
+    }
 }

@@ -47,6 +47,25 @@ pub enum EvidenceError {
         /// Episodes needed.
         needed: usize,
     },
+    /// A number that no comparison can use.
+    #[error("{what} holds {value}, expected finite numbers: check what the environment returns")]
+    NotFinite {
+        /// The source.
+        what: &'static str,
+        /// The value.
+        value: f64,
+    },
+    /// A state that remembers more than the settings allow.
+    #[error(
+        "{got} accounts of one policy, expected at most {most}: set `memory` as it was when they \
+         were kept"
+    )]
+    TooManyAccounts {
+        /// Accounts given.
+        got: usize,
+        /// The setting `memory`.
+        most: usize,
+    },
     /// A policy that was never told of.
     #[error("policy {policy} was named, {policies} are known")]
     NoPolicy {

@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use crate::account::Account;
-use crate::opinion::mean_earned;
+use crate::account::{Account, check_len};
+use crate::error::EvidenceError;
+use crate::opinion::{Kind, mean_earned};
 
 /// What a policy is known by: the accounts of the latest episodes on which it learnt.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -16,16 +17,101 @@ pub(crate) struct Memory {
 }
 
 impl Memory {
+    /// Remembers the latest of these, `most` at most.
+    pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
+        let earned = mean_earned(accounts.iter().copied());
+        self.beginning = self.beginning.or(earned);
+        self.accounts.extend(accounts.into_iter().cloned());
+        let too_many = self.accounts.len().saturating_sub(most);
+        self.accounts.drain(..too_many);
+    }
+
+    /// Whether there are accounts, `most` at most, and the beginning is a number.
+    pub(crate) fn check(&self, most: usize) -> Result<(), EvidenceError> {
+        match self.accounts.len() {
+            0 => Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 }),
+            got if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
+            _ => self.beginning.map_or(Ok(()), |b| finite("beginning", b)),
+        }
+    }
+
     /// The share of what was learnt to earn that `accounts` did not pay, at most 1 for those that
-    /// pay what the first rollout paid.
+    /// pay what the first rollout paid. What was learnt counts as half of what is earned at least:
+    /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
         let home = mean_earned(self.accounts.iter());
         match (self.beginning, home, now) {
             (Some(beginning), Some(home), Some(now)) if home > beginning => {
-                (home - now) / (home - beginning)
+                (home - now) / (home - beginning).max(home.abs() / 2.0)
             }
             _ => 0.0,
         }
+    }
+}
+
+/// All accounts that are remembered.
+pub(crate) fn known(memories: &[Memory]) -> impl Iterator<Item = &Account> + Clone {
+    memories.iter().flat_map(|memory| &memory.accounts)
+}
+
+/// Whether accounts can be compared: all numbers are finite, and each source is as long in all
+/// accounts as in the first that has it.
+pub(crate) fn check<'a>(
+    accounts: impl Iterator<Item = &'a Account> + Clone,
+) -> Result<(), EvidenceError> {
+    for kind in Kind::ALL {
+        let mut expected = None;
+        for point in accounts.clone().filter_map(|account| kind.point(account)) {
+            let expected = *expected.get_or_insert(point.len().max(1));
+            check_len(kind.name(), point.len(), expected)?;
+            let mut numbers = point.iter().map(|&value| finite(kind.name(), value.into()));
+            numbers.try_for_each(|number| number)?;
+        }
+    }
+    Ok(())
+}
+
+fn finite(what: &'static str, value: f64) -> Result<(), EvidenceError> {
+    match value.is_finite() {
+        true => Ok(()),
+        false => Err(EvidenceError::NotFinite { what, value }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paid(earned: f32) -> Account {
+        Account {
+            began: 0,
+            picture: vec![0.0],
+            vector: vec![0.0],
+            motion: None,
+            earned: Some(earned),
+        }
+    }
+
+    fn lost(beginning: f64, home: f32, now: f32) -> f64 {
+        let memory = Memory {
+            accounts: [paid(home)].into(),
+            beginning: Some(beginning),
+        };
+        memory.lost(&[&paid(now)])
+    }
+
+    #[test]
+    fn noise_is_no_loss_where_little_was_learnt() {
+        assert!(lost(100.0, 101.0, 99.5) < 0.05);
+        assert!(lost(-101.0, -100.0, -101.5) < 0.05);
+    }
+
+    #[test]
+    fn what_was_learnt_can_be_lost() {
+        assert_eq!(lost(0.0, 100.0, 60.0), 0.4);
+        assert_eq!(lost(-20.0, -4.0, -12.0), 0.5);
+        assert!(lost(0.0, 100.0, 110.0) < 0.0, "more than at home");
+        assert_eq!(lost(100.0, 100.0, 10.0), 0.0, "nothing learnt");
     }
 }

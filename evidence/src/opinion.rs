@@ -20,12 +20,25 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
+    /// What is there before anybody acts.
+    pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
+    pub(crate) const ALL: [Self; 4] = [Self::Picture, Self::Vector, Self::Motion, Self::Earnings];
+
     /// Whether it is there before anybody acts.
     pub(crate) fn is_look(self) -> bool {
         matches!(self, Self::Picture | Self::Vector)
     }
 
-    fn point(self, account: &Account) -> Option<&[f32]> {
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Picture => "picture",
+            Self::Vector => "vector",
+            Self::Motion => "motion",
+            Self::Earnings => "earnings",
+        }
+    }
+
+    pub(crate) fn point(self, account: &Account) -> Option<&[f32]> {
         match self {
             Self::Picture => Some(&account.picture),
             Self::Vector => Some(&account.vector),
@@ -181,13 +194,12 @@ pub(crate) fn mean_earned<'a>(accounts: impl Iterator<Item = &'a Account>) -> Op
     (!earned.is_empty()).then(|| earned.iter().sum::<f64>() / earned.len() as f64)
 }
 
-/// The sources that all of these accounts have; courses count where both sides are of one policy.
-pub(crate) fn sources_of(accounts: &[&Account], others: &[&Account], own: bool) -> Vec<Kind> {
-    let whole = |account: &&Account| account.motion.is_some() && account.earned.is_some();
-    match own && accounts.iter().chain(others).all(whole) {
-        true => vec![Kind::Picture, Kind::Vector, Kind::Motion, Kind::Earnings],
-        false => vec![Kind::Picture, Kind::Vector],
-    }
+/// The accounts of whole episodes: every source needs the same ones. None where they are fewer than
+/// `least` or than half, so that looks alone, of all accounts, say more.
+pub(crate) fn whole<'a>(accounts: &[&'a Account], least: usize) -> Option<Vec<&'a Account>> {
+    let is_whole = |account: &&&Account| account.motion.is_some() && account.earned.is_some();
+    let whole: Vec<&Account> = accounts.iter().filter(is_whole).copied().collect();
+    (whole.len() >= least && 2 * whole.len() >= accounts.len()).then_some(whole)
 }
 
 /// The points of one source.

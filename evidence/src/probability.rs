@@ -7,6 +7,18 @@ pub struct Probabilities {
     pub policies: Vec<f64>,
     /// The probability of a group that no policy knows.
     pub none: f64,
+    /// How badly each fits, where probabilities are equal.
+    misfits: Vec<f64>,
+}
+
+/// What is known of one policy's group.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Weighed {
+    /// The p-value; none where the policy remembers too little to be tested.
+    pub(crate) p_value: Option<f64>,
+    /// Whether a difference may be drift.
+    pub(crate) may_be_drift: bool,
+    pub(crate) misfit: f64,
 }
 
 /// How much "none of these" weighs beside a policy that nothing speaks against.
@@ -15,21 +27,24 @@ const NONE: f64 = 0.05;
 const ACCEPTED: f64 = 0.1;
 
 impl Probabilities {
-    /// For each policy the p-value of its group, and whether a difference may be drift.
-    pub(crate) fn of(policies: impl Iterator<Item = (f64, bool)>) -> Self {
-        let weights: Vec<f64> = policies.map(weight).collect();
+    pub(crate) fn of(policies: &[Weighed]) -> Self {
+        let weights: Vec<f64> = policies.iter().map(weight).collect();
         let all = weights.iter().sum::<f64>() + NONE;
         Self {
             policies: weights.into_iter().map(|weight| weight / all).collect(),
             none: NONE / all,
+            misfits: policies.iter().map(|weighed| weighed.misfit).collect(),
         }
     }
 
-    /// The likeliest policy; none where that is likelier.
+    /// The likeliest policy; none where that is likelier. Of equals it is the one that fits best,
+    /// and of those that fit equally the first.
     pub fn likeliest(&self) -> Option<usize> {
-        let policies = self.policies.iter().enumerate();
-        let best = policies.max_by(|(_, a), (_, b)| a.total_cmp(b));
-        best.filter(|(_, p)| **p >= self.none)
+        let policies = self.policies.iter().zip(&self.misfits).enumerate();
+        let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {
+            q.total_cmp(p).then(misfit.total_cmp(other))
+        });
+        best.filter(|(_, (p, _))| **p >= self.none)
             .map(|(index, _)| index)
     }
 }
@@ -44,9 +59,9 @@ fn bayes_factor(p: f64) -> f64 {
     }
 }
 
-fn weight((p, may_be_drift): (f64, bool)) -> f64 {
-    let weight = bayes_factor(p);
-    match may_be_drift {
+fn weight(weighed: &Weighed) -> f64 {
+    let weight = weighed.p_value.map_or(0.0, bayes_factor);
+    match weighed.may_be_drift && weighed.p_value.is_some() {
         true => weight.max(ACCEPTED),
         false => weight,
     }
@@ -55,6 +70,29 @@ fn weight((p, may_be_drift): (f64, bool)) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn likeliest(policies: &[(Option<f64>, f64)]) -> Option<usize> {
+        let weighed = policies.iter().map(|&(p_value, misfit)| Weighed {
+            p_value,
+            may_be_drift: true,
+            misfit,
+        });
+        Probabilities::of(&weighed.collect::<Vec<_>>()).likeliest()
+    }
+
+    #[test]
+    fn of_equals_the_best_fit_is_named_and_then_the_first() {
+        assert_eq!(likeliest(&[(Some(0.5), 2.0), (Some(0.9), 1.0)]), Some(1));
+        assert_eq!(likeliest(&[(Some(0.5), 1.0), (Some(0.9), 2.0)]), Some(0));
+        assert_eq!(likeliest(&[(Some(0.5), 1.0), (Some(0.9), 1.0)]), Some(0));
+        assert_eq!(likeliest(&[(Some(0.01), 0.0), (Some(0.9), 1.0)]), Some(1));
+    }
+
+    #[test]
+    fn who_was_not_tested_is_not_named() {
+        assert_eq!(likeliest(&[(None, 0.0), (Some(0.1), 3.0)]), Some(1));
+        assert_eq!(likeliest(&[(None, 0.0)]), None);
+    }
 
     #[test]
     fn the_factor_falls_from_one_to_zero() {

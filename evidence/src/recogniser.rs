@@ -4,15 +4,16 @@ use cluster::{Candidate, Decision, Side, Source, SourceTest, Verdict, joint_test
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::de::Error as _;
 use serde::{Deserialize, Serialize as _};
 
 use crate::account::Account;
 use crate::choice::{best, keep_or};
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
-use crate::memory::Memory;
-use crate::opinion::{Kind, Look, Opinion, changed, frames, mean_earned, sources_of};
-use crate::probability::Probabilities;
+use crate::memory::{Memory, check, known};
+use crate::opinion::{Kind, Look, Opinion, changed, frames, whole};
+use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
 /// A decision and its reasons.
@@ -79,9 +80,17 @@ impl Recogniser {
     /// Takes a state back.
     ///
     /// # Errors
-    /// A deserialiser's.
+    /// A deserialiser's, numbers that are not finite, lists of other lengths, or a policy without
+    /// accounts or with more than `memory`.
     pub fn restore<'de, D: serde::Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
-        self.memories = Vec::deserialize(state)?;
+        let memories: Vec<Memory> = Vec::deserialize(state)?;
+        let most = self.settings.memory;
+        let mut checks = memories.iter().map(|memory| memory.check(most));
+        let checked = checks.try_for_each(|check| check);
+        checked
+            .and_then(|()| check(known(&memories)))
+            .map_err(D::Error::custom)?;
+        self.memories = memories;
         Ok(())
     }
 
@@ -90,7 +99,8 @@ impl Recogniser {
     /// remembered.
     ///
     /// # Errors
-    /// A number beyond that, or points that cannot be compared.
+    /// A number beyond that, no episode, numbers that are not finite, or lists of other lengths
+    /// than those that are remembered. Nothing is learnt then.
     pub fn learn<R: Rng + ?Sized>(
         &mut self,
         policy: usize,
@@ -101,18 +111,17 @@ impl Recogniser {
         if policy > policies {
             return Err(EvidenceError::NoPolicy { policy, policies });
         }
+        if accounts.is_empty() {
+            return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
+        }
+        check(known(&self.memories).chain(accounts))?;
         let mut accounts: Vec<&Account> = accounts.iter().collect();
         accounts.sort_by_key(|account| account.began);
         accounts.truncate(self.cut(&accounts, rng)?.unwrap_or(accounts.len()));
-        let accounts = accounts.into_iter().cloned().collect::<Vec<_>>();
         if policy == policies {
             self.memories.push(Memory::default());
         }
-        let memory = &mut self.memories[policy];
-        memory.beginning = memory.beginning.or(mean_earned(accounts.iter()));
-        memory.accounts.extend(accounts);
-        let too_many = memory.accounts.len().saturating_sub(self.settings.memory);
-        memory.accounts.drain(..too_many);
+        self.memories[policy].learn(accounts, self.settings.memory);
         Ok(())
     }
 
@@ -157,16 +166,13 @@ impl Recogniser {
         })
     }
 
-    /// The number of accounts before a change of group, where both sides show enough episodes.
+    /// The number of accounts before a change of group.
     fn cut<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
         rng: &mut R,
     ) -> Result<Option<usize>, EvidenceError> {
-        let settings = &self.settings;
-        let cut = find_cut(accounts, settings.cut, settings.permutations, rng)?;
-        let least = settings.min_episodes;
-        Ok(cut.filter(|&cut| cut >= least && accounts.len() - cut >= least))
+        find_cut(accounts, &self.settings, rng)
     }
 
     /// Decides on two rollouts of `collector` for good, after [`Recogniser::assign`] was undecided
@@ -240,11 +246,12 @@ impl Recogniser {
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, Look::Second, rng)?;
-        let weighed = opinions.iter().map(|opinion| {
-            let may_be_drift = !self.speaks_against(opinion, self.settings.doubt);
-            (opinion.tail_p_value(), may_be_drift)
+        let weighed = opinions.iter().map(|opinion| Weighed {
+            p_value: opinion.test().map(|_| opinion.tail_p_value()),
+            may_be_drift: !self.speaks_against(opinion, self.settings.doubt),
+            misfit: opinion.misfit(),
         });
-        Ok(Probabilities::of(weighed))
+        Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
     /// The accounts in the order in which their episodes began.
@@ -289,19 +296,26 @@ impl Recogniser {
     ) -> Result<Opinion, EvidenceError> {
         let settings = &self.settings;
         let remembered: Vec<&Account> = memory.accounts.iter().collect();
+        // courses count where both sides are of one policy
+        let least = settings.min_episodes;
+        let courses = whole(accounts, least).zip(whole(&remembered, least));
+        let (kinds, seen, home) = match courses.filter(|_| own) {
+            Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
+            None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
+        };
         let mut opinion = Opinion {
-            kinds: sources_of(accounts, &remembered, own),
+            kinds,
             test: None,
             changed: changed(accounts, &remembered),
             lost: memory.lost(accounts),
             verdict: Verdict::Accepted,
             remembered: remembered.len(),
         };
-        if remembered.len() < settings.min_episodes {
+        if remembered.len() < least {
             return Ok(opinion);
         }
         let source = |&kind: &Kind| {
-            let (rollout, buffer) = (frames(accounts, kind)?, frames(&remembered, kind)?);
+            let (rollout, buffer) = (frames(&seen, kind)?, frames(&home, kind)?);
             let side = match kind {
                 Kind::Earnings => Side::Less,
                 _ => Side::Both,

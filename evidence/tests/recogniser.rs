@@ -98,6 +98,47 @@ fn what_looks_alike_is_told_apart_by_what_happens() {
     }
 }
 
+/// Rollouts need not be a multiple of the horizon: their last episodes are still running.
+#[test]
+fn running_tails_do_not_silence_motion_and_earnings() {
+    let running = |mut accounts: Vec<Account>, from: usize| {
+        accounts[from..].iter_mut().for_each(Account::forget_course);
+        accounts
+    };
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    let learnt = accounts(stream(Kind::Dynamics, 1000, &[(0, 8)], 5), 8, None);
+    for rollout in learnt.chunks(20) {
+        let rollout = running(rollout.to_vec(), 15);
+        recogniser.learn(0, &rollout, &mut rng()).unwrap();
+    }
+    let review = |group, from| {
+        let seen = running(rollout(Kind::Dynamics, 1000, group, 0), from);
+        let situation = Situation {
+            collector: 0,
+            refused: &[],
+        };
+        let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+        let sources = finding.opinions[0].test().unwrap().sources.len();
+        (sources, finding.opinions[0].verdict())
+    };
+    assert_eq!(review(0, 15), (4, Verdict::Accepted));
+    assert_eq!(review(1, 15), (4, Verdict::Refused));
+    let looks_alone = (2, Verdict::Accepted);
+    assert_eq!(review(1, 9), looks_alone, "fewer than half are whole");
+}
+
+#[test]
+fn a_switch_is_found_before_a_running_tail() {
+    let visits = [(0, 2), (1, 2)];
+    let mut mixed = accounts(stream(Kind::Dynamics, 1000, &visits, 5), 4, Some(0));
+    mixed[15..].iter_mut().for_each(Account::forget_course);
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    recogniser.learn(0, &mixed, &mut rng()).unwrap();
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let remembered = state[0]["accounts"].as_array().unwrap().len();
+    assert_eq!(remembered, 10);
+}
+
 #[test]
 fn who_was_refused_is_not_proposed_again() {
     let recogniser = knowing(Kind::Target, 1000, 2);
@@ -169,6 +210,16 @@ fn one_episode_names_its_policy_or_none_and_more_are_surer() {
     assert!(recogniser.recognise(&[], &mut rng()).is_err());
 }
 
+#[test]
+fn a_policy_that_remembers_too_little_is_not_named() {
+    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
+    let few = rollout(Kind::Appearance, 1000, 1, 1);
+    recogniser.learn(1, &few[..3], &mut rng()).unwrap();
+    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
+    assert_eq!((found.likeliest(), found.policies[1]), (Some(0), 0.0));
+}
+
 /// The first frames of some tasks never vary: nothing is divided by zero, and others differ.
 #[test]
 fn frames_that_are_all_equal_say_nothing_of_each_other() {
@@ -221,6 +272,58 @@ fn memory_is_bounded_and_survives_a_file() {
         .unwrap_err()
         .to_string();
     assert_eq!(message, "policy 7 was named, 2 are known");
+}
+
+/// Nothing is learnt and nothing taken back that no comparison could use.
+#[test]
+fn damaged_accounts_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let damaged = |damage: fn(&mut Account)| {
+        let mut accounts = seen.clone();
+        damage(&mut accounts[7]);
+        let mut learning = recogniser.clone();
+        let error = learning.learn(1, &accounts, &mut rng()).unwrap_err();
+        assert_eq!(learning, recogniser, "nothing is learnt by halves");
+        error.to_string()
+    };
+    assert!(damaged(|a| a.picture[3] = f32::NAN).contains("picture holds NaN"));
+    assert!(damaged(|a| a.earned = Some(f32::INFINITY)).contains("earnings holds inf"));
+    assert!(damaged(|a| a.vector = Vec::new()).contains("vector holds 0 values, expected 2"));
+    assert!(damaged(|a| a.motion = Some(vec![0.0])).contains("motion holds 1 values, expected 4"));
+    let none = recogniser.clone().learn(0, &[], &mut rng()).unwrap_err();
+    assert_eq!(none.to_string(), "got 0 episodes, expected at least 1");
+}
+
+#[test]
+fn damaged_states_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let damaged = |damage: fn(&mut serde_json::Value)| {
+        let mut damaged = state.clone();
+        damage(&mut damaged);
+        let mut restored = recogniser.clone();
+        let error = restored.restore(&damaged).unwrap_err();
+        assert_eq!(restored, recogniser, "nothing is taken back by halves");
+        error.to_string()
+    };
+    let huge = damaged(|s| s[1]["accounts"][0]["picture"][0] = 1e300.into());
+    assert!(huge.contains("picture holds inf"), "{huge}");
+    let short = damaged(|s| s[0]["accounts"][3]["vector"] = serde_json::json!([0.5]));
+    assert!(
+        short.contains("vector holds 1 values, expected 2"),
+        "{short}"
+    );
+    let empty = damaged(|s| s[1]["accounts"] = serde_json::json!([]));
+    assert!(empty.contains("got 0 episodes"), "{empty}");
+    let long = damaged(|s| {
+        let first = s[0]["accounts"][0].clone();
+        s[0]["accounts"].as_array_mut().unwrap().push(first);
+    });
+    assert!(
+        long.contains("41 accounts of one policy, expected at most 40"),
+        "{long}"
+    );
 }
 
 /// Colours stray over hundreds of rounds; what is remembered is the latest.
