@@ -3,7 +3,8 @@
 //! `cargo run --release -p covers-evidence --example own_frames -- FOLDER`
 //!
 //! FOLDER holds one folder for each group of tasks, and those hold the first picture of each of its
-//! episodes as PNG files of one size, 8 bits a channel; 40 of each group are plenty, 20 will do.
+//! episodes as PNG files of one size and colour type, 8 bits a channel; 40 of each group are plenty,
+//! 20 will do. Half of each group is remembered, and the other half is asked about.
 //! Without FOLDER the frames of a drawn world are measured.
 
 use std::error::Error;
@@ -79,11 +80,13 @@ fn halves<R: Rng>(home: &Group, other: &Group, rng: &mut R) -> [Vec<Account>; 2]
     [shuffled, asked]
 }
 
-/// How often 1, 4 and 20 frames name their group, with all groups known and with their own unknown.
+/// How often 1, 4 and 20 frames, or all that half of the group has, name their group, with all
+/// groups known and with their own unknown.
 fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
     println!("\n| frames | right | its own group unknown: \"none of these\" |\n|---|---|---|");
     for frames in [1, 4, 20] {
         let (mut right, mut none, mut asked) = (0, 0, 0);
+        let (mut fewest, mut most) = (frames, 0);
         for _ in 0..REPETITIONS {
             for (index, group) in groups.iter().enumerate() {
                 let mut known = Recogniser::new(RecogniserSettings::default())?;
@@ -96,6 +99,7 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                     }
                 }
                 question.truncate(frames);
+                (fewest, most) = (fewest.min(question.len()), most.max(question.len()));
                 right += usize::from(known.recognise(&question, rng)?.likeliest() == Some(index));
                 let mut others = Recogniser::new(RecogniserSettings::default())?;
                 let rest = groups.iter().filter(|other| other.name != group.name);
@@ -106,7 +110,11 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 asked += 1;
             }
         }
-        println!("| {frames} | {right} of {asked} | {none} of {asked} |");
+        let used = match fewest == most {
+            true => format!("{most}"),
+            false => format!("{fewest} to {most}"),
+        };
+        println!("| {used} | {right} of {asked} | {none} of {asked} |");
     }
     Ok(())
 }
@@ -114,6 +122,7 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
 /// Groups from the folders in `folder`.
 fn read(folder: &Path) -> Answer<Vec<Group>> {
     let mut groups = Vec::new();
+    let mut first = None;
     for path in sorted(folder)?.into_iter().filter(|path| path.is_dir()) {
         let name = path
             .file_name()
@@ -123,12 +132,21 @@ fn read(folder: &Path) -> Answer<Vec<Group>> {
         let mut accounts = Vec::new();
         for file in sorted(&path)? {
             let (size, pixels) = picture(&file)?;
+            let expected = *first.get_or_insert(size);
+            if size != expected {
+                let name = file.display();
+                let problem = format!("{name} is {size:?}, expected {expected:?} as the first");
+                return Err((problem + " picture: height, width and channels").into());
+            }
             let filters = Filters::new(size, RecogniserSettings::default().filters)?;
             accounts.push(account(accounts.len(), filters.describe(&pixels)?));
         }
         groups.push(Group { name, accounts });
     }
-    Ok(groups)
+    match groups.len() {
+        0 | 1 => Err(format!("{} groups, expected at least 2 folders", groups.len()).into()),
+        _ => Ok(groups),
+    }
 }
 
 fn sorted(folder: &Path) -> Answer<Vec<PathBuf>> {
@@ -138,6 +156,7 @@ fn sorted(folder: &Path) -> Answer<Vec<PathBuf>> {
     Ok(paths)
 }
 
+/// Height, width and channels of a picture, and its pixels.
 fn picture(path: &Path) -> Answer<([usize; 3], Vec<u8>)> {
     let mut decoder = png::Decoder::new(BufReader::new(File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
@@ -190,4 +209,40 @@ fn drawn() -> Answer<Vec<Group>> {
         });
     }
     Ok(groups)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    /// A black picture of 8 x 8, or of another width or colour type, in a folder of its own.
+    fn write(folder: &Path, group: &str, width: u32, colour: png::ColorType) {
+        let folder = folder.join(group);
+        fs::create_dir_all(&folder).unwrap();
+        let file = File::create(folder.join("0.png")).unwrap();
+        let mut encoder = png::Encoder::new(file, width, 8);
+        encoder.set_color(colour);
+        let pixels = vec![0; width as usize * 8 * colour.samples()];
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(&pixels).unwrap();
+    }
+
+    #[test]
+    fn groups_need_pictures_of_one_kind() {
+        let folder = std::env::temp_dir().join(format!("own-frames-{}", std::process::id()));
+        let (rgb, grey) = (png::ColorType::Rgb, png::ColorType::Grayscale);
+        write(&folder, "a", 8, rgb);
+        let error = |answer: Answer<Vec<Group>>| answer.err().unwrap().to_string();
+        assert!(error(read(&folder)).contains("1 groups, expected at least 2"));
+        write(&folder, "b", 8, rgb);
+        assert_eq!(read(&folder).unwrap().len(), 2);
+        for (width, colour, size) in [(9, rgb, "[8, 9, 3]"), (8, grey, "[8, 8, 1]")] {
+            write(&folder, "b", width, colour);
+            let message = error(read(&folder));
+            assert!(message.contains(size), "{message}");
+        }
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -1,4 +1,4 @@
-//! Times one decision against 16 policies that look different.
+//! Times one decision against 16 policies that look different, on two threads.
 //!
 //! `cargo run --release -p covers-evidence --example timed_decision`
 
@@ -8,14 +8,24 @@ use std::time::{Duration, Instant};
 use evidence::{Account, Accountant, Course, Recogniser, RecogniserSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Observations, VectorEnv};
+use rl::{Observations, Transition, VectorEnv};
 use symmetry::Irrep;
 use worlds::{Kind, Stream, Visit, World};
 
 const POLICIES: usize = 16;
 const REPETITIONS: usize = 21;
+const THREADS: usize = 2;
+/// Steps of an episode: what takes time is not its length.
+const HORIZON: usize = 2;
 
-fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
+type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
+
+fn main() -> Answer<()> {
+    let threads = rayon::ThreadPoolBuilder::new().num_threads(THREADS);
+    threads.build()?.install(measure)
+}
+
+fn measure() -> Answer<()> {
     let settings = RecogniserSettings::default();
     let world = World::with_groups(Kind::Appearance, 1000, POLICIES);
     let axes = [Irrep::X, Irrep::Y];
@@ -23,12 +33,13 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut recogniser = Recogniser::new(settings)?;
     for group in 0..POLICIES {
-        let accounts = accountant.accounts(&courses(&world, group, settings.memory)?)?;
+        let accounts = accountant.accounts(&courses(&world, group, 0, settings.memory)?)?;
         recogniser.learn(group, &accounts, &mut rng)?;
     }
-    let rollout = courses(&world, 0, 20)?;
+    let rollout = courses(&world, 0, 1, 20)?;
     let accounts = accountant.accounts(&rollout)?;
-    let both: Vec<Account> = [accounts.clone(), accounts.clone()].concat();
+    let later = accountant.accounts(&courses(&world, 0, 2, 20)?)?;
+    let both: Vec<Account> = [accounts.clone(), later].concat();
     let described = median(|| accountant.accounts(&rollout).map(|_| ()))?;
     let first = median(|| recogniser.assign(&accounts, 0, &mut rng).map(|_| ()))?;
     let second = median(|| recogniser.settle(&both, 0, &mut rng).map(|_| ()))?;
@@ -49,20 +60,25 @@ fn median<E>(mut timed: impl FnMut() -> Result<(), E>) -> Result<Duration, E> {
     Ok(times[REPETITIONS / 2])
 }
 
-/// Episodes of two steps: what takes time is not their length.
-fn courses(
-    world: &World,
-    group: usize,
-    episodes: usize,
-) -> Result<Vec<Course>, Box<dyn Error + Send + Sync>> {
-    let visits = vec![Visit { group, rounds: 1 }];
-    let mut stream = Stream::new(world.clone(), visits, episodes)?;
+/// Episodes that began one after the other, with the first pictures of one round of a stream.
+fn courses(world: &World, group: usize, round: usize, episodes: usize) -> Answer<Vec<Course>> {
+    let visits = vec![Visit {
+        group,
+        rounds: round + 1,
+    }];
+    let stream = Stream::new(world.clone(), visits, episodes)?;
+    let mut stream = stream.with_horizon(HORIZON);
     let spec = stream.spec().clone();
     let mut seen = Observations::new(&spec);
     stream.reset(&mut seen)?;
+    let mut transition = Transition::new(&spec);
+    for _ in 0..round * HORIZON {
+        stream.step(&vec![0.0; 2 * episodes], &mut transition)?;
+        seen.clone_from(&transition.observations);
+    }
     let images = seen.images.chunks(spec.image_len());
     let course = |(episode, image): (usize, &[u8])| Course {
-        began: episode / 10,
+        began: 1000 * round + episode,
         image: image.to_vec(),
         vectors: vec![0.0, 0.0, 0.05 + 0.001 * episode as f32, 0.05],
         actions: vec![1.0; 4],

@@ -1,6 +1,9 @@
 //! What speaks for and against one policy: the sources of evidence and their test.
 
-use cluster::{Evidence, Frames, JointTest, Judgement, PermutationTest, SourceTest, Verdict};
+use cluster::{
+    Candidate, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source, SourceTest,
+    Verdict,
+};
 
 use crate::account::Account;
 use crate::error::EvidenceError;
@@ -207,4 +210,24 @@ pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames, Eviden
     let points: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
     let dim = points.first().map_or(0, |point| point.len());
     Ok(Frames::new(points.concat(), 1, dim)?)
+}
+
+/// What each kind says of a rollout, and of what is remembered.
+pub(crate) fn sources(
+    kinds: &[Kind],
+    rollout: &[&Account],
+    remembered: &[&Account],
+) -> Result<Vec<Source>, EvidenceError> {
+    let source = |&kind: &Kind| {
+        let (rollout, buffer) = (frames(rollout, kind)?, frames(remembered, kind)?);
+        let side = match kind {
+            Kind::Earnings => Side::Less,
+            _ => Side::Both,
+        };
+        Ok(Source {
+            clouds: Candidate { buffer, rollout },
+            side,
+        })
+    };
+    kinds.iter().map(source).collect()
 }

@@ -1,6 +1,6 @@
 //! Whose task new episodes show: the accounts of each policy, and decisions by them.
 
-use cluster::{Candidate, Decision, Side, Source, SourceTest, Verdict, joint_test};
+use cluster::{Decision, SourceTest, Verdict, joint_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use crate::choice::{best, keep_or};
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
 use crate::memory::{Memory, check, known};
-use crate::opinion::{Kind, Look, Opinion, changed, frames, whole};
+use crate::opinion::{Kind, Look, Opinion, changed, sources, whole};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
@@ -117,7 +117,7 @@ impl Recogniser {
         check(known(&self.memories).chain(accounts))?;
         let mut accounts: Vec<&Account> = accounts.iter().collect();
         accounts.sort_by_key(|account| account.began);
-        accounts.truncate(self.cut(&accounts, rng)?.unwrap_or(accounts.len()));
+        accounts.truncate(find_cut(&accounts, &self.settings, rng)?.unwrap_or(accounts.len()));
         if policy == policies {
             self.memories.push(Memory::default());
         }
@@ -139,7 +139,7 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let cut = self.cut(&accounts, rng)?;
+        let cut = find_cut(&accounts, &self.settings, rng)?;
         Ok(Finding {
             cut: cut.map(|cut| accounts[cut].began),
             ..self.look(&accounts[cut.unwrap_or(0)..], collector, rng)?
@@ -166,15 +166,6 @@ impl Recogniser {
         })
     }
 
-    /// The number of accounts before a change of group.
-    fn cut<R: Rng + ?Sized>(
-        &self,
-        accounts: &[&Account],
-        rng: &mut R,
-    ) -> Result<Option<usize>, EvidenceError> {
-        find_cut(accounts, &self.settings, rng)
-    }
-
     /// Decides on two rollouts of `collector` for good, after [`Recogniser::assign`] was undecided
     /// on the first. If they show two groups one after the other, the decision is on the later one.
     ///
@@ -187,7 +178,7 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let cut = self.cut(&accounts, rng)?;
+        let cut = find_cut(&accounts, &self.settings, rng)?;
         let later = &accounts[cut.unwrap_or(0)..];
         let situation = Situation {
             collector,
@@ -216,7 +207,7 @@ impl Recogniser {
         let mut finding = self.decide(&accounts, situation, rng)?;
         let keep = Decision::Existing(situation.collector);
         if finding.decision != keep
-            && let Some(cut) = self.cut(&accounts, rng)?
+            && let Some(cut) = find_cut(&accounts, &self.settings, rng)?
         {
             finding = self.decide(&accounts[..cut], situation, rng)?;
             finding.cut = Some(accounts[cut].began);
@@ -314,19 +305,7 @@ impl Recogniser {
         if remembered.len() < least {
             return Ok(opinion);
         }
-        let source = |&kind: &Kind| {
-            let (rollout, buffer) = (frames(&seen, kind)?, frames(&home, kind)?);
-            let side = match kind {
-                Kind::Earnings => Side::Less,
-                _ => Side::Both,
-            };
-            Ok(Source {
-                clouds: Candidate { buffer, rollout },
-                side,
-            })
-        };
-        let sources = opinion.kinds.iter().map(source);
-        let sources: Vec<Source> = sources.collect::<Result<_, EvidenceError>>()?;
+        let sources = sources(&opinion.kinds, &seen, &home)?;
         let permutations = match look {
             Look::First => settings.permutations,
             Look::Second => 3 * settings.permutations,

@@ -102,9 +102,10 @@ impl Grouping for Evident {
     }
 
     fn state(&self) -> Value {
-        self.0
-            .state(serde_json::value::Serializer)
-            .unwrap_or(Value::Null)
+        // lists of numbers have no value that fails; if one did, `restore` would refuse this text
+        // and show it
+        let state = self.0.state(serde_json::value::Serializer);
+        state.unwrap_or_else(|error| Value::String(format!("accounts were not saved: {error}")))
     }
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
