@@ -177,20 +177,20 @@ pub enum CoversError {
         /// What differs: the value asked for and the checkpoint's.
         differences: String,
     },
-    /// A run without an evaluation, which nothing can be reported of.
-    #[error("{} holds no scores yet: finish the run with `covers resume`", folder.display())]
-    NoScores {
+    /// A run that nothing can be reported of.
+    #[error("{} cannot be reported: {problem}", folder.display())]
+    UnfitRun {
         /// The run's folder.
         folder: PathBuf,
+        /// What is wrong.
+        problem: String,
     },
-    /// Runs that bear one name and cannot stand in one row of a table.
+    /// Runs that cannot stand in one table.
     #[error(
-        "run {run} does not belong to the other runs of {method} ({differences}): give runs with \
-         other settings other names, and each seed once"
+        "run {run} does not belong to the others ({differences}): report runs of one stream and \
+         evaluation, give runs of other settings other names, and each seed once"
     )]
     MixedRuns {
-        /// The name that they bear.
-        method: String,
         /// The run that differs.
         run: String,
         /// In what it differs.

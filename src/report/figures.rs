@@ -10,7 +10,7 @@ pub type Undefined = &'static str;
 /// The last visit is not followed by anything that could be forgotten.
 const ENDS: Undefined = "the stream ends with the group";
 const NOT_MET: Undefined = "the group did not run";
-const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` is 0)";
+const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
 const FIRST: Undefined = "nothing was learnt before the group's first visit";
 const NO_RETURN: Undefined = "no group came back";
 const ONE_POLICY: Undefined = "there is one policy for everything";
@@ -100,7 +100,7 @@ impl GroupFigures {
                 .map(|then| then - last),
             transfer: before_first_visit(run, group).and_then(|rollouts| {
                 let before = success(Some(0)).ok_or(UNSCORED)?;
-                Ok(success(rollouts).ok_or(UNSCORED)? - before)
+                Ok(success(Some(rollouts)).ok_or(UNSCORED)? - before)
             }),
         }
     }
@@ -117,7 +117,7 @@ fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
 }
 
 /// After how many rollouts the last evaluation came before anything of the group was seen.
-fn before_first_visit(run: &RunData, group: &str) -> Result<Option<usize>, Undefined> {
+fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     let mut rows = run.rollouts.iter();
     let first = rows.position(|row| row.group == group || row.last_group == group);
     match first {
@@ -125,7 +125,9 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<Option<usize>, Undef
         Some(0) => Err(FIRST),
         Some(first) => {
             let evaluations = run.scores.iter().map(|row| row.rollouts);
-            Ok(evaluations.filter(|&rollouts| rollouts <= first).max())
+            let last = evaluations.filter(|&rollouts| rollouts <= first).max();
+            // with the evaluation before the stream alone, nothing is compared
+            last.filter(|&rollouts| rollouts > 0).ok_or(UNSCORED)
         }
     }
 }
@@ -155,6 +157,10 @@ fn ledger(run: &RunData) -> Ledger {
             && (before.straddles || before.group != row.group)
         {
             left.push(&before.group);
+            // a visit that was over within a turn
+            if before.last_group != row.group {
+                left.push(&before.last_group);
+            }
         }
         if row.straddles {
             ledger.record_straddling(row.policy);

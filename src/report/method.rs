@@ -1,7 +1,10 @@
 //! Runs of one method with different seeds.
 
+use envs::VecEnvSettings;
+
 use crate::error::CoversError;
-use crate::experiment::Experiment;
+use crate::experiment::{CheckpointPlan, Experiment};
+use crate::learners::LearnerSettings;
 use crate::overrides::differences;
 
 use super::figures::{Figures, GroupFigures};
@@ -26,11 +29,16 @@ impl MethodRuns {
     /// Sorts runs into methods, in the order in which they appear.
     ///
     /// # Errors
-    /// [`CoversError::MixedRuns`] for runs of one name whose settings differ in more than the seed
-    /// and the number of threads, and for two of one seed.
+    /// [`CoversError::MixedRuns`] for runs of another stream or evaluation than the first one's, for
+    /// runs of one name whose settings differ in more than the seed and the number of threads, and
+    /// for two of one seed.
     pub fn sort(runs: Vec<RunData>) -> Result<Vec<Self>, CoversError> {
         let mut methods: Vec<Self> = Vec::new();
         for run in runs {
+            if let Some(first) = methods.first() {
+                let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
+                refuse(&run, differences(&first, &own)?)?;
+            }
             let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
@@ -47,17 +55,11 @@ impl MethodRuns {
     fn add(&mut self, run: RunData) -> Result<(), CoversError> {
         let seed = |run: &RunData| run.experiment.learner.seed();
         let mut others = self.runs.iter();
-        let differences = match others.find(|other| seed(other) == seed(&run)) {
+        let problem = match others.find(|other| seed(other) == seed(&run)) {
             Some(_) => format!("two runs have seed {}", seed(&run)),
             None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
         };
-        if !differences.is_empty() {
-            return Err(CoversError::MixedRuns {
-                method: self.name.clone(),
-                run: run.name,
-                differences,
-            });
-        }
+        refuse(&run, problem)?;
         self.figures.push(Figures::of(&run));
         self.runs.push(run);
         Ok(())
@@ -79,4 +81,25 @@ impl MethodRuns {
 /// The settings without what runs of one method may differ in.
 fn unseeded(run: &RunData) -> Experiment {
     run.experiment.clone().with_seed(0).with_threads(1)
+}
+
+/// What all methods share: the stream and the evaluation. A method has its own picture's size, and a
+/// learner of its own.
+fn world(experiment: &Experiment) -> Experiment {
+    let mut world = experiment.clone().with_threads(1);
+    world.learner = LearnerSettings::default();
+    world.checkpoints = CheckpointPlan::default();
+    world.envs.camera.size = VecEnvSettings::default().camera.size;
+    world
+}
+
+/// Refuses a run with a problem.
+fn refuse(run: &RunData, differences: String) -> Result<(), CoversError> {
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(CoversError::MixedRuns {
+        run: run.name.clone(),
+        differences,
+    })
 }

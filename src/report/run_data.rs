@@ -82,16 +82,13 @@ impl RunData {
     /// Reads a run's folder.
     ///
     /// # Errors
-    /// [`CoversError::Read`] names the file and what is wrong in it; [`CoversError::NoScores`] for a
-    /// run that was never scored.
+    /// [`CoversError::Read`] names the file and what is wrong in it; [`CoversError::UnfitRun`] for a
+    /// run that is not finished, and for files that do not belong together.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let folder = RunFolder::open(path);
         let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
-        if scores.is_empty() {
-            return Err(CoversError::NoScores {
-                folder: path.to_owned(),
-            });
-        }
+        let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
+        check(path, &folder, &rollouts, &scores)?;
         let timings = folder.file("timings.csv");
         let timings: Vec<TimingRow> = match timings.exists() {
             true => rows(&timings)?,
@@ -100,7 +97,7 @@ impl RunData {
         Ok(Self {
             name: name_of(path)?,
             experiment: folder.experiment()?,
-            rollouts: rows(&folder.file("metrics.csv"))?,
+            rollouts,
             scores,
             seconds: timings.iter().map(|row| row.total).sum(),
             commits: commits(path)?,
@@ -125,6 +122,44 @@ impl RunData {
         groups.dedup();
         groups
     }
+}
+
+/// Refuses a run that is not at its end, and files that do not belong together.
+fn check(
+    path: &Path,
+    folder: &RunFolder,
+    rollouts: &[RolloutRow],
+    scores: &[ScoreRow],
+) -> Result<(), CoversError> {
+    let unfit = |problem: &str| CoversError::UnfitRun {
+        folder: path.to_owned(),
+        problem: problem.to_owned(),
+    };
+    if !folder.is_finished() {
+        return Err(unfit("it is not finished; go on with `covers resume`"));
+    }
+    let share = |value: f64| (0.0..=1.0).contains(&value);
+    let sound = |row: &ScoreRow| {
+        row.episodes > 0
+            && share(row.success)
+            && share(row.success_at_end)
+            && row.reward.is_finite()
+    };
+    if !scores.iter().all(sound) {
+        return Err(unfit("evaluation.csv holds a score that cannot be"));
+    }
+    let numbers = |row: &RolloutRow| row.reward.into_iter().chain(row.success);
+    let mut turns = rollouts.iter().enumerate();
+    if turns.any(|(turn, row)| row.policy > turn || !numbers(row).all(f64::is_finite)) {
+        return Err(unfit("metrics.csv holds a row that cannot be"));
+    }
+    let end = rollouts.last().map(|row| (rollouts.len(), row.decisions));
+    if scores.last().map(|row| (row.rollouts, row.decisions)) != end {
+        return Err(unfit(
+            "the last rows of evaluation.csv and metrics.csv do not agree",
+        ));
+    }
+    Ok(())
 }
 
 /// The last part of a path, also of `.`.

@@ -141,10 +141,11 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         "against",
         "difference",
         "probability of improvement",
-        "",
-        "in the paper",
+        "by the interval",
+        "in the paper (1)",
     ];
     let mut table = Table::new(&caption, &header);
+    table.note(NOT_ONE_TO_ONE);
     let printed = |name: &str| paper::row(name).map(|row| row.average.0);
     for other in &methods[1..] {
         let comparison = Comparison::new(&success(first), &success(other));

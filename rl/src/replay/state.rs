@@ -126,12 +126,11 @@ impl ReplayState<'_> {
     fn check(&self, replay: &Replay) -> Result<(), RlError> {
         let mut episodes = self.episodes.iter();
         episodes.try_for_each(|episode| episode.check(&replay.sizes))?;
-        require(
-            "replay.order",
-            self.order.len(),
-            "at most the capacity",
-            |len| len <= replay.settings.capacity && len as u64 <= self.recorded,
-        )?;
+        let held = self.recorded.min(replay.settings.capacity as u64);
+        let expected = "as many as were recorded, up to the capacity";
+        require("replay.order", self.order.len(), expected, |len| {
+            len as u64 == held && self.recorded <= u64::from(u32::MAX)
+        })?;
         let marked = self.marked as usize;
         let expected = "a number of steps that were recorded";
         require("replay.marked", marked, expected, |_| {

@@ -239,7 +239,7 @@ impl<T: Training> Collection<T> {
         answer
     }
 
-    /// Shows the grouping what the current policy is about to learn from.
+    /// Shows the grouping the last rollout, which the current policy is about to learn from.
     fn remember(&mut self, collector: usize) -> Result<(), CoversError> {
         let clock = Instant::now();
         let episodes = Episodes {

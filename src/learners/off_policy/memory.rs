@@ -9,6 +9,8 @@ use super::pictures::Frames;
 
 /// Stands for an environment without a running episode.
 const NONE: u64 = u64::MAX;
+/// More observations than the contexts of running episodes take.
+const CONTEXTS: usize = 100_000;
 /// Numbers that are written of every episode.
 const FIELDS: usize = 4;
 
@@ -117,7 +119,9 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
         .iter()
         .map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
     let sizes = Sizes::new(fresh);
-    let episodes = Episodes::read(file, &name, &sizes)?;
+    // every episode has one more observation than steps, and some that its contexts reach back to
+    let most_frames = 2 * fresh.settings().capacity + CONTEXTS;
+    let episodes = Episodes::read(file, &name, &sizes, most_frames)?;
     let state = ReplayState {
         recorded,
         marked,
@@ -199,17 +203,24 @@ impl<'a> Episodes<'a> {
         file: &TensorFile<'_>,
         name: &impl Fn(&str) -> String,
         sizes: &'a Sizes,
+        most_frames: usize,
     ) -> Result<Self, CoversError> {
         let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
         let floats = |what: &str| Ok::<_, CoversError>(file.floats(&name(what))?.1);
         let rewards = floats("rewards")?;
         let rows = rows(&file.integers(&name("episodes"))?, rewards.len());
         let rows = rows.ok_or_else(|| damaged("episodes"))?;
+        let vectors = floats("vectors")?;
+        // before pictures are unpacked, a few bytes of which may stand for many
+        let frames: usize = rows.iter().map(Row::frames).sum();
+        if frames > most_frames || vectors.len() != frames.saturating_mul(sizes.vector) {
+            return Err(damaged("vectors"));
+        }
         let (_, packed) = file.bytes(&name("pictures"))?;
         let pictures = unpack(&rows, sizes, &packed);
         Ok(Self {
             pictures: pictures.ok_or_else(|| damaged("pictures"))?,
-            vectors: floats("vectors")?,
+            vectors,
             actions: floats("actions")?,
             rewards,
             rows,
@@ -237,7 +248,9 @@ impl<'a> Episodes<'a> {
 
 fn unpack(rows: &[Row], sizes: &Sizes, mut packed: &[u8]) -> Option<Vec<u8>> {
     let all = rows.iter().map(|row| row.pictures(sizes)).sum();
-    let mut pictures = vec![0; all];
+    let mut pictures = Vec::new();
+    pictures.try_reserve_exact(all).ok()?;
+    pictures.resize(all, 0);
     let mut rest = &mut pictures[..];
     for row in rows {
         let own = rest.split_off_mut(..row.pictures(sizes))?;

@@ -2,7 +2,9 @@
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use rl::{Actor, EnvSpec, Experience, Observations, Outcome, Replay, RlError, Transition};
+use rl::{
+    Actor, EnvSpec, Experience, Observations, Outcome, Replay, RlError, SacPolicy, Transition,
+};
 
 use crate::learners::collection::Rollout;
 
@@ -45,6 +47,7 @@ impl Recording {
     pub fn pour(&mut self, replay: &mut Replay) -> Result<(), RlError> {
         for steps in self.collections.drain(..) {
             replay.cut();
+            Experience::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
                 replay.push(&step.observations, &step.actions, &step.transition)?;
             }
