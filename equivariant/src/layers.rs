@@ -9,6 +9,7 @@ mod fused;
 pub(crate) mod group_max_pool;
 pub(crate) mod group_mean_pool;
 pub(crate) mod gru;
+pub(crate) mod gru_pass;
 pub(crate) mod interchange;
 pub(crate) mod layer;
 pub(crate) mod linear;

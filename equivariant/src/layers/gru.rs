@@ -8,10 +8,10 @@ use symmetry::FieldType;
 
 use crate::error::LayerError;
 use crate::layers::accepted::check_channels;
+use crate::layers::gru_pass::GruPass;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::linear::Linear;
 use crate::layers::scalar::Scalar;
-use crate::scratch::Scratch;
 use crate::steerable::hadamard::hadamard;
 
 /// The gain of the weights: no ReLU follows.
@@ -41,35 +41,6 @@ pub struct Gru {
     fields: usize,
     input: Linear,
     hidden: Linear,
-}
-
-/// What the forward pass of a [`Gru`] leaves for the backward pass, over up to a fixed number of
-/// sequences.
-#[derive(Clone, Debug)]
-pub struct GruPass<T> {
-    /// Channels of the input and of the state.
-    dims: [usize; 2],
-    /// For how many steps and samples there is room.
-    room: [usize; 2],
-    /// Those of the last forward pass.
-    sizes: [usize; 2],
-    /// Whether it holds what a forward pass left and no backward pass has written over.
-    holds_values: bool,
-    /// Steps that each sample begins after, `[N]`.
-    begins: Vec<usize>,
-    /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
-    states: Vec<T>,
-    coefficients: Vec<T>,
-    /// The input's part of the gates, then r, z and n, `[L, N, 3 H]`.
-    gates: Vec<T>,
-    /// The state's part of the gates, then the gradient in it, `[N, 3 H]`.
-    from_state: Vec<T>,
-    /// W_hn h + b_hn, `[L, N, H]`.
-    candidates: Vec<T>,
-    /// Gradients in the state, and in the state before, `[N, H]`.
-    d_state: Vec<T>,
-    d_before: Vec<T>,
-    scratch: Scratch<T>,
 }
 
 impl Gru {
@@ -117,23 +88,8 @@ impl Gru {
 
     /// Memory for up to `samples` sequences of up to `steps` steps.
     pub fn pass<T: Scalar>(&self, steps: usize, samples: usize) -> GruPass<T> {
-        let zeros = |len: usize| vec![T::ZERO; len];
-        let state = samples * self.out_type().dim();
-        GruPass {
-            dims: [self.in_type().dim(), self.width()],
-            room: [steps, samples],
-            sizes: [0; 2],
-            holds_values: false,
-            begins: Vec::with_capacity(samples),
-            states: zeros((steps + 1) * state),
-            coefficients: zeros((steps + 1) * state),
-            gates: zeros(steps * 3 * state),
-            from_state: zeros(3 * state),
-            candidates: zeros(steps * state),
-            d_state: zeros(state),
-            d_before: zeros(state),
-            scratch: self.input.scratch(steps * samples),
-        }
+        let dims = [self.in_type().dim(), self.width()];
+        GruPass::new(dims, [steps, samples], self.input.scratch(steps * samples))
     }
 
     /// Reads `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
@@ -383,15 +339,6 @@ impl Gru {
             got == expected,
             "{self}: got {name} of {got} values, expected {expected}"
         );
-    }
-}
-
-impl<T: Scalar> GruPass<T> {
-    /// The states `[N, H]` after the last step of the last forward pass.
-    pub fn out(&self) -> &[T] {
-        let [steps, samples] = self.sizes;
-        let len = samples * self.dims[1];
-        &self.coefficients[steps * len..(steps + 1) * len]
     }
 }
 
