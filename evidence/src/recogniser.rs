@@ -125,7 +125,7 @@ impl Recogniser {
         Ok(())
     }
 
-    /// Decides on one rollout of `situation.collector`. `Existing` of another policy asks for a
+    /// Decides on one rollout of `collector`. `Existing` of another policy asks for a
     /// rollout of that one and for [`Recogniser::review`]; `Undecided` asks for one more of the
     /// same policy and for [`Recogniser::settle`]. Of a rollout that shows two groups the later one
     /// counts.
@@ -138,11 +138,31 @@ impl Recogniser {
         collector: usize,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
+        self.judge(accounts, collector, Look::First, rng)
+    }
+
+    /// Decides on the later of the groups that the episodes show.
+    fn judge<R: Rng + ?Sized>(
+        &self,
+        accounts: &[Account],
+        collector: usize,
+        look: Look,
+        rng: &mut R,
+    ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
         let cut = find_cut(&accounts, &self.settings, rng)?;
+        let later = &accounts[cut.unwrap_or(0)..];
+        let situation = Situation {
+            collector,
+            refused: &[],
+        };
+        let finding = match look {
+            Look::First => self.look(later, situation, rng)?,
+            Look::Second => self.decide(later, situation, rng)?,
+        };
         Ok(Finding {
-            cut: cut.map(|cut| accounts[cut].began),
-            ..self.look(&accounts[cut.unwrap_or(0)..], collector, rng)?
+            cut: cut.map(|_| later[0].began),
+            ..finding
         })
     }
 
@@ -150,16 +170,12 @@ impl Recogniser {
     fn look<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
-        collector: usize,
+        situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let situation = Situation {
-            collector,
-            refused: &[],
-        };
         let opinions = self.opinions(accounts, situation, Look::First, rng)?;
         Ok(Finding {
-            decision: self.first_decision(&opinions, collector),
+            decision: self.first_decision(&opinions, situation.collector),
             opinions,
             cut: None,
             refused: Vec::new(),
@@ -177,18 +193,7 @@ impl Recogniser {
         collector: usize,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let accounts = self.in_order(accounts)?;
-        let cut = find_cut(&accounts, &self.settings, rng)?;
-        let later = &accounts[cut.unwrap_or(0)..];
-        let situation = Situation {
-            collector,
-            refused: &[],
-        };
-        let finding = self.decide(later, situation, rng)?;
-        Ok(Finding {
-            cut: cut.map(|_| later[0].began),
-            ..finding
-        })
+        self.judge(accounts, collector, Look::Second, rng)
     }
 
     /// Decides on a rollout of `situation.collector`, which an earlier decision proposed: what it

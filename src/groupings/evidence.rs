@@ -35,6 +35,22 @@ impl Evident {
         Ok(accounts)
     }
 
+    fn look(
+        &self,
+        candidates: &mut dyn Candidates,
+        look: Look,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        let episodes = candidates.episodes();
+        let collector = episodes.collector;
+        let accounts = self.accounts(episodes, collector)?;
+        let finding = match look {
+            Look::First => self.0.assign(&accounts, collector, rng)?,
+            Look::Second => self.0.settle(&accounts, collector, rng)?,
+        };
+        Ok(self.assignment(&finding, look))
+    }
+
     fn assignment(&self, finding: &Finding, look: Look) -> Assignment {
         let opinions = finding.opinions.iter();
         Assignment {
@@ -56,10 +72,7 @@ impl Grouping for Evident {
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        let episodes = candidates.episodes();
-        let accounts = self.accounts(episodes, episodes.collector)?;
-        let finding = self.0.assign(&accounts, episodes.collector, rng)?;
-        Ok(self.assignment(&finding, Look::First))
+        self.look(candidates, Look::First, rng)
     }
 
     fn settle(
@@ -67,10 +80,7 @@ impl Grouping for Evident {
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        let episodes = candidates.episodes();
-        let accounts = self.accounts(episodes, episodes.collector)?;
-        let finding = self.0.settle(&accounts, episodes.collector, rng)?;
-        Ok(self.assignment(&finding, Look::Second))
+        self.look(candidates, Look::Second, rng)
     }
 
     fn review(
