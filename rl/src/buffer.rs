@@ -11,7 +11,6 @@ use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::experience::Experience;
 use crate::gae::{GaeInputs, gae};
 use crate::policy::{Assess, Decisions, OnPolicy, Values};
-use crate::require::{require, require_memory};
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
 /// [`collect`](crate::collect) fills it.
@@ -43,10 +42,7 @@ impl RolloutBuffer {
     /// [`RlError::EmptySpec`] or [`RlError::Setting`] when a size is zero, [`RlError::Memory`] when
     /// the machine has not so much.
     pub fn new(spec: &EnvSpec, steps: usize) -> Result<Self, RlError> {
-        spec.check()?;
-        require("steps", steps as f32, "at least 1 step", steps > 0)?;
-        let sample = spec.image_len() + size_of::<f32>() * (spec.vector.len() + spec.action.len());
-        require_memory("the rollouts", &[spec.num_envs, steps, sample])?;
+        spec.check_rollout(steps)?;
         let all = EnvSpec {
             num_envs: spec.num_envs * steps,
             ..spec.clone()

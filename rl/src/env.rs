@@ -5,6 +5,7 @@ use std::fmt;
 use symmetry::{D2, Irrep};
 
 use crate::error::{BoxError, RlError, check_all_finite, check_len};
+use crate::require::{require, require_memory};
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,6 +43,18 @@ impl EnvSpec {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
             None => Ok(()),
         }
+    }
+
+    /// Refuses rollouts of `steps` steps of every environment that nobody can hold.
+    ///
+    /// # Errors
+    /// As [`EnvSpec::check`], [`RlError::Setting`] for no steps, and [`RlError::Memory`] when there
+    /// is not the memory for the observations and actions.
+    pub fn check_rollout(&self, steps: usize) -> Result<(), RlError> {
+        self.check()?;
+        require("steps", steps as f32, "at least 1 step", steps > 0)?;
+        let sample = self.image_len() + size_of::<f32>() * (self.vector.len() + self.action.len());
+        require_memory("the rollouts", &[self.num_envs, steps, sample])
     }
 
     /// Refuses environments whose images, vectors or actions are others; their number is free.

@@ -59,7 +59,7 @@ impl Training for SacTraining {
     }
 
     fn rollout(spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
-        spec.check()?;
+        spec.check_rollout(steps)?;
         Ok(Recording::new(spec, steps))
     }
 
