@@ -2,25 +2,19 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[path = "common/scratch.rs"]
+mod scratch;
+
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Parser;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
-
-/// A folder of this test's own, gone when it ends.
-struct Scratch(PathBuf);
+use scratch::Scratch;
 
 impl Scratch {
-    fn new(name: &str) -> Self {
-        let name = format!("covers-report-{name}-{}", std::process::id());
-        let path = std::env::temp_dir().join(name);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
     /// Runs to the end in a folder of this name.
     fn run(&self, name: &str, experiment: Experiment) -> Summary {
         let folder = RunFolder::create(&self.0, name).unwrap();
@@ -44,12 +38,6 @@ impl Scratch {
 
     fn refusal(&self, names: &[&str]) -> String {
         self.report(names, &[]).unwrap_err().to_string()
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

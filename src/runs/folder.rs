@@ -16,6 +16,7 @@ use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
 
 use super::checkpoints;
+use super::provenance::Provenance;
 
 /// The file of a run's settings.
 const EXPERIMENT: &str = "experiment.json";
@@ -238,6 +239,13 @@ impl RunFolder {
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
         let added = self.disk.append(&path, line.as_bytes());
         added.map_err(|error| CoversError::write(&path, error))
+    }
+
+    /// Notes a process that works on the run.
+    pub(super) fn sign(&self, provenance: &Provenance) -> Result<(), CoversError> {
+        let line = serde_json::to_string(provenance);
+        let line = line.map_err(|error| CoversError::write(&self.path, error))?;
+        self.append(Provenance::FILE, &line)
     }
 
     /// Brings files to the disk, those that are there.

@@ -155,9 +155,7 @@ impl Run {
         let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
         let (rollouts, threads) = (self.ledger.rollouts, self.experiment.envs.threads);
         let provenance = Provenance::here(rollouts, threads, renderer);
-        let line = serde_json::to_string(&provenance);
-        let line = line.map_err(|error| CoversError::write(self.folder.path(), error))?;
-        self.folder.append(Provenance::FILE, &line)?;
+        self.folder.sign(&provenance)?;
         self.log(&self.notice)
     }
 

@@ -4,34 +4,17 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::{Budget, Method};
 use covers::{CoversSettings, Experiment, LearnerSettings, Run, RunFolder};
 use envs::{Camera, Embodiment};
 
-/// A folder of one test's own, gone when it ends.
-pub struct Scratch(pub PathBuf);
+pub use crate::scratch::Scratch;
 
 impl Scratch {
-    pub fn new(name: &str) -> Self {
-        static NEXT: AtomicUsize = AtomicUsize::new(0);
-        let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        let name = format!("covers-faults-{name}-{}-{number}", std::process::id());
-        let path = std::env::temp_dir().join(name);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
     /// A run's folder in it.
     pub fn run(&self, name: &str) -> RunFolder {
         RunFolder::create(&self.0, name).unwrap()
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
     }
 }
 

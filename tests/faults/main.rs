@@ -12,6 +12,8 @@ mod disks;
 mod failures;
 mod kills;
 mod power;
+#[path = "../common/scratch.rs"]
+mod scratch;
 mod signals;
 mod sweeps;
 mod writers;
