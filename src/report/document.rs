@@ -53,11 +53,14 @@ impl Report {
             write(&format!("{name}.csv"), table.csv())?;
             write(&format!("{name}.tex"), table.latex())?;
         }
-        for run in self.methods.iter().flat_map(|method| &method.runs) {
-            write(&format!("{}.svg", run.name), curves::run(run))?;
+        for method in &self.methods {
+            for run in &method.runs {
+                let seed = run.experiment.learner.seed();
+                write(&format!("{}-seed{seed}.svg", method.name), curves::run(run))?;
+            }
         }
         for (seed, drawing) in curves::seeds(&self.methods) {
-            write(&format!("methods-seed{seed}.svg"), drawing)?;
+            write(&format!("seed{seed}.svg"), drawing)?;
         }
         Ok(())
     }
