@@ -54,7 +54,7 @@ fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
     for _ in 0..turns {
         learner.learn(&mut env).unwrap();
     }
-    let stats = learner.perform(0, &mut env, 4).unwrap();
+    let stats = learner.perform(0, &mut env, 4).unwrap().stats;
     stats.mean_return().unwrap()
 }
 
@@ -199,7 +199,8 @@ fn packed_policies_recognise_and_hold_no_replay() {
     for group in [0, 1] {
         env.group = group;
         let mut rng = ChaCha8Rng::seed_from_u64(9);
-        assert_eq!(twin.recognise(&mut env, &mut rng).unwrap(), group);
+        let recognised = twin.recognise(&mut env, None, &mut rng).unwrap();
+        assert_eq!(recognised.policy, group);
     }
 }
 

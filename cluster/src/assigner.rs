@@ -152,6 +152,21 @@ impl Assigner {
         candidates: &[Candidate],
         rng: &mut R,
     ) -> Result<Assignment, ClusterError> {
+        self.check_rollouts(candidates)?;
+        self.look(Look::First, candidates, rng)
+    }
+
+    /// Decides as [`assign`](Self::assign) does, on rollouts of any number of episodes: one is
+    /// enough to name the candidate that fits best. The fewer there are, the less can speak against
+    /// a candidate.
+    ///
+    /// # Errors
+    /// Clouds that cannot be compared.
+    pub fn recognise<R: Rng + ?Sized>(
+        &self,
+        candidates: &[Candidate],
+        rng: &mut R,
+    ) -> Result<Assignment, ClusterError> {
         self.look(Look::First, candidates, rng)
     }
 
@@ -165,7 +180,21 @@ impl Assigner {
         candidates: &[Candidate],
         rng: &mut R,
     ) -> Result<Assignment, ClusterError> {
+        self.check_rollouts(candidates)?;
         self.look(Look::Second, candidates, rng)
+    }
+
+    /// Refuses rollouts that are too small for the rule's error rates.
+    fn check_rollouts(&self, candidates: &[Candidate]) -> Result<(), ClusterError> {
+        let Rule::Calibrated(settings) = &self.settings.rule else {
+            return Ok(());
+        };
+        let needed = settings.min_episodes;
+        let mut sizes = candidates.iter().map(|c| c.rollout.episodes());
+        match sizes.find(|&episodes| episodes < needed) {
+            Some(episodes) => Err(ClusterError::RolloutTooSmall { episodes, needed }),
+            None => Ok(()),
+        }
     }
 
     fn look<R: Rng + ?Sized>(
@@ -215,10 +244,6 @@ fn judge_calibrated<R: Rng + ?Sized>(
     rng: &mut R,
 ) -> Result<Evidence, ClusterError> {
     let needed = settings.min_episodes;
-    let episodes = candidate.rollout.episodes();
-    if episodes < needed {
-        return Err(ClusterError::RolloutTooSmall { episodes, needed });
-    }
     let episodes = candidate.buffer.episodes();
     if episodes < needed {
         return Ok(Evidence {

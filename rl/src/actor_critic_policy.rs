@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::activity::{Activity, Units};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
 use crate::gaussian::log_prob;
@@ -13,6 +14,7 @@ use crate::network::ActorCritic;
 use crate::network_settings::NetworkSettings;
 use crate::pass::Workspace;
 use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
+use crate::trunk::OnTrunkPass;
 
 /// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
 /// under the group of its settings. It decides from the observation alone.
@@ -237,5 +239,16 @@ impl Features for ActorCriticPolicy {
 
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         self.inference.features(observations, out)
+    }
+}
+
+impl Units for ActorCriticPolicy {
+    fn activity(&self, observations: &Observations, (): &()) -> Result<Activity, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let samples = observations.samples(network.spec())?;
+        let mut w = network.workspace(samples);
+        network.trunk.load_all(observations, 0..samples, w.trunk());
+        network.forward(params, samples, &mut w);
+        Ok(network.activity(params, samples, &w))
     }
 }

@@ -92,6 +92,7 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod activity;
 mod actor_critic_policy;
 mod adam;
 mod algorithm;
@@ -122,6 +123,7 @@ mod sac;
 mod stage;
 mod trunk;
 
+pub use activity::{Activity, Units};
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
@@ -129,7 +131,7 @@ pub use buffer::RolloutBuffer;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, RlError};
-pub use evaluation::evaluate;
+pub use evaluation::{evaluate, watch};
 pub use experience::Experience;
 pub use gae::{GaeInputs, gae};
 pub use network::ActorCritic;

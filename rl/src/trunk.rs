@@ -180,6 +180,19 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
+    /// Sums of what each unit puts out for the samples in slots 0..n.
+    pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
+        let mut sums = match (&self.sight, &pass.image) {
+            (Some(sight), Some(stage)) => {
+                stage.unit_sums(&sight.encoder, &params[self.encoder()], n)
+            }
+            _ => Vec::new(),
+        };
+        let own = &params[self.vector_params()];
+        sums.extend(pass.vector.unit_sums(&self.vector, own, n));
+        sums
+    }
+
     /// h of the samples in slots 0..n.
     pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
         &pass.fields()[..n * self.out_type().dim()]

@@ -83,6 +83,25 @@ impl Grouping for Evident {
         self.look(candidates, Look::Second, rng)
     }
 
+    /// Fewer episodes than the tests need are weighed by probabilities.
+    fn recognise(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        let episodes = candidates.episodes();
+        if episodes.courses.len() >= self.min_episodes() {
+            return self.look(candidates, Look::First, rng);
+        }
+        let collector = episodes.collector;
+        let accounts = self.accounts(episodes, collector)?;
+        let likeliest = self.0.recognise(&accounts, rng)?.likeliest();
+        Ok(Assignment {
+            decision: likeliest.map_or(Decision::New, Decision::Existing),
+            evidence: Vec::new(),
+        })
+    }
+
     fn review(
         &self,
         candidates: &mut dyn Candidates,

@@ -57,6 +57,16 @@ pub trait Grouping: Send {
         self.assign(candidates, rng)
     }
 
+    /// Names the policy of episodes that nothing is learnt from, one or more: fewer than
+    /// [`Grouping::min_episodes`] must do, too. Where the decision names none, no policy is known
+    /// to fit.
+    ///
+    /// # Errors
+    /// Frames that cannot be compared.
+    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
+        self.assign(candidates, rng)
+    }
+
     /// Judges the policy that a decision named, by a rollout that it collected itself: names another
     /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
     /// and those that this call adds.

@@ -12,7 +12,7 @@ mod tensor_file;
 
 pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy, Shared};
 pub use covers::{Covers, CoversSettings};
-pub use learner::{Extent, Learner, Seconds, Turn};
+pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 pub use metrics::{Metric, Metrics};
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

@@ -106,6 +106,15 @@ impl LearnerSettings {
         self.shared().grouping != GroupingSettings::Single
     }
 
+    /// Why it makes no sense to ask it which policy a group belongs to, where that makes none.
+    pub(crate) fn cannot_be_asked(&self) -> Option<&'static str> {
+        match self.shared().grouping {
+            GroupingSettings::Single => Some("there is one policy for everything"),
+            GroupingSettings::Oracle => Some("the learner is told the group"),
+            _ => None,
+        }
+    }
+
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
         self.shared().rollout_steps

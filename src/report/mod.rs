@@ -6,6 +6,7 @@ mod comparison;
 mod curves;
 mod document;
 mod figures;
+mod identity;
 mod method;
 mod paper;
 mod run_data;
@@ -16,6 +17,7 @@ mod tables;
 
 pub use document::Report;
 pub use figures::{Figures, GroupFigures, Undefined};
+pub use identity::Identity;
 pub use method::MethodRuns;
 pub use run_data::{RolloutRow, RunData, ScoreRow};
 pub use statistics::{Interval, Scores, iqm, mean};

@@ -42,6 +42,13 @@ fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
     groups
 }
 
+/// The name of a method, marked where its settings are not those of the preset of this name.
+fn title(table: &mut Table, method: &MethodRuns) -> String {
+    let name = &method.name;
+    let remark = method.identity.remark.as_ref();
+    remark.map_or_else(|| name.clone(), |remark| format!("{name} {}", table.note(remark)))
+}
+
 /// The table in the paper's form, the paper's figures below ours.
 fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     let mut header = vec!["method"];
@@ -57,15 +64,15 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
             let interval = brackets(success.interval(mean), 2);
             format!("{:.3}{interval} / {reward:.0}", success.of(mean))
         };
-        let mut row = vec![method.name.clone()];
+        let mut row = vec![title(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
         row.push(of(groups));
         table.rows.push(row);
-        if let Some(paper) = paper::row(&method.name) {
+        if let Some(paper) = method.identity.method.and_then(paper::row) {
             let sign = table.note(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
             let of = |group: &String| paper.group(group).map_or_else(dash, cell);
-            let mut row = vec![format!("{} in the paper {sign}", method.name)];
+            let mut row = vec![format!("{} in the paper {sign}", paper.method.name())];
             row.extend(groups.iter().map(of));
             row.push(cell(paper.average));
             table.rows.push(row);
@@ -104,6 +111,7 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
 }
 
 fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
+    let title = title(table, method);
     let success = method.scores(groups, |group| group.success);
     let at_end = method.scores(groups, |group| group.success_at_end);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
@@ -116,7 +124,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     };
     let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
     vec![
-        method.name.clone(),
+        title,
         method.runs.len().to_string(),
         range(figures().map(|figures| figures.decisions)),
         with_interval(mean),
@@ -146,11 +154,14 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     ];
     let mut table = Table::new(&caption, &header);
     table.note(NOT_ONE_TO_ONE);
-    let printed = |name: &str| paper::row(name).map(|row| row.average.0);
+    let printed = |method: &MethodRuns| {
+        let row = method.identity.method.and_then(paper::row);
+        row.map(|row| row.average.0)
+    };
     for other in &methods[1..] {
         let comparison = Comparison::new(&success(first), &success(other));
         let (improvement, interval) = comparison.improvement;
-        let paper = printed(&first.name).zip(printed(&other.name));
+        let paper = printed(first).zip(printed(other));
         table.rows.push(vec![
             other.name.clone(),
             format!(

@@ -9,6 +9,7 @@ mod opening;
 mod progress;
 mod provenance;
 mod run;
+mod scoring;
 mod stop;
 mod summary;
 mod table;

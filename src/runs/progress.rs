@@ -2,7 +2,7 @@
 
 use envs::TaskGroup;
 
-use crate::evaluation::Score;
+use crate::evaluation::{Dormancy, Recognition, Score};
 use crate::learners::Turn;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
@@ -41,6 +41,10 @@ pub struct Evaluation {
     pub decisions: usize,
     /// Scores of all variants.
     pub scores: Vec<Score>,
+    /// Dormant units of the policies that were scored.
+    pub dormancies: Vec<Dormancy>,
+    /// What the learner answered when it was asked for its policies, after the stream alone.
+    pub recognition: Vec<Recognition>,
 }
 
 /// One step of a run.

@@ -21,6 +21,7 @@ use super::logs::Logs;
 use super::opening::{self, Claim, Note, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
+use super::scoring::Scoring;
 use super::stop::Stop;
 use super::summary::Summary;
 use super::workers::{guarded, thread_pool};
@@ -294,13 +295,20 @@ impl Run {
 
     /// The evaluation that is due; none where a stop was wished for.
     fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, CoversError> {
-        let Some(scores) = self.evaluate_until(&self.stop.clone(), rounds)? else {
+        let (stop, looks) = (self.stop.clone(), self.looks());
+        let mut scoring = self.scoring(&stop);
+        let Some(findings) = scoring.score(rounds)? else {
+            return Ok(None);
+        };
+        let Some(recognition) = scoring.recognise(looks)? else {
             return Ok(None);
         };
         let evaluation = Evaluation {
             rollouts: self.ledger.rollouts,
             decisions: self.ledger.decisions,
-            scores,
+            dormancies: findings.dormancies(),
+            scores: findings.scores,
+            recognition,
         };
         self.logs.write_scores(&evaluation)?;
         self.last_scores.clone_from(&evaluation.scores);
@@ -313,26 +321,31 @@ impl Run {
     /// # Errors
     /// What the evaluation says.
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
-        let scores = self.evaluate_until(&Stop::default(), rounds)?;
-        Ok(scores.unwrap_or_default())
+        let findings = self.scoring(&Stop::default()).score(rounds)?;
+        Ok(findings.unwrap_or_default().scores)
     }
 
-    fn evaluate_until(
-        &mut self,
-        stop: &Stop,
-        rounds: usize,
-    ) -> Result<Option<Vec<Score>>, CoversError> {
-        let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        let mut scores = Vec::new();
-        for variant in evaluator.variants() {
-            if stop.requested() {
-                return Ok(None);
-            }
-            scores.push(guarded(&self.pool, || {
-                evaluator.variant(learner, variant, rounds)
-            })?);
+    /// How often the learner is asked which policy a variant belongs to: after the stream, where it
+    /// has a choice.
+    fn looks(&self) -> usize {
+        let Experiment {
+            evaluation,
+            learner,
+            ..
+        } = &self.experiment;
+        match self.visit() {
+            None if learner.cannot_be_asked().is_none() => evaluation.looks,
+            _ => 0,
         }
-        Ok(Some(scores))
+    }
+
+    fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
+        Scoring {
+            pool: &self.pool,
+            learner: &mut *self.learner,
+            evaluator: &mut self.evaluator,
+            stop,
+        }
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.

@@ -33,11 +33,11 @@ pub struct SacPolicy {
 }
 
 /// Buffers of one chunk.
-struct Buffers {
-    trunk: TrunkPass<f32>,
-    before: Steps<f32>,
+pub(super) struct Buffers {
+    pub trunk: TrunkPass<f32>,
+    pub before: Steps<f32>,
     reader: ReaderPass<f32>,
-    actor: Stage<f32>,
+    pub actor: Stage<f32>,
 }
 
 impl SacPolicy {
@@ -123,7 +123,7 @@ impl SacPolicy {
 }
 
 impl Buffers {
-    fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
+    pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.pass(capacity),
             before: Steps::default(),
@@ -134,7 +134,7 @@ impl Buffers {
 
     /// Runs the actor on what is shown to a range of environments and on what is remembered of
     /// them.
-    fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+    pub fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let Chunk { network, range, .. } = chunk;
         let (parts, n) = (network.parts(), range.len());
         let of = |part| &chunk.params[part];

@@ -9,11 +9,11 @@ use std::time::Instant;
 use cluster::{Assignment, Decision, Evidence, PermutationTest, Verdict};
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
-use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
+use rl::{Activity, Experience, RlError, RolloutState, RolloutStats, Units, VectorEnv, collect};
 
 use crate::error::CoversError;
 use crate::groupings::{Answer, Episodes, Grouping};
-use crate::learners::learner::{Extent, Learner, Seconds, Turn};
+use crate::learners::learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
 use super::courses::courses;
@@ -22,6 +22,10 @@ use super::member::{Clouds, Member};
 use super::policies::Collection;
 use super::settings::{Embedding, Handover, NewPolicy};
 use super::training::Training;
+
+/// Decisions of an episode from one look at the units of a network to the next: a look costs about
+/// as much as a decision with its picture.
+const BETWEEN_LOOKS: usize = 10;
 
 impl<T: Training> Learner for Collection<T> {
     /// One turn of Algorithm 1: roll out, assign, update.
@@ -78,30 +82,19 @@ impl<T: Training> Learner for Collection<T> {
         })
     }
 
-    /// Looks at the first frames of as many episodes as the grouping needs, at least one in each
-    /// environment. Where the grouping accepts no policy, the nearest one answers, or policy 0
-    /// where the grouping measures no distances.
+    /// Looks at the first frames of the episodes that are asked for, or of as many as the grouping
+    /// needs, at least one in each environment. Where the grouping accepts no policy, the nearest
+    /// one answers, or policy 0 where the grouping measures no distances.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
+        episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<usize, CoversError> {
-        let k = self.shared.first_frames;
-        let mut glimpse = T::rollout(env.spec(), k)?;
-        let (mut frames, mut episodes) = (Vec::new(), Vec::new());
-        while frames.len() < self.grouping.min_episodes() {
-            let policy = &mut self.members[self.current].policy;
-            let mut state = RolloutState::reset(env, policy)?;
-            collect(env, policy, &mut glimpse, &mut state, rng)?;
-            let seen = first_frames(&glimpse, k);
-            if seen.is_empty() {
-                return self.check_episodes(0).map(|()| self.current);
-            }
-            frames.extend(seen);
-            episodes.extend(courses(&glimpse, 0));
-        }
+    ) -> Result<Recognised, CoversError> {
+        let (frames, courses) = self.glimpse(env, episodes, rng)?;
+        let recognised = |policy, fits| Ok(Recognised { policy, fits });
         if !self.has_learnt() {
-            return Ok(0);
+            return recognised(0, true);
         }
         let mut clouds = Clouds {
             members: &mut self.members,
@@ -109,13 +102,15 @@ impl<T: Training> Learner for Collection<T> {
             episodes: Episodes {
                 spec: &self.spec,
                 collector: self.current,
-                courses: &episodes,
+                courses: &courses,
             },
         };
-        let assignment = self.grouping.assign(&mut clouds, rng)?;
+        let assignment = self.grouping.recognise(&mut clouds, rng)?;
         match assignment.decision {
-            Decision::Existing(index) => self.check_policy(index),
-            Decision::New | Decision::Undecided => Ok(assignment.nearest().unwrap_or(0)),
+            Decision::Existing(index) => recognised(self.check_policy(index)?, true),
+            Decision::New | Decision::Undecided => {
+                recognised(assignment.nearest().unwrap_or(0), false)
+            }
         }
     }
 
@@ -124,9 +119,18 @@ impl<T: Training> Learner for Collection<T> {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<RolloutStats, CoversError> {
+    ) -> Result<Performance, CoversError> {
         let index = self.check_policy(index)?;
-        Ok(rl::evaluate(env, &mut self.members[index].policy, rounds)?)
+        let mut activity = Activity::default();
+        let policy = &mut self.members[index].policy;
+        let stats = rl::watch(env, policy, rounds, |policy, state| {
+            let steps = state.episodes.first().map_or(0, |episode| episode.length);
+            if steps.is_multiple_of(BETWEEN_LOOKS) {
+                activity.add(&policy.activity(&state.observations, &state.memory)?);
+            }
+            Ok(())
+        })?;
+        Ok(Performance { stats, activity })
     }
 
     fn policies(&self) -> usize {
@@ -152,6 +156,35 @@ impl<T: Training> Collection<T> {
         let stats = collect(env, policy, buffer, &mut state, rng)?;
         self.seconds.collection += clock.elapsed().as_secs_f64();
         Ok(stats)
+    }
+
+    /// The first frames of new episodes, and the episodes as far as they ran: exactly this many, or
+    /// at least as many as the grouping needs.
+    fn glimpse(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        episodes: Option<usize>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<(Vec<FirstFrames>, Vec<Course>), CoversError> {
+        let (k, needed) = (self.shared.first_frames, self.grouping.min_episodes());
+        let mut glimpse = T::rollout(env.spec(), k)?;
+        let (mut frames, mut courses) = (Vec::new(), Vec::new());
+        while frames.len() < episodes.unwrap_or(needed) {
+            let policy = &mut self.members[self.current].policy;
+            let mut state = RolloutState::reset(env, policy)?;
+            collect(env, policy, &mut glimpse, &mut state, rng)?;
+            let seen = first_frames(&glimpse, k);
+            if seen.is_empty() {
+                self.check_episodes(0)?;
+            }
+            frames.extend(seen);
+            courses.extend(self::courses(&glimpse, 0));
+        }
+        if let Some(episodes) = episodes {
+            frames.truncate(episodes);
+            courses.truncate(episodes);
+        }
+        Ok((frames, courses))
     }
 
     /// Refuses rollouts that end before an episode does: nothing would be learnt of late states.

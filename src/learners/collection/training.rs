@@ -1,7 +1,7 @@
 //! What differs between collections: how one policy acts, and how it learns from a rollout.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{Actor, AlgorithmState, EnvSpec, Experience, Features, RlError};
+use rl::{AlgorithmState, EnvSpec, Experience, Features, RlError, Units};
 
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
@@ -14,7 +14,7 @@ pub trait Training: Sized + Send + 'static {
     /// Settings of the whole collection.
     type Settings: CollectionSettings;
     /// What is trained.
-    type Policy: Actor + Features + Clone + Send;
+    type Policy: Units + Features + Clone + Send;
     /// What a rollout is kept in until it is known whose it is.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
