@@ -275,7 +275,9 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let scores = pool.install(|| evaluator.all(&mut *learner, rounds))?.scores;
+    let scores = pool
+        .install(|| evaluator.all(&mut *learner, rounds))?
+        .scores;
     if options.work.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {

@@ -11,6 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::error::CoversError;
+use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{Learner, Performance};
 use crate::schedule::Schedule;
@@ -73,6 +74,20 @@ impl Evaluator {
             seed,
             labels,
         })
+    }
+
+    /// The environments that score a run: their episodes depend on the plan of the evaluation alone,
+    /// so all methods and seeds are scored on the same ones.
+    ///
+    /// # Errors
+    /// As [`Evaluator::new`].
+    pub(crate) fn of(
+        run: &Experiment,
+        tasks: &TaskRegistry,
+        labels: Labels,
+    ) -> Result<Self, CoversError> {
+        let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
+        Self::new(run.envs, tasks, schedule, seed, labels)
     }
 
     /// All variants of the groups of the schedule, in the order in which they are scored.

@@ -305,7 +305,10 @@ mod tests {
             assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
             assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
         }
-        assert_eq!(covers.schedule, Budget::Full.experiment(Method::Covers).schedule);
+        assert_eq!(
+            covers.schedule,
+            Budget::Full.experiment(Method::Covers).schedule
+        );
         assert_eq!(covers.schedule.total_decisions(), 288_000);
     }
 

@@ -28,7 +28,9 @@ impl Identity {
             (None, _) => Some(remark(named, run)?),
             (Some(own), Some(named)) if own != named => {
                 let (own, named) = (own.name(), named.name());
-                Some(format!("the settings are those of the preset `{own}`, not of `{named}`"))
+                Some(format!(
+                    "the settings are those of the preset `{own}`, not of `{named}`"
+                ))
             }
             _ => None,
         };
@@ -54,14 +56,19 @@ fn remark(named: Option<Method>, run: &Experiment) -> Result<String, CoversError
     for method in methods.filter(|&method| named.is_none_or(|named| named == method)) {
         for budget in Budget::value_variants() {
             let found = differences(&budget.preset_like(method, run), run)?;
-            if nearest.as_ref().is_none_or(|(_, least)| found.len() < least.len()) {
+            if nearest
+                .as_ref()
+                .is_none_or(|(_, least)| found.len() < least.len())
+            {
                 nearest = Some((method, found));
             }
         }
     }
     let (method, found) = nearest.unwrap_or((Method::Covers, String::new()));
     let method = method.name();
-    Ok(format!("the settings are not those of the preset `{method}`, which differs in {found}"))
+    Ok(format!(
+        "the settings are not those of the preset `{method}`, which differs in {found}"
+    ))
 }
 
 #[cfg(test)]
@@ -106,6 +113,9 @@ mod tests {
             assert!(remark.ends_with("and 0.5"), "{remark}");
         }
         let other = identity("cnn", &run).remark.unwrap();
-        assert!(other.contains("`cnn`") && other.contains("network.group"), "{other}");
+        assert!(
+            other.contains("`cnn`") && other.contains("network.group"),
+            "{other}"
+        );
     }
 }

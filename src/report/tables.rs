@@ -1,9 +1,12 @@
 //! The tables of a report.
 
+use crate::evaluation::TAU;
+
 use super::comparison::Comparison;
 use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
+use super::recognition;
 use super::run_data::RunData;
 use super::statistics::{Interval, iqm, mean};
 use super::table::Table;
@@ -24,6 +27,7 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
     tables.push(("variants", variants(methods, &groups)));
+    tables.push(("recognition", recognition::table(methods, &groups)));
     tables.push(("runs", runs(methods)));
     tables
 }
@@ -43,10 +47,13 @@ fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
 }
 
 /// The name of a method, marked where its settings are not those of the preset of this name.
-fn title(table: &mut Table, method: &MethodRuns) -> String {
+pub(super) fn title(table: &mut Table, method: &MethodRuns) -> String {
     let name = &method.name;
     let remark = method.identity.remark.as_ref();
-    remark.map_or_else(|| name.clone(), |remark| format!("{name} {}", table.note(remark)))
+    remark.map_or_else(
+        || name.clone(),
+        |remark| format!("{name} {}", table.note(remark)),
+    )
 }
 
 /// The table in the paper's form, the paper's figures below ours.
@@ -82,7 +89,7 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
 }
 
 /// Columns of [`over_seeds`].
-const OVER_SEEDS: [&str; 13] = [
+const OVER_SEEDS: [&str; 14] = [
     "method",
     "seeds",
     "decisions",
@@ -95,14 +102,18 @@ const OVER_SEEDS: [&str; 13] = [
     "when groups come back",
     "policies",
     "rollouts of two groups",
+    "dormant units",
     "seconds of learning",
 ];
 
 /// What each method is like over seeds and the whole stream.
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
-    let caption = "Over seeds: mean and interquartile mean of success with stratified bootstrap \
-        intervals of 95 %; forgetting, transfer and accuracy are means over groups and seeds.";
-    let mut table = Table::new(caption, &OVER_SEEDS);
+    let caption = format!(
+        "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
+         95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
+         out at most {TAU} of their layer's mean."
+    );
+    let mut table = Table::new(&caption, &OVER_SEEDS);
     for method in methods {
         let row = over_seeds_row(&mut table, method, groups);
         table.rows.push(row);
@@ -136,6 +147,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
         mean_of(|figures| figures.return_accuracy),
         range(figures().map(|figures| figures.policies)),
         share(figures().map(|figures| figures.rollouts)),
+        mean_of(|figures| figures.dormant),
         format!("{:.0}", mean(&seconds)),
     ]
 }
@@ -242,7 +254,7 @@ fn runs(methods: &[MethodRuns]) -> Table {
 }
 
 /// The mean over seeds of a figure that some of them may not have; why, where none has it.
-fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
+pub(super) fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
     let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
     match (known.is_empty(), figures.first()) {
         (true, Some(Err(reason))) => format!("- {}", table.note(reason)),
@@ -271,6 +283,6 @@ fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
     format!("{straddled} of {all}")
 }
 
-fn dash() -> String {
+pub(super) fn dash() -> String {
     "-".to_owned()
 }

@@ -110,8 +110,6 @@ impl Run {
             folder,
             lock,
         } = claim;
-        let (envs, schedule) = (experiment.envs, experiment.schedule.clone());
-        let seed = experiment.evaluation_seed();
         let Note {
             mut ledger,
             due,
@@ -119,8 +117,8 @@ impl Run {
         } = note;
         // environments before threads: the first model of a process tunes software rendering
         let world = World::new(&experiment, &tasks, labels.clone(), ledger.decisions)?;
-        let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels)?;
-        let pool = thread_pool(envs.threads)?;
+        let evaluator = Evaluator::of(&experiment, &tasks, labels)?;
+        let pool = thread_pool(experiment.envs.threads)?;
         // last: where anything else fails, no rows are cut off
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
@@ -328,24 +326,16 @@ impl Run {
     /// How often the learner is asked which policy a variant belongs to: after the stream, where it
     /// has a choice.
     fn looks(&self) -> usize {
-        let Experiment {
-            evaluation,
-            learner,
-            ..
-        } = &self.experiment;
+        let can_be_asked = self.experiment.learner.cannot_be_asked().is_none();
         match self.visit() {
-            None if learner.cannot_be_asked().is_none() => evaluation.looks,
+            None if can_be_asked => self.experiment.evaluation.looks,
             _ => 0,
         }
     }
 
     fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
-        Scoring {
-            pool: &self.pool,
-            learner: &mut *self.learner,
-            evaluator: &mut self.evaluator,
-            stop,
-        }
+        let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
+        Scoring::new(&self.pool, learner, evaluator, stop)
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.

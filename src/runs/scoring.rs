@@ -12,13 +12,27 @@ use super::workers::guarded;
 
 /// Who is scored, by whom, and who may stop it.
 pub(super) struct Scoring<'a> {
-    pub pool: &'a ThreadPool,
-    pub learner: &'a mut dyn Learner,
-    pub evaluator: &'a mut Evaluator,
-    pub stop: &'a Stop,
+    pool: &'a ThreadPool,
+    learner: &'a mut dyn Learner,
+    evaluator: &'a mut Evaluator,
+    stop: &'a Stop,
 }
 
-impl Scoring<'_> {
+impl<'a> Scoring<'a> {
+    pub fn new(
+        pool: &'a ThreadPool,
+        learner: &'a mut dyn Learner,
+        evaluator: &'a mut Evaluator,
+        stop: &'a Stop,
+    ) -> Self {
+        Self {
+            pool,
+            learner,
+            evaluator,
+            stop,
+        }
+    }
+
     /// Scores all variants, with `rounds` episodes in each environment; none after a stop.
     pub fn score(&mut self, rounds: usize) -> Result<Option<Findings>, CoversError> {
         let mut findings = Findings::default();

@@ -115,6 +115,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learners::LearnerSettings;
 
     fn plan(text: &str) -> Result<Plan, CoversError> {
         typed(serde_json::from_str(text).unwrap())
@@ -177,6 +178,58 @@ mod tests {
         let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
         let message = plan(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("`seeds` lists them"), "{message}");
+    }
+
+    /// The plans that come with the project, by their names.
+    fn plans() -> Vec<(String, Plan)> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/plans");
+        let files = std::fs::read_dir(folder).unwrap();
+        let paths = files.map(|file| file.unwrap().path());
+        let name = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
+        paths
+            .map(|path| (name(&path), Plan::read(&path).unwrap()))
+            .collect()
+    }
+
+    #[test]
+    fn the_plans_of_the_project_have_jobs_that_can_be_finished() {
+        for (name, plan) in plans() {
+            let runs = plan.methods.len() * plan.seeds.len();
+            assert_eq!(plan.jobs().unwrap().len(), runs, "{name}");
+            let budget = Budget::Smoke;
+            assert_eq!(
+                Plan { budget, ..plan }.jobs().unwrap().len(),
+                runs,
+                "{name}"
+            );
+        }
+    }
+
+    /// Reported seeds for the table alone; five for each method that learns by PPO, three for each
+    /// other.
+    #[test]
+    fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
+        let (tables, others): (Vec<_>, Vec<_>) = plans()
+            .into_iter()
+            .partition(|(name, _)| name.starts_with("table-"));
+        for (name, plan) in others {
+            assert!(plan.seeds.iter().all(|&seed| seed >= 1000), "{name}");
+        }
+        let mut methods = Vec::new();
+        for (name, plan) in tables {
+            let seeds = if name == "table-sac" { 20..23 } else { 20..25 };
+            assert!(plan.seeds.iter().copied().eq(seeds), "{name}");
+            assert_eq!(plan.budget, Budget::Table, "{name}");
+            assert!(plan.set.is_empty(), "{name}: presets and nothing else");
+            for &method in &plan.methods {
+                let sac = matches!(method.learner(), LearnerSettings::OffPolicy(_));
+                assert_eq!(sac, name == "table-sac", "{method:?}");
+                methods.push(method);
+            }
+        }
+        let all = Method::ALL.into_iter();
+        let missing: Vec<Method> = all.filter(|method| !methods.contains(method)).collect();
+        assert_eq!(missing, [Method::Paper]);
     }
 
     #[test]

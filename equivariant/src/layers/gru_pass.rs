@@ -17,6 +17,10 @@ pub struct GruPass<T> {
     pub(super) holds_values: bool,
     /// Steps that each sample begins after, `[N]`.
     pub(super) begins: Vec<usize>,
+    /// The row of the input that each step reads, `[L, N]`; none before a sequence begins.
+    pub(super) reads: Vec<Option<usize>>,
+    /// The part in the gates of each row of the input, then the gradient in it, `[M, 3 H]`.
+    pub(super) row_gates: Vec<T>,
     /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
     pub(super) states: Vec<T>,
     pub(super) coefficients: Vec<T>,
@@ -44,6 +48,8 @@ impl<T: Scalar> GruPass<T> {
             sizes: [0; 2],
             holds_values: false,
             begins: Vec::with_capacity(samples),
+            reads: Vec::with_capacity(steps * samples),
+            row_gates: zeros(steps * 3 * state),
             states: zeros((steps + 1) * state),
             coefficients: zeros((steps + 1) * state),
             gates: zeros(steps * 3 * state),

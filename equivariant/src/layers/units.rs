@@ -76,7 +76,6 @@ mod tests {
     use crate::layers::r2_conv::R2Conv;
     use crate::layers::relu::Relu;
     use crate::layers::sequential::Sequential;
-    use crate::shape::Shape;
     use crate::window::Kernel;
 
     /// A convolution that sees a whole map of 4 x 4 pixels or halves it, and what follows it.
@@ -109,7 +108,9 @@ mod tests {
             let mut rng = ChaCha8Rng::seed_from_u64(3);
             let mut params = vec![0.0; chain.num_params()];
             chain.init(&mut rng, &mut params);
-            let x: Vec<f64> = (0..2 * 4 * 4 * 2).map(|i| (0.7 * f64::from(i)).sin()).collect();
+            let x: Vec<f64> = (0..2 * 4 * 4 * 2)
+                .map(|i| (0.7 * f64::from(i)).sin())
+                .collect();
             let found = unit_sums(&chain, &params, &x);
             let layers = chain.layers();
             let first = run(layers[0].as_ref(), &params[chain.params_of(0)], &x);

@@ -12,7 +12,7 @@ use crate::network_settings::NetworkSettings;
 use crate::policy::{Actor, Features};
 use crate::sac::history::History;
 use crate::sac::network::SacNetwork;
-use crate::sac::reader::{ReaderPass, Steps};
+use crate::sac::reader::{Items, ReaderPass, Steps};
 use crate::sac::settings::ContextSettings;
 use crate::sac::squashed;
 use crate::stage::Stage;
@@ -35,7 +35,8 @@ pub struct SacPolicy {
 /// Buffers of one chunk.
 pub(super) struct Buffers {
     pub trunk: TrunkPass<f32>,
-    pub before: Steps<f32>,
+    pub items: Items<f32>,
+    pub before: Steps,
     reader: ReaderPass<f32>,
     pub actor: Stage<f32>,
 }
@@ -126,6 +127,7 @@ impl Buffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.pass(capacity),
+            items: Items::default(),
             before: Steps::default(),
             reader: network.reader.pass(capacity),
             actor: Stage::new(&network.actor, capacity),
@@ -141,19 +143,31 @@ impl Buffers {
         network
             .trunk
             .forward(of(network.trunk.params()), n, &mut self.trunk);
-        let reader = &network.reader;
-        reader.clear(n, &mut self.before);
-        for (slot, episode) in memory.envs.iter().skip(range.start).take(n).enumerate() {
-            for step in episode.past.iter().rev() {
-                let read = (&step.action[..], step.reward);
-                reader.prepend(slot, &step.fields, read, &mut self.before);
-            }
-        }
+        self.recall(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
         let own = of(parts.actor_reader);
-        reader.forward(own, fields, &self.before, &mut self.reader);
+        let read = (&self.items, &self.before);
+        network.reader.forward(own, fields, read, &mut self.reader);
         self.actor.x.copy_from_slice(&self.reader.state);
         self.actor.forward(&network.actor, of(parts.actor), n);
+    }
+
+    /// Hands what is remembered of a range of environments to the contexts.
+    fn recall(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+        let (reader, range) = (&chunk.network.reader, chunk.range.clone());
+        let episodes = || memory.envs.iter().skip(range.start).take(range.len());
+        let count = episodes().map(|episode| episode.past.len()).sum();
+        reader.clear(count, &mut self.items);
+        self.before.clear(reader.length(), range.len());
+        let mut index = 0;
+        for (slot, episode) in episodes().enumerate() {
+            for step in episode.past.iter().rev() {
+                let read = (&step.action[..], step.reward);
+                reader.write(index, &step.fields, read, &mut self.items);
+                self.before.prepend(slot, index);
+                index += 1;
+            }
+        }
     }
 
     /// Writes rows of means, log_std and, where rows are longer, fields.
