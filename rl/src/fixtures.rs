@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Layer, Sequential, Signature};
+use equivariant::{Layer, Sequential};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};
@@ -115,6 +115,14 @@ fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weig
     params[start + field] = bias;
 }
 
+/// Wakes all units of the hidden layer of `head`, whose parameters these are.
+pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
+    let hidden = head.layers()[0].out_shape().fields;
+    for field in 0..hidden.regular_fields().unwrap() {
+        set(head, params, field, 100.0, true);
+    }
+}
+
 /// Wakes all units of the hidden layer of `head` by large biases, then kills one field after the
 /// other by hand: as many units more must be dormant each time.
 pub fn kills(
@@ -125,9 +133,7 @@ pub fn kills(
 ) {
     let hidden = head.layers()[0].out_shape().fields;
     let fields = hidden.regular_fields().unwrap();
-    for field in 0..fields {
-        set(head, &mut params[own.clone()], field, 100.0, true);
-    }
+    wake(head, &mut params[own.clone()]);
     let awake = activity(&params);
     for killed in 1..=fields {
         set(head, &mut params[own.clone()], killed - 1, -1.0, false);

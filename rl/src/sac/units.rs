@@ -66,7 +66,7 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{kills, observations, settings, spec, strided};
+    use crate::fixtures::{kills, observations, settings, spec, strided, wake};
     use crate::policy::{Actor, Memory};
     use crate::sac::settings::ContextSettings;
 
@@ -94,9 +94,14 @@ mod tests {
             };
             assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
             let parts = network.parts();
-            kills(&network.actor, params.to_vec(), parts.actor, activity);
+            // what the actor does must not put its critics to sleep
+            let mut awake = params.to_vec();
+            for twin in &parts.critics.twins {
+                wake(&network.critic, &mut awake[twin.clone()]);
+            }
+            kills(&network.actor, awake.clone(), parts.actor, activity);
             for twin in parts.critics.twins {
-                kills(&network.critic, params.to_vec(), twin, activity);
+                kills(&network.critic, awake.clone(), twin, activity);
             }
             // what is remembered is read
             let forgotten = policy.activity(&observations, &policy.memory(SAMPLES));
