@@ -47,7 +47,7 @@ impl Learner for Spy {
         rng: &mut ChaCha8Rng,
     ) -> Result<Recognised, CoversError> {
         self.watch(env, 1);
-        (0..self.draws).for_each(|_| drop(rng.next_u32()));
+        (0..self.draws).for_each(|_| _ = rng.next_u32());
         Ok(Recognised {
             policy: 0,
             fits: true,
