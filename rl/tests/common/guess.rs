@@ -60,10 +60,6 @@ impl VectorEnv for Guess {
         &self.spec
     }
 
-    fn horizon(&self) -> Option<usize> {
-        Some(EPISODE)
-    }
-
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         self.restart();
         self.observe(out);

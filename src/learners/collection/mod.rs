@@ -12,5 +12,6 @@ mod training;
 
 pub use first_frames::Rollout;
 pub use policies::Collection;
-pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub(in crate::learners) use settings::shared_settings;
+pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 pub use training::Training;
