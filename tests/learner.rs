@@ -5,7 +5,7 @@
 #[path = "common/bars.rs"]
 mod bars;
 
-use bars::{Bars, HORIZON, number};
+use bars::{Bars, HORIZON, network, number};
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
@@ -13,18 +13,11 @@ use covers::{
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, Encoder, NetworkSettings, PpoSettings, VectorEnv};
+use rl::{Critic, PpoSettings, VectorEnv};
 
 fn settings() -> CoversSettings {
     CoversSettings {
-        network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![4, 8] },
-            top_fields: 8,
-            vector_fields: 4,
-            actor_fields: 4,
-            critic: Critic::Pooled { width: 8 },
-            ..NetworkSettings::default()
-        },
+        network: network(Critic::Pooled { width: 8 }),
         ppo: PpoSettings {
             epochs: 1,
             minibatch: 20,

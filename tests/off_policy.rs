@@ -7,7 +7,7 @@ mod bars;
 #[path = "../rl/tests/common/guess.rs"]
 mod guess;
 
-use bars::{Bars, number};
+use bars::{Bars, network, number};
 use covers::{Extent, GroupingSettings, Learner, OffPolicy, OffPolicySettings, Turn};
 use guess::{EPISODE, Guess};
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
@@ -85,14 +85,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
 fn sorting() -> OffPolicySettings {
     let method = OffPolicySettings::equi_sac();
     OffPolicySettings {
-        network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![4, 8] },
-            top_fields: 8,
-            vector_fields: 4,
-            actor_fields: 4,
-            critic: Critic::Joint { fields: 4 },
-            ..method.network
-        },
+        network: network(Critic::Joint { fields: 4 }),
         sac: SacSettings {
             batch: 16,
             updates_per_step: 0.025,

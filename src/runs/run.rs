@@ -275,16 +275,14 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
-        let reward = turn.rollout.mean_return();
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
             group,
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
-            reward: reward.map(|sum| sum * world.stream().reward_scale()),
-            success: turn.rollout.success_rate(),
             turn,
+            reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - environment_seconds,
         };

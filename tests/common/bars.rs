@@ -3,7 +3,7 @@
 use covers::{Learner, Metric, Turn};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Transition, VectorEnv};
 use symmetry::{D2, Irrep};
 
 const SIZE: usize = 8;
@@ -73,6 +73,18 @@ impl Bars {
             image.copy_from_slice(&element.transform_image(&bar, SIZE, SIZE, 1));
             vector.fill_with(|| self.rng.random_range(-0.1..0.1));
         }
+    }
+}
+
+/// A small network for such pictures.
+pub fn network(critic: Critic) -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![4, 8] },
+        top_fields: 8,
+        vector_fields: 4,
+        actor_fields: 4,
+        critic,
+        ..NetworkSettings::default()
     }
 }
 

@@ -60,6 +60,10 @@ impl VectorEnv for Guess {
         &self.spec
     }
 
+    fn horizon(&self) -> Option<usize> {
+        Some(EPISODE)
+    }
+
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         self.restart();
         self.observe(out);

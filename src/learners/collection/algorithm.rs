@@ -87,7 +87,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         rng: &mut ChaCha8Rng,
     ) -> Result<usize, CoversError> {
         let k = self.settings.first_frames();
-        let mut glimpse = S::Training::rollout(env.spec(), k)?;
+        let mut glimpse = S::rollout(env.spec(), k)?;
         let (mut frames, mut episodes) = (Vec::new(), Vec::new());
         while frames.len() < self.grouping.min_episodes() {
             let policy = &mut self.members[self.current].policy;
@@ -219,7 +219,7 @@ impl<S: CollectionSettings> Collection<S> {
         courses: &[Course],
         mut question: impl FnMut(
             &dyn Grouping,
-            &mut Clouds<S::Training>,
+            &mut Clouds<S>,
             &mut ChaCha8Rng,
         ) -> Result<A, CoversError>,
     ) -> Result<A, CoversError> {

@@ -182,7 +182,7 @@ impl<'a> Checkpoint<'a> {
     }
 }
 
-impl<T: Training> Member<T> {
+impl<S: CollectionSettings> Member<S> {
     fn header(&self, extent: Extent) -> MemberHeader {
         match extent {
             Extent::Everything => MemberHeader {
@@ -216,7 +216,7 @@ impl<T: Training> Member<T> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let flat =
             |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
-        let mut tensors = vec![flat("params", T::params(&self.policy))];
+        let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == Extent::Everything {
             let state = self.training.state().tensors.into_iter();
             tensors.extend(state.map(|(name, values)| flat(name, values)));
@@ -250,7 +250,7 @@ struct Arrays<'a, S> {
 }
 
 impl<S: CollectionSettings> Arrays<'_, S> {
-    fn members(&self, header: &Header<'_, S>) -> Result<Vec<Member<S::Training>>, CoversError> {
+    fn members(&self, header: &Header<'_, S>) -> Result<Vec<Member<S>>, CoversError> {
         let members = header.members.iter().enumerate();
         let members = members.map(|(index, member)| self.member(index, member));
         let members: Vec<_> = members.collect::<Result<_, _>>()?;
@@ -261,11 +261,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         Err(self.file.damaged(problem))
     }
 
-    fn member(
-        &self,
-        index: usize,
-        header: &MemberHeader,
-    ) -> Result<Member<S::Training>, CoversError> {
+    fn member(&self, index: usize, header: &MemberHeader) -> Result<Member<S>, CoversError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
         let policy = self.settings.with_params(self.spec, params)?;

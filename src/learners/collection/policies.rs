@@ -10,14 +10,13 @@ use crate::learners::learner::Seconds;
 
 use super::member::{Generators, Member};
 use super::settings::{CollectionSettings, RolloutOf, buffer_capacity, steps_per_env};
-use super::training::Training;
 
 /// The learner: a growing collection of policies. It has no place for a task label.
 pub struct Collection<S: CollectionSettings> {
     pub(super) settings: S,
     pub(super) spec: EnvSpec,
     pub(super) grouping: Box<dyn Grouping>,
-    pub(super) members: Vec<Member<S::Training>>,
+    pub(super) members: Vec<Member<S>>,
     pub(super) current: usize,
     pub(super) rollout: RolloutOf<S>,
     pub(super) generators: Generators,
@@ -50,7 +49,7 @@ impl<S: CollectionSettings> Collection<S> {
             grouping,
             members: Vec::new(),
             current: 0,
-            rollout: S::Training::rollout(spec, steps)?,
+            rollout: S::rollout(spec, steps)?,
             generators: Generators::new(settings.seed()),
             seconds: Seconds::default(),
             settings,

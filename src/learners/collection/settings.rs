@@ -52,6 +52,15 @@ pub trait CollectionSettings:
     /// As [`CollectionSettings::policy`], and parameters that are not the network's.
     fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<PolicyOf<Self>, RlError>;
 
+    /// All parameters of a policy.
+    fn params(policy: &PolicyOf<Self>) -> &[f32];
+
+    /// Room for rollouts of `steps` steps of every environment.
+    ///
+    /// # Errors
+    /// Sizes of zero, or more memory than there is.
+    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
+
     /// Fresh training of `policy`.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! What differs between collections: how one policy learns from a rollout.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{Actor, AlgorithmState, EnvSpec, Experience, Features, RlError};
+use rl::{Actor, AlgorithmState, Experience, Features, RlError};
 
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
@@ -14,15 +14,6 @@ pub trait Training: Sized + Send + 'static {
     type Policy: Actor + Features + Clone + Send;
     /// What a rollout is kept in until it is known whose it is.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
-
-    /// All parameters of a policy.
-    fn params(policy: &Self::Policy) -> &[f32];
-
-    /// Room for rollouts of `steps` steps of every environment.
-    ///
-    /// # Errors
-    /// Sizes of zero, or more memory than there is.
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Self::Rollout, RlError>;
 
     /// Prepares `rollout` for being collected with this policy.
     fn prepare(&self, _rollout: &mut Self::Rollout) {}

@@ -1,7 +1,7 @@
 //! Settings of the learner. Where the paper leaves a gap or this project departs from it, the
 //! paper's reading is a value, too.
 
-use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RlError};
+use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RlError, RolloutBuffer};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
@@ -101,6 +101,14 @@ impl CollectionSettings for CoversSettings {
 
     fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::with_params(&self.network, spec, params)
+    }
+
+    fn params(policy: &ActorCriticPolicy) -> &[f32] {
+        policy.params()
+    }
+
+    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+        RolloutBuffer::new(spec, steps)
     }
 
     fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {

@@ -1,9 +1,7 @@
 //! Training by proximal policy optimisation.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Metrics, Ppo, RlError, RolloutBuffer,
-};
+use rl::{ActorCriticPolicy, Algorithm, AlgorithmState, Metrics, Ppo, RlError, RolloutBuffer};
 use symmetry::Group;
 
 use crate::learners::collection::Training;
@@ -17,14 +15,6 @@ pub struct PpoTraining {
 impl Training for PpoTraining {
     type Policy = ActorCriticPolicy;
     type Rollout = RolloutBuffer;
-
-    fn params(policy: &ActorCriticPolicy) -> &[f32] {
-        policy.params()
-    }
-
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
-        RolloutBuffer::new(spec, steps)
-    }
 
     fn take_over(
         policy: &mut ActorCriticPolicy,

@@ -12,6 +12,7 @@ use crate::learners::collection::{
     CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
 };
 
+use super::recording::Recording;
 use super::training::SacTraining;
 
 /// Settings of [`OffPolicy`](crate::OffPolicy). [`OffPolicySettings::clear`] is the default.
@@ -164,6 +165,15 @@ impl CollectionSettings for OffPolicySettings {
 
     fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
         SacPolicy::with_params(&self.network, self.context, spec, params)
+    }
+
+    fn params(policy: &SacPolicy) -> &[f32] {
+        policy.params()
+    }
+
+    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
+        spec.check_rollout(steps)?;
+        Ok(Recording::new(spec, steps))
     }
 
     fn training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {

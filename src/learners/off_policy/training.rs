@@ -1,7 +1,7 @@
 //! Training by soft actor-critic.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{Algorithm, AlgorithmState, EnvSpec, Metrics, Replay, RlError, Sac, SacPolicy};
+use rl::{Algorithm, AlgorithmState, Metrics, Replay, RlError, Sac, SacPolicy};
 
 use crate::error::CoversError;
 use crate::learners::collection::Training;
@@ -22,15 +22,6 @@ pub struct SacTraining {
 impl Training for SacTraining {
     type Policy = SacPolicy;
     type Rollout = Recording;
-
-    fn params(policy: &SacPolicy) -> &[f32] {
-        policy.params()
-    }
-
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
-        spec.check_rollout(steps)?;
-        Ok(Recording::new(spec, steps))
-    }
 
     fn prepare(&self, rollout: &mut Recording) {
         let recorded = self.replay.recorded();
