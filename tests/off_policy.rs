@@ -1,4 +1,5 @@
-//! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same bits.
+//! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
+//! bits.
 
 #![allow(clippy::unwrap_used)]
 

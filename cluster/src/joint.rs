@@ -1,9 +1,12 @@
 //! One permutation test of several sources of evidence at once.
 
+use std::ops::RangeInclusive;
+
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::error::ClusterError;
+use crate::check::within;
+use crate::error::{ClusterError, Result};
 use crate::frames::{Candidate, Frames};
 use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
 
@@ -75,14 +78,14 @@ pub fn joint_test<R: Rng + ?Sized>(
     sources: &[Source],
     permutations: usize,
     rng: &mut R,
-) -> Result<JointTest, ClusterError> {
+) -> Result<JointTest> {
     let (rollout, _) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
         let Candidate { rollout: o, buffer } = &source.clouds;
         let features = [o.features(), buffer.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
-    let pools = pools.collect::<Result<Vec<_>, _>>()?;
+    let pools = pools.collect::<Result<Vec<_>>>()?;
     permute(pools, permutations, rng)
 }
 
@@ -107,40 +110,33 @@ pub fn change_test<R: Rng + ?Sized>(
     cuts: &[usize],
     permutations: usize,
     rng: &mut R,
-) -> Result<ChangeTest, ClusterError> {
-    let first = sources
-        .first()
-        .ok_or(ClusterError::Empty { what: "sources" })?;
-    let all = first.episodes();
-    for (source_index, source) in sources.iter().enumerate() {
-        if source.episodes() != all {
-            return Err(ClusterError::SourceMismatch {
-                source_index,
-                got: (source.episodes(), 0),
-                expected: (all, 0),
-            });
-        }
-    }
-    if let Some(&cut) = cuts.iter().find(|&&cut| cut == 0 || cut >= all) {
-        return Err(ClusterError::OutOfRange {
-            name: "cut",
-            value: cut as f64,
-            expected: "at least 1 episode on either side",
-        });
+) -> Result<ChangeTest> {
+    let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
+    for &cut in cuts {
+        let expected = "at least 1 episode on either side";
+        within("cut", cut as f64, (1..all).contains(&cut), expected)?;
     }
     let pairs = cuts
         .iter()
         .flat_map(|&cut| sources.iter().map(move |source| (cut, source)));
     let pools = pairs.map(|(cut, source)| Pool::new(source.features(), source, Side::Both, cut));
-    let pools = pools.collect::<Result<Vec<_>, _>>()?;
+    let pools = pools.collect::<Result<Vec<_>>>()?;
     let test = permute(pools, permutations, rng)?;
-    let score = |index: &usize| test.sources[*index].map_or(f64::NEG_INFINITY, |s| s.score);
-    let best = (0..test.sources.len()).max_by(|a, b| score(a).total_cmp(&score(b)));
-    let best = best.ok_or(ClusterError::Empty { what: "cuts" })?;
+    let best = test
+        .likeliest()
+        .ok_or(ClusterError::Empty { what: "cuts" })?;
     Ok(ChangeTest {
         cut: cuts[best / sources.len()],
         p_value: test.p_value,
     })
+}
+
+impl JointTest {
+    /// The index of the source of the largest score; the last of equals.
+    fn likeliest(&self) -> Option<usize> {
+        let score = |index: &usize| self.sources[*index].map_or(f64::NEG_INFINITY, |s| s.score);
+        (0..self.sources.len()).max_by(|a, b| score(a).total_cmp(&score(b)))
+    }
 }
 
 /// Measures all pools under the same random splits.
@@ -148,7 +144,7 @@ fn permute<R: Rng + ?Sized>(
     mut pools: Vec<Option<Pool>>,
     permutations: usize,
     rng: &mut R,
-) -> Result<JointTest, ClusterError> {
+) -> Result<JointTest> {
     let episodes = pools.iter().flatten().map(|pool| pool.episodes).next();
     let mut order: Vec<usize> = (0..episodes.unwrap_or(0)).collect();
     for split in 0..=permutations {
@@ -163,25 +159,27 @@ fn permute<R: Rng + ?Sized>(
 }
 
 /// The numbers of episodes on both sides, which all sources must share.
-fn episodes(sources: &[Source]) -> Result<(usize, usize), ClusterError> {
-    let count = |source: &Source| {
+fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
+    let mut clouds = sources.iter().map(|source| &source.clouds).enumerate();
+    clouds.try_for_each(|(index, clouds)| clouds.check(index))?;
+    shared(sources.iter().map(|source| {
         let Candidate { rollout, buffer } = &source.clouds;
         (rollout.episodes(), buffer.episodes())
-    };
-    let first = sources.first().map(count);
-    let first = first.ok_or(ClusterError::Empty { what: "sources" })?;
-    for (index, source) in sources.iter().enumerate() {
-        source.clouds.check(index)?;
-        let (got, expected) = (count(source), first);
-        if got != expected {
-            return Err(ClusterError::SourceMismatch {
-                source_index: index,
-                got,
-                expected,
-            });
-        }
+    }))
+}
+
+/// The numbers of episodes of the first source, which are those of all of them.
+fn shared(counts: impl Iterator<Item = (usize, usize)> + Clone) -> Result<(usize, usize)> {
+    let first = counts.clone().next();
+    let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
+    match counts.enumerate().find(|(_, got)| *got != expected) {
+        None => Ok(expected),
+        Some((source_index, got)) => Err(ClusterError::SourceMismatch {
+            source_index,
+            got,
+            expected,
+        }),
     }
-    Ok(first)
 }
 
 /// One source's distances: those of the episodes as they came first, then those of random splits.
@@ -198,12 +196,7 @@ struct Pool {
 impl Pool {
     /// For the features of all episodes, in the sizes of `like`; nothing where all points are
     /// equal.
-    fn new(
-        features: &[f32],
-        like: &Frames,
-        side: Side,
-        split: usize,
-    ) -> Result<Option<Self>, ClusterError> {
+    fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
         let distances = PooledDistances::new(features, like)?;
         let each = like.frames_per_episode() * like.dim();
         let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
@@ -216,19 +209,24 @@ impl Pool {
         }))
     }
 
-    fn measure(&mut self, order: &[usize]) -> Result<(), ClusterError> {
-        let counts = self.means.as_ref().is_none_or(|means| {
-            let mean = |side: &[usize]| {
-                side.iter().map(|&episode| means[episode]).sum::<f64>() / side.len() as f64
-            };
-            mean(&order[..self.split]) < mean(&order[self.split..])
-        });
-        let distance = match counts {
+    /// Measures the two sides of the episodes in this order.
+    fn measure(&mut self, order: &[usize]) -> Result<()> {
+        let distance = match self.counts(order) {
             true => self.distances.between(order, self.split)?,
             false => 0.0,
         };
         self.measured.push(distance);
         Ok(())
+    }
+
+    /// Whether the difference between the two sides counts.
+    fn counts(&self, order: &[usize]) -> bool {
+        let (first, second) = order.split_at(self.split);
+        self.means.as_ref().is_none_or(|means| {
+            let mean =
+                |side: &[usize]| side.iter().map(|&e| means[e]).sum::<f64>() / side.len() as f64;
+            mean(first) < mean(second)
+        })
     }
 
     /// Mean and spread of the distances from the one of this index on; a spread is at least what
@@ -250,55 +248,48 @@ impl Pool {
 /// Scores that differ by less are equal.
 const EQUAL: f64 = 1e-9;
 
-fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
-    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
-    // where the one at hand does not count
-    let exact: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(0)))
-        .collect();
-    let outer: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(1)))
-        .collect();
-    let largest = |scores: &[Option<Vec<f64>>], split: usize| {
+/// The scores of every source that says something, with moments of its distances from the one of
+/// index `from` on.
+fn scores(pools: &[Option<Pool>], from: usize) -> Vec<Option<Vec<f64>>> {
+    let pools = pools.iter().map(Option::as_ref);
+    pools.map(|pool| Some(pool?.scores(from))).collect()
+}
+
+/// The largest score of every split over all sources; 0 where none says anything.
+fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
+    let largest = |split: usize| {
         let scores = scores.iter().flatten().map(|scores| scores[split]);
         scores.reduce(f64::max).unwrap_or(0.0)
     };
-    let maxima: Vec<f64> = (0..=permutations)
-        .map(|split| largest(&exact, split))
-        .collect();
-    let null: Vec<f64> = (1..=permutations)
-        .map(|split| largest(&outer, split))
-        .collect();
-    let null = describe(null, ROUNDING);
+    splits.map(largest).collect()
+}
+
+fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
+    // where the one at hand does not count
+    let (exact, outer) = (scores(pools, 0), scores(pools, 1));
+    let reached = maxima(&exact, 0..=permutations);
+    let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
     let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
     let source = |index: usize| {
-        let (pool, exact, outer) = (
-            pools[index].as_ref()?,
-            exact[index].as_ref()?,
-            outer[index].as_ref()?,
-        );
-        let reaching = maxima.iter().filter(|&&m| m >= exact[0] - EQUAL).count();
+        let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
+        let score = outer[index].as_ref()?[0];
+        let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
         Some(SourceTest {
             distance: pool.measured[0],
             mean: pool.moments(1).0,
-            score: outer[0],
+            score,
             p_value: reaching as f64 / (1 + permutations) as f64,
-            tail_p_value: tail(standardised(outer[0]), &null),
+            tail_p_value: tail(standardised(score), &null),
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(source).collect();
-    let smallest = sources
-        .iter()
-        .flatten()
-        .map(|s| s.p_value)
-        .fold(1.0, f64::min);
+    let p_values = sources.iter().flatten().map(|source| source.p_value);
     JointTest {
+        p_value: p_values.fold(1.0, f64::min),
+        score: standardised(maxima(&outer, 0..=0)[0]),
         sources,
         null,
-        score: standardised(largest(&outer, 0)),
-        p_value: smallest,
     }
 }
 

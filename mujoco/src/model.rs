@@ -91,8 +91,8 @@ impl Model {
     /// part of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
-    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside the
-    /// XML, as [`Model::from_files`].
+    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside
+    /// the XML, as [`Model::from_files`].
     pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
         check(main, files).map(|_| ())
     }

@@ -95,8 +95,8 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// Writes log-probabilities and values from the last run. The density belongs to the numbers that
-    /// are executed, so actions are rounded before.
+    /// Writes log-probabilities and values from the last run. The density belongs to the numbers
+    /// that are executed, so actions are rounded before.
     fn weigh(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();

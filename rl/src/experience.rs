@@ -47,7 +47,7 @@ pub trait Experience<A: Actor> {
         Ok(actions)
     }
 
-    /// Keeps the step that the last actions led to, `from` what the actor saw `to` what came of it.
+    /// Keeps the step that the last actions led to: `from` what was seen `to` what came of it.
     ///
     /// # Errors
     /// What the actor says, or an array that does not fit.

@@ -56,8 +56,8 @@ impl LearnerSettings {
     /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
-    /// of other environments.
+    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings,
+    /// or of other environments.
     pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }

@@ -242,8 +242,8 @@ impl Run {
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index; 0
-    /// for none.
+    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index;
+    /// 0 for none.
     fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
@@ -336,8 +336,8 @@ impl Run {
     /// Writes a checkpoint, unless the newest is of this very moment.
     ///
     /// # Errors
-    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older checkpoints
-    /// are then still there.
+    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older
+    /// checkpoints are then still there.
     pub fn save(&mut self) -> Result<(), CoversError> {
         if self.broken {
             return Err(CoversError::Broken);
@@ -364,8 +364,8 @@ impl Run {
     }
 
     /// The figures of the run. Scores are those of the last evaluation; where there was none since
-    /// the start or the resumption, all variants are scored now. Those of a finished run are written
-    /// to `summary.json`, too.
+    /// the start or the resumption, all variants are scored now. Those of a finished run are
+    /// written to `summary.json`, too.
     ///
     /// # Errors
     /// What the evaluation says.

@@ -82,8 +82,8 @@ impl Concat {
         }
     }
 
-    /// For every pixel of a sum of `len` values and every irrep: where its channels lie in the first
-    /// map, in the second, and, of either, in the sum.
+    /// For every pixel of a sum of `len` values and every irrep: where its channels lie in the
+    /// first map, in the second, and, of either, in the sum.
     fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());

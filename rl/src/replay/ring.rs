@@ -38,9 +38,9 @@ pub struct Replay {
     pub(super) running: Vec<Option<u32>>,
     pub(super) recorded: u64,
     pub(super) marked: u64,
-    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to the
-    /// allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory after
-    /// a few rounds.
+    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to
+    /// the allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory
+    /// after a few rounds.
     spare: Vec<Vec<u8>>,
     /// Of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,

@@ -18,9 +18,9 @@ use crate::sac::squashed;
 use crate::stage::Stage;
 use crate::trunk::{OnTrunkPass, TrunkPass};
 
-/// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian, exactly
-/// equivariant under the group of its settings. With a context it remembers the last steps of each
-/// episode.
+/// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian,
+/// exactly equivariant under the group of its settings. With a context it remembers the last steps
+/// of each episode.
 pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, Buffers>;
 
 /// Buffers of one chunk.

@@ -55,8 +55,8 @@ pub struct OffPolicySettings {
 
 impl OffPolicySettings {
     /// CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
-    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not say
-    /// which those are, nor how often.
+    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not
+    /// say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings {
