@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::check::{at_least, within};
-use crate::error::{ClusterError, Result};
+use crate::error::Result;
 use crate::permutation::TestSize;
 
 /// How the assigner decides whether a rollout belongs to a policy's group.

@@ -5,8 +5,6 @@ use crate::error::Result;
 use crate::euclidean::EuclideanCosts;
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 
-type Result<T> = std::result::Result<T>;
-
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
 /// with equal weights, in their unit.
 ///
