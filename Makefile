@@ -40,7 +40,7 @@ faults: deps
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.
 FUZZ_RUNS := 10000000
-FUZZ_TARGETS := notation settings overrides command-line checkpoint network npz mjcf
+FUZZ_TARGETS := notation settings overrides command-line plan checkpoint note tables network npz mjcf
 FUZZ := cargo run --release --locked --
 
 fuzz: deps
