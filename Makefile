@@ -41,7 +41,8 @@ faults: deps
 # It takes g++.
 FUZZ_RUNS := 10000000
 FUZZ_TARGETS := notation settings overrides command-line plan checkpoint note tables network npz mjcf
-FUZZ := cargo run --release --locked --
+# Files of inputs lie in memory where there is such a folder: a disk would take most of the time.
+FUZZ := TMPDIR=$(firstword $(wildcard /dev/shm) /tmp) cargo run --release --locked --
 
 fuzz: deps
 	cd fuzz && for name in $(FUZZ_TARGETS); do \

@@ -12,7 +12,7 @@ use crate::error::CoversError;
 
 /// Where a path is looked up when the experiment itself has no such field.
 const LEARNER: &str = "learner";
-/// Bytes of the longest name for which a known one is proposed.
+/// Characters of the longest name for which a known one is proposed.
 const LONGEST: usize = 100;
 
 /// One setting with its new value, as `--set PATH=VALUE` names it.
@@ -183,23 +183,26 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
         .map(str::to_owned)
 }
 
-/// The name that is nearest by edits; none for a text that is longer than any name.
+/// The name that is nearest by edits, of which a third of its length is allowed, and three in any
+/// case: another word is no help.
 fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
-    if wanted.len() > LONGEST {
+    let length = wanted.chars().count();
+    if length > LONGEST {
         return None;
     }
-    let (length, mut best) = (wanted.chars().count(), None::<(usize, &str)>);
+    let mut best = None;
+    let mut most = (length / 3).max(3);
     for name in names {
         // as many edits at least: comparing takes time, and most names are of another length
         let least = name.chars().count().abs_diff(length);
-        if best.is_none_or(|(edits, _)| least < edits) {
+        if least <= most {
             let edits = strsim::osa_distance(name, wanted);
-            if best.is_none_or(|(fewest, _)| edits < fewest) {
-                best = Some((edits, name));
+            if edits < most || edits == most && best.is_none() {
+                (most, best) = (edits, Some(name));
             }
         }
     }
-    best.map(|(_, name)| name)
+    best
 }
 
 fn paths(tree: &Value, path: &str, all: &mut Vec<String>) {
@@ -297,7 +300,7 @@ mod tests {
     fn the_nearest_name_is_that_of_the_fewest_edits_and_the_first_of_equals() {
         let names = ["seed", "speed", "gamma", "gala", "längen"];
         for wanted in [
-            "sed", "seeds", "gam", "gamme", "g", "", "laengen", "länge", "speeed",
+            "sed", "seeds", "gam", "gamme", "laengen", "länge", "speeed", "g",
         ] {
             let slow = names
                 .iter()
@@ -308,7 +311,9 @@ mod tests {
                 "{wanted}"
             );
         }
-        assert_eq!(nearest(names.into_iter(), &"seed".repeat(100)), None);
+        for wanted in ["nothing of that", &"seed".repeat(100)] {
+            assert_eq!(nearest(names.into_iter(), wanted), None, "{wanted}");
+        }
     }
 
     #[test]
