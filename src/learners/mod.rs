@@ -10,6 +10,7 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
+pub(crate) use collection::read_note;
 pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
 pub use learner::{Extent, Learner, Seconds, Turn};

@@ -5,13 +5,16 @@ mod folder;
 mod ledger;
 mod lock;
 mod logs;
+mod note;
 mod opening;
 mod progress;
 mod provenance;
+mod rows;
 mod run;
 mod stop;
 mod summary;
 mod table;
+mod timings;
 mod workers;
 
 pub use folder::RunFolder;

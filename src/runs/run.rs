@@ -18,7 +18,8 @@ use super::folder::{RunFolder, SUMMARY};
 use super::ledger::Ledger;
 use super::lock::Lock;
 use super::logs::Logs;
-use super::opening::{self, Claim, Note, Opened};
+use super::note::Note;
+use super::opening::{self, Claim, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
 use super::stop::Stop;
@@ -124,7 +125,7 @@ impl Run {
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
-        ledger.seconds = logs.seconds();
+        ledger.seconds = logs.timings().seconds;
         let run = Self {
             saved: (ledger.rollouts > 0).then_some((ledger.rollouts, due)),
             experiment,
@@ -364,20 +365,25 @@ impl Run {
     }
 
     /// The figures of the run. Scores are those of the last evaluation; where there was none since
-    /// the start or the resumption, all variants are scored now. Those of a finished run are
-    /// written to `summary.json`, too.
+    /// the start or the resumption, all variants are scored now, unless a [stop](Run::stop_at) is
+    /// wished for before they are: then there are no figures. Those of a finished run are written
+    /// to `summary.json`, too.
     ///
     /// # Errors
     /// What the evaluation says.
-    pub fn summary(&mut self) -> Result<Summary, CoversError> {
+    pub fn summary(&mut self) -> Result<Option<Summary>, CoversError> {
         if self.last_scores.is_empty() {
-            self.last_scores = self.evaluate(self.experiment.evaluation.rounds)?;
+            let rounds = self.experiment.evaluation.rounds;
+            let Some(scores) = self.evaluate_until(&self.stop.clone(), rounds)? else {
+                return Ok(None);
+            };
+            self.last_scores = scores;
         }
         let ledger = &self.ledger;
         let summary = Summary {
             decisions: ledger.decisions,
             seconds: ledger.seconds,
-            decisions_per_second: self.logs.decisions_per_second(),
+            decisions_per_second: self.logs.timings().decisions_per_second(),
             policies: self.learner.policies(),
             failures: ledger.failures,
             straddled: ledger.straddled,
@@ -391,6 +397,6 @@ impl Run {
             let text = text.map_err(|error| CoversError::write(self.folder.path(), error))?;
             self.folder.replace(SUMMARY, text.as_bytes())?;
         }
-        Ok(summary)
+        Ok(Some(summary))
     }
 }

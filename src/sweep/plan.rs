@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::{self, Override, typed};
+use crate::overrides::{self, Override, parse};
 use crate::presets::{Budget, Method};
 
 /// Methods times variants times seeds, as a JSON file holds them.
@@ -58,8 +58,15 @@ impl Plan {
     /// [`CoversError::Read`] names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-        let tree = serde_json::from_str(&text).map_err(|error| CoversError::read(path, error))?;
-        typed(tree).map_err(|error| CoversError::read(path, error))
+        Self::parse(&text).map_err(|error| CoversError::read(path, error))
+    }
+
+    /// Reads a plan from JSON.
+    ///
+    /// # Errors
+    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    pub fn parse(text: &str) -> Result<Self, CoversError> {
+        parse(text)
     }
 
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
@@ -69,6 +76,17 @@ impl Plan {
     /// twice, with a variant that makes no name of a folder, or with a seed in `set`; what
     /// [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
+        let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
+        let mut experiments = jobs.iter().map(|job| &job.experiment);
+        experiments.try_for_each(|experiment| experiment.check(&tasks))?;
+        Ok(jobs)
+    }
+
+    /// The jobs in their order, their settings not checked against each other.
+    ///
+    /// # Errors
+    /// As [`Plan::jobs`], but for those of [`Experiment::check`].
+    pub fn listed(&self) -> Result<Vec<Job>, CoversError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
@@ -108,7 +126,6 @@ impl Plan {
             });
         }
         let experiment = overrides::apply(&arm.set, preset.with_seed(seed))?.with_threads(1);
-        experiment.check(&TaskRegistry::standard())?;
         let name = format!("{}{}-seed{seed}", method.name(), arm.suffix);
         Ok(Job { name, experiment })
     }
@@ -180,16 +197,12 @@ mod tests {
     use super::*;
     use crate::learners::LearnerSettings;
 
-    fn plan(text: &str) -> Result<Plan, CoversError> {
-        typed(serde_json::from_str(text).unwrap())
-    }
-
     const TEXT: &str = r#"{"methods": ["covers", "covers-gt"], "seeds": [20, 21],
         "budget": "smoke", "set": ["covers.ppo.gamma=0.9"]}"#;
 
     #[test]
     fn every_method_runs_with_a_seed_before_the_next_seed() {
-        let jobs = plan(TEXT).unwrap().jobs().unwrap();
+        let jobs = Plan::parse(TEXT).unwrap().jobs().unwrap();
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
         let expected = [
             "covers-seed20",
@@ -228,8 +241,13 @@ mod tests {
             ),
             ("\"budget\"", "\"budgit\"", "`budget`"),
             ("covers-gt", "covers-gtt", "`covers-gt`"),
+            (
+                "\"budget\"",
+                "\"seeds\": [], \"budget\"",
+                "duplicate field `seeds`",
+            ),
         ] {
-            let changed = plan(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
+            let changed = Plan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
             let message = changed.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
@@ -239,7 +257,7 @@ mod tests {
     fn a_seed_in_the_settings_is_refused_also_for_a_single_seed() {
         let text = TEXT.replace("20, 21", "20");
         let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
-        let message = plan(&text).unwrap().jobs().unwrap_err().to_string();
+        let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("`seeds` lists them"), "{message}");
     }
 
@@ -249,7 +267,7 @@ mod tests {
 
     #[test]
     fn a_variant_sets_after_the_plan() {
-        let jobs = plan(STUDY).unwrap().jobs().unwrap();
+        let jobs = Plan::parse(STUDY).unwrap().jobs().unwrap();
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
         assert_eq!(names, ["covers-base-seed1000", "covers-far-seed1000"]);
         let ppo = jobs.iter().map(|job| match &job.experiment.learner {
@@ -268,7 +286,7 @@ mod tests {
             ("x-seed1", "`variants` is \"x-seed1\""),
         ] {
             let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
-            let message = plan(&text).unwrap().jobs().unwrap_err().to_string();
+            let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
     }
@@ -276,7 +294,7 @@ mod tests {
     #[test]
     fn jobs_do_not_depend_on_threads() {
         let text = TEXT.replace("covers.ppo.gamma=0.9", "envs.threads=2");
-        for job in plan(&text).unwrap().jobs().unwrap() {
+        for job in Plan::parse(&text).unwrap().jobs().unwrap() {
             assert_eq!(job.experiment.envs.threads, 1, "{}", job.name);
         }
     }

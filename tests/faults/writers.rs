@@ -144,10 +144,12 @@ fn the_machines_clock_is_read_in_one_place_alone() {
         "cluster/src",
         "envs/src",
         "equivariant/src",
-        "mujoco/src",
-        "symmetry/src",
+        "evidence/src",
         "inpainting/src",
+        "mujoco/src",
         "rl/src",
+        "symmetry/src",
+        "worlds/src",
     ] {
         sources(&root.join(folder), &mut found);
     }

@@ -18,6 +18,7 @@ use crate::overrides::same;
 
 use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
+use super::note;
 use super::policies::Collection;
 use super::settings::{CollectionSettings, Embedding, buffer_capacity, steps_per_env};
 use super::training::Training;
@@ -37,7 +38,9 @@ struct Header<'a, S: Clone> {
     current: usize,
     generators: Cow<'a, Generators>,
     members: Vec<MemberHeader>,
-    note: Cow<'a, str>,
+    /// Nothing but in files of format 3.
+    #[serde(default, skip_serializing)]
+    note: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -63,13 +66,14 @@ impl<S: CollectionSettings> Collection<S> {
             current: self.current,
             generators: Cow::Borrowed(&self.generators),
             members: self.members.iter().map(|m| m.header(extent)).collect(),
-            note: Cow::Borrowed(note),
+            note: None,
         };
         self.check_extent(extent)?;
         let members = self.members.iter().enumerate();
-        let tensors: Vec<Tensor> = members
+        let mut tensors: Vec<Tensor> = members
             .flat_map(|(index, member)| member.tensors(index, &self.spec, extent))
             .collect();
+        tensors.push(note::tensor(note));
         encode(path, &header, &tensors)
     }
 
@@ -165,6 +169,7 @@ impl<'a> Checkpoint<'a> {
         if !training {
             header.members.iter_mut().for_each(|m| m.counters = None);
         }
+        let note = note::of(header.note.take(), &file)?;
         let arrays = Arrays {
             file,
             spec,
@@ -178,7 +183,7 @@ impl<'a> Checkpoint<'a> {
         collection.members = members;
         collection.current = header.current;
         collection.generators = header.generators.into_owned();
-        Ok((collection, header.note.into_owned()))
+        Ok((collection, note))
     }
 }
 
