@@ -20,6 +20,7 @@ mod account;
 mod choice;
 mod cut;
 mod error;
+mod examiner;
 mod filters;
 mod memory;
 mod motion;

@@ -35,6 +35,21 @@ impl Memory {
         }
     }
 
+    /// What was learnt to earn, in standard deviations of what is earned: how surely the policy
+    /// would notice that it earns it no more.
+    pub(crate) fn learnt(&self) -> f64 {
+        let earned = self.accounts.iter().filter_map(|a| a.earned.map(f64::from));
+        let (Some(beginning), Some(home)) = (self.beginning, mean_earned(self.accounts.iter()))
+        else {
+            return 0.0;
+        };
+        let (sum, count) = earned.fold((0.0, 0.0), |(sum, count), e| {
+            (sum + (e - home).powi(2), count + 1.0)
+        });
+        let spread = (sum / count).sqrt().max(f64::MIN_POSITIVE);
+        ((home - beginning) / spread).clamp(0.0, f64::MAX)
+    }
+
     /// The share of what was learnt to earn that `accounts` did not pay, at most 1 for those that
     /// pay what the first rollout paid. What was learnt counts as half of what is earned at least:
     /// else noise would be a large share of little.

@@ -1,5 +1,7 @@
 //! What speaks for and against one policy: the sources of evidence and their test.
 
+use std::fmt;
+
 use cluster::{
     Candidate, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source, SourceTest,
     Verdict,
@@ -68,6 +70,8 @@ pub struct Opinion {
     /// By how much motion changed, as a share, and which share of the earnings was lost.
     pub(crate) changed: f64,
     pub(crate) lost: f64,
+    /// What the policy has learnt to earn, in standard deviations of what it earns.
+    pub(crate) learnt: f64,
     pub(crate) verdict: Verdict,
     /// Episodes that the policy remembers.
     pub(crate) remembered: usize,
@@ -157,15 +161,44 @@ impl Opinion {
     /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
     pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
         self.sources()
-            .any(|(kind, source)| kind.is_look() && source.p_value <= level)
+            .any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
     }
 
     /// The sources that say something.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
-        let tests = self.test.iter().flat_map(|test| &test.sources);
-        let pairs = self.kinds.iter().zip(tests);
+        self.test.iter().flat_map(|test| self.sources_of(test))
+    }
+
+    /// The same in a test that is not finished.
+    pub(crate) fn sources_of<'a>(
+        &'a self,
+        test: &'a JointTest,
+    ) -> impl Iterator<Item = (Kind, &'a SourceTest)> {
+        let pairs = self.kinds.iter().zip(&test.sources);
         pairs.filter_map(|(&kind, source)| Some((kind, source.as_ref()?)))
     }
+}
+
+/// What decides, in one line.
+impl fmt::Display for Opinion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.verdict)?;
+        for (kind, source) in self.sources() {
+            let (name, tail) = (kind.name(), source.tail_p_value);
+            write!(f, " {name} {:.1} ({:.2}, p {tail:.0e})", source.score, source.ratio())?;
+        }
+        let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
+        write!(f, " changed {changed:.2} lost {lost:.2} learnt {learnt:.1}")
+    }
+}
+
+/// A difference ends a test once its p-value by the tail is this share of the level.
+pub(crate) const SURE: f64 = 1e-3;
+
+/// Whether a source shows a difference at this level: by its exact p-value, or surely by its tail,
+/// where the test ended before exact p-values were fine enough.
+pub(crate) fn is_doubtful(source: &SourceTest, level: f64) -> bool {
+    source.p_value <= level || source.tail_p_value <= SURE * level
 }
 
 /// By how much the mean motion of two lists differs, as a share of the second one's; zero where it
