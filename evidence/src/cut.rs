@@ -54,6 +54,7 @@ mod tests {
             picture: vec![0.0],
             vector: vec![0.0],
             motion: None,
+            slope: None,
             earned: None,
         };
         began.map(account).collect()

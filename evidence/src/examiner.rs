@@ -13,6 +13,15 @@ use crate::settings::RecogniserSettings;
 /// come of it.
 const REACHING: f64 = 8.0;
 
+/// How much weaker than the level evidence may be of a policy that lost all that it had learnt.
+const MOST_WEIGHT: f64 = 30.0;
+/// A policy that earns so many standard deviations more than when it began,
+const PROOF: f64 = 3.0;
+/// and lost at most this share of the least loss that counts, serves where it is.
+const FEW: f64 = 1.0 / 3.0;
+/// There, distances of looks may exceed those of chance by so much more.
+const EXCUSED: f64 = 5.0;
+
 /// Tests with settings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Examiner<'a>(pub(crate) &'a RecogniserSettings);
@@ -30,7 +39,7 @@ impl Examiner<'_> {
         let least = self.0.min_episodes;
         let remembered: Vec<&Account> = memory.accounts.iter().collect();
         // courses count where both sides are of one policy
-        let courses = whole(accounts, least).zip(whole(&remembered, least));
+        let courses = whole(accounts, least).zip(whole(&memory.home(), least));
         let (kinds, seen, home) = match courses.filter(|_| own) {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
@@ -38,9 +47,11 @@ impl Examiner<'_> {
         let mut opinion = Opinion {
             kinds,
             test: None,
-            changed: changed(accounts, &remembered),
+            changed: changed(accounts, &remembered, Kind::Motion),
+            turned: changed(accounts, &remembered, Kind::Slope),
             lost: memory.lost(accounts),
             learnt: memory.learnt(),
+            gained: memory.gained(accounts),
             verdict: Verdict::Accepted,
             remembered: remembered.len(),
         };
@@ -86,9 +97,9 @@ impl Examiner<'_> {
     /// The first look trusts the exact p-values, the second the tail's.
     fn verdict(self, opinion: &Opinion, look: Look) -> Verdict {
         let level = self.level(look);
-        let mut against = opinion.sources().filter(|(_, source)| match look {
+        let mut against = opinion.sources().filter(|&(kind, source)| match look {
             Look::First => is_doubtful(source, level),
-            Look::Second => source.tail_p_value <= level,
+            Look::Second => source.tail_p_value <= level * self.weight(opinion, kind),
         });
         let is_against = against.any(|(kind, source)| self.counts(opinion, look, kind, source));
         match (is_against, look) {
@@ -101,14 +112,37 @@ impl Examiner<'_> {
     /// Whether a difference counts at all: one that speaks against a policy for good must be large,
     /// and one that only its course shows must be so from the beginning.
     fn counts(self, opinion: &Opinion, look: Look, kind: Kind, source: &SourceTest) -> bool {
-        (look == Look::First && kind.is_look()) || self.is_large(opinion, kind, source)
+        let doubted = look == Look::First && kind.is_look() && !self.is_proven(opinion);
+        doubted || self.is_large(opinion, kind, source)
     }
 
-    /// Whether a difference is more than drift.
-    fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
+    /// How much weaker the evidence may be: the more of the earnings is lost, the less it takes.
+    fn weight(self, opinion: &Opinion, kind: Kind) -> f64 {
+        let least = self.0.min_loss;
+        let share = (opinion.lost - least) / (1.0 - least).max(f64::MIN_POSITIVE);
         match kind {
-            Kind::Picture | Kind::Vector => source.ratio() >= self.0.min_ratio,
+            Kind::Earnings => 1.0 + MOST_WEIGHT * share.clamp(0.0, 1.0),
+            _ => 1.0,
+        }
+    }
+
+    /// Whether a policy has shown in these episodes that it serves them as it serves its own.
+    fn is_proven(self, opinion: &Opinion) -> bool {
+        opinion.kinds.contains(&Kind::Earnings)
+            && opinion.gained >= PROOF
+            && opinion.lost <= FEW * self.0.min_loss
+    }
+
+    /// Whether a difference is more than drift. What looks another is drift up to a larger
+    /// difference where the policy has shown that it serves there.
+    fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
+        let excess = if self.is_proven(opinion) { EXCUSED } else { 1.0 };
+        match kind {
+            Kind::Picture | Kind::Vector => {
+                source.ratio() >= 1.0 + excess * (self.0.min_ratio - 1.0)
+            }
             Kind::Motion => opinion.changed >= self.0.min_motion,
+            Kind::Slope => opinion.learnt < PROOF && opinion.turned >= self.0.min_motion,
             Kind::Earnings => opinion.lost >= self.0.min_loss,
         }
     }

@@ -21,13 +21,20 @@ pub(crate) enum Kind {
     Picture,
     Vector,
     Motion,
+    Slope,
     Earnings,
 }
 
 impl Kind {
     /// What is there before anybody acts.
     pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
-    pub(crate) const ALL: [Self; 4] = [Self::Picture, Self::Vector, Self::Motion, Self::Earnings];
+    pub(crate) const ALL: [Self; 5] = [
+        Self::Picture,
+        Self::Vector,
+        Self::Motion,
+        Self::Slope,
+        Self::Earnings,
+    ];
 
     /// Whether it is there before anybody acts.
     pub(crate) fn is_look(self) -> bool {
@@ -39,6 +46,7 @@ impl Kind {
             Self::Picture => "picture",
             Self::Vector => "vector",
             Self::Motion => "motion",
+            Self::Slope => "slope",
             Self::Earnings => "earnings",
         }
     }
@@ -48,6 +56,7 @@ impl Kind {
             Self::Picture => Some(&account.picture),
             Self::Vector => Some(&account.vector),
             Self::Motion => account.motion.as_deref(),
+            Self::Slope => account.slope.as_deref(),
             Self::Earnings => account.earned.as_ref().map(std::slice::from_ref),
         }
     }
@@ -69,9 +78,13 @@ pub struct Opinion {
     pub(crate) test: Option<JointTest>,
     /// By how much motion changed, as a share, and which share of the earnings was lost.
     pub(crate) changed: f64,
+    /// By how much the way that pays changed.
+    pub(crate) turned: f64,
     pub(crate) lost: f64,
     /// What the policy has learnt to earn, in standard deviations of what it earns.
     pub(crate) learnt: f64,
+    /// How much more these episodes earned than its first ones did, in their standard deviations.
+    pub(crate) gained: f64,
     pub(crate) verdict: Verdict,
     /// Episodes that the policy remembers.
     pub(crate) remembered: usize,
@@ -188,7 +201,8 @@ impl fmt::Display for Opinion {
             write!(f, " {name} {:.1} ({:.2}, p {tail:.0e})", source.score, source.ratio())?;
         }
         let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
-        write!(f, " changed {changed:.2} lost {lost:.2} learnt {learnt:.1}")
+        let (gained, turned) = (self.gained, self.turned);
+        write!(f, " changed {changed:.2} turned {turned:.2} lost {lost:.2} learnt {learnt:.1} gained {gained:.1}")
     }
 }
 
@@ -201,10 +215,10 @@ pub(crate) fn is_doubtful(source: &SourceTest, level: f64) -> bool {
     source.p_value <= level || source.tail_p_value <= SURE * level
 }
 
-/// By how much the mean motion of two lists differs, as a share of the second one's; zero where it
+/// By how much the means of two lists differ, as a share of the second one's; zero where it
 /// is not known.
-pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
-    match (mean_motion(accounts), mean_motion(remembered)) {
+pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account], kind: Kind) -> f64 {
+    match (mean_of(accounts, kind), mean_of(remembered, kind)) {
         (Some(now), Some(home)) if now.len() == home.len() => {
             let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
             let apart = norm(&mut now.iter().zip(&home).map(|(now, home)| now - home));
@@ -214,8 +228,8 @@ pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
     }
 }
 
-fn mean_motion(accounts: &[&Account]) -> Option<Vec<f64>> {
-    let known: Vec<&Vec<f32>> = accounts.iter().filter_map(|a| a.motion.as_ref()).collect();
+fn mean_of(accounts: &[&Account], kind: Kind) -> Option<Vec<f64>> {
+    let known: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
     let mut mean = vec![0.0; known.first()?.len()];
     for motion in &known {
         for (sum, &entry) in mean.iter_mut().zip(motion.iter()) {

@@ -230,6 +230,7 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
             picture: vec![value; 4],
             vector: vec![0.0],
             motion: None,
+            slope: None,
             earned: None,
         };
         (0..count).map(account).collect()
