@@ -336,7 +336,11 @@ mod tests {
     #[test]
     fn a_test_that_is_never_decided_is_the_whole_test() {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let sources = [source(&draw(8, 0.3, &mut rng), &draw(9, 0.0, &mut rng), Side::Both)];
+        let sources = [source(
+            &draw(8, 0.3, &mut rng),
+            &draw(9, 0.0, &mut rng),
+            Side::Both,
+        )];
         let run = |stages: &[usize], splits: usize| {
             let mut rng = ChaCha8Rng::seed_from_u64(7);
             let decided = |test: &JointTest| test.null.permutations >= splits;
@@ -359,8 +363,16 @@ mod tests {
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both),
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Less),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Both,
+                ),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Less,
+                ),
             ];
             let decided = |test: &JointTest| reaching(test) > 8.5;
             let test = joint_test_until(&sources, &[19, 39, 79], decided, &mut rng).unwrap();

@@ -94,7 +94,10 @@ impl Accountant {
         });
         let vector = vector.collect();
         let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
-        let slope = motion.is_some().then(|| slope(course, &self.action));
+        let slope = motion.is_some().then(|| {
+            let (rewards, actions) = (&course.rewards, &course.actions);
+            slope(rewards, actions, &self.action)
+        });
         Ok(Account {
             began: course.began,
             picture: self.filters.describe(&course.image)?,

@@ -15,9 +15,11 @@ const REACHING: f64 = 8.0;
 
 /// How much weaker than the level evidence may be of a policy that lost all that it had learnt.
 const MOST_WEIGHT: f64 = 30.0;
-/// A policy that earns so many standard deviations more than when it began,
+/// A policy that earns so many standard deviations more than when it began has learnt something.
+const LEARNT: f64 = 1.0;
+/// One that earns so many more, and lost at most the following share of the least loss that counts,
+/// serves where it is.
 const PROOF: f64 = 3.0;
-/// and lost at most this share of the least loss that counts, serves where it is.
 const FEW: f64 = 1.0 / 3.0;
 /// There, distances of looks may exceed those of chance by so much more.
 const EXCUSED: f64 = 5.0;
@@ -55,7 +57,10 @@ impl Examiner<'_> {
             verdict: Verdict::Accepted,
             remembered: remembered.len(),
         };
-        if remembered.len() < least {
+        if memory.is_gone {
+            opinion.verdict = Verdict::Refused;
+        }
+        if memory.is_gone || remembered.len() < least {
             return Ok(opinion);
         }
         let sources = sources(&opinion.kinds, &seen, &home)?;
@@ -127,21 +132,39 @@ impl Examiner<'_> {
     }
 
     /// Whether a policy has shown in these episodes that it serves them as it serves its own.
-    fn is_proven(self, opinion: &Opinion) -> bool {
-        opinion.kinds.contains(&Kind::Earnings)
-            && opinion.gained >= PROOF
-            && opinion.lost <= FEW * self.0.min_loss
+    pub(crate) fn is_proven(self, opinion: &Opinion) -> bool {
+        self.keeps(opinion) && opinion.gained >= PROOF
+    }
+
+    /// Whether a policy earned in these episodes about what it earns at home.
+    pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
+        opinion.kinds.contains(&Kind::Earnings) && opinion.lost <= FEW * self.0.min_loss
+    }
+
+    /// Whether a policy has learnt so much that it would notice a loss.
+    pub(crate) fn knows(self, memory: &Memory) -> bool {
+        memory.learnt() >= PROOF
+    }
+
+    /// Whether a policy has learnt anything that it could show elsewhere.
+    pub(crate) fn has_learnt(self, memory: &Memory) -> bool {
+        memory.learnt() >= LEARNT
     }
 
     /// Whether a difference is more than drift. What looks another is drift up to a larger
     /// difference where the policy has shown that it serves there.
     fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
-        let excess = if self.is_proven(opinion) { EXCUSED } else { 1.0 };
+        let excess = if self.is_proven(opinion) {
+            EXCUSED
+        } else {
+            1.0
+        };
         match kind {
             Kind::Picture | Kind::Vector => {
                 source.ratio() >= 1.0 + excess * (self.0.min_ratio - 1.0)
             }
             Kind::Motion => opinion.changed >= self.0.min_motion,
+            // one that has learnt is known by what it earns
             Kind::Slope => opinion.learnt < PROOF && opinion.turned >= self.0.min_motion,
             Kind::Earnings => opinion.lost >= self.0.min_loss,
         }

@@ -14,6 +14,12 @@ pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
     /// Mean earnings of the first rollout on which it learnt.
     pub(crate) beginning: Option<f64>,
+    /// Policies that were found to serve other groups.
+    #[serde(default)]
+    pub(crate) apart: Vec<usize>,
+    /// Whether another policy serves its group.
+    #[serde(default)]
+    pub(crate) is_gone: bool,
 }
 
 impl Memory {
@@ -69,7 +75,7 @@ impl Memory {
     /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
-        let home = mean_earned(self.home().into_iter());
+        let home = mean_home(self);
         match (self.beginning, home, now) {
             (Some(beginning), Some(home), Some(now)) if home > beginning => {
                 (home - now) / (home - beginning).max(home.abs() / 2.0)
@@ -77,6 +83,11 @@ impl Memory {
             _ => 0.0,
         }
     }
+}
+
+/// What a policy earns of late.
+pub(crate) fn mean_home(memory: &Memory) -> Option<f64> {
+    mean_earned(memory.home().into_iter())
 }
 
 /// A policy improves if the later half of its earnings is better by so many standard deviations.
@@ -87,7 +98,10 @@ fn spread(accounts: &[&Account]) -> f64 {
     let Some(mean) = mean_earned(accounts.iter().copied()) else {
         return 0.0;
     };
-    let squares = accounts.iter().filter_map(|a| a.earned).map(|e| (f64::from(e) - mean).powi(2));
+    let squares = accounts
+        .iter()
+        .filter_map(|a| a.earned)
+        .map(|e| (f64::from(e) - mean).powi(2));
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
     f64::sqrt(sum / count)
 }
@@ -140,6 +154,7 @@ mod tests {
         let memory = Memory {
             accounts: [paid(home)].into(),
             beginning: Some(beginning),
+            ..Memory::default()
         };
         memory.lost(&[&paid(now)])
     }

@@ -2,8 +2,6 @@
 
 use symmetry::Irrep;
 
-use crate::account::Course;
-
 /// Added to the diagonal, as a share of its mean: what an action that never varies does not show
 /// counts as no answer.
 const RIDGE: f64 = 1e-6;
@@ -50,13 +48,16 @@ pub(crate) fn motion(
 
 /// Which way pays: the answer of rewards to actions over an episode, `[A]` without signs and of
 /// length 1; zeros where nothing answers.
-pub(crate) fn slope(course: &Course, directions: &[Irrep]) -> Vec<f32> {
+pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
     // a reward is what its own action led to
-    let later = course.actions.get(directions.len()..).unwrap_or(&[]);
-    let found = motion((&course.rewards, &[Irrep::Trivial]), (later, directions));
+    let later = actions.get(directions.len()..).unwrap_or(&[]);
+    let found = motion((rewards, &[Irrep::Trivial]), (later, directions));
     let squares: f64 = found.iter().map(|&m| f64::from(m).powi(2)).sum();
     let length = squares.sqrt().max(f64::MIN_POSITIVE);
-    found.iter().map(|&m| (f64::from(m.abs()) / length) as f32).collect()
+    found
+        .iter()
+        .map(|&m| (f64::from(m.abs()) / length) as f32)
+        .collect()
 }
 
 /// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`

@@ -198,11 +198,19 @@ impl fmt::Display for Opinion {
         write!(f, "{:?}", self.verdict)?;
         for (kind, source) in self.sources() {
             let (name, tail) = (kind.name(), source.tail_p_value);
-            write!(f, " {name} {:.1} ({:.2}, p {tail:.0e})", source.score, source.ratio())?;
+            write!(
+                f,
+                " {name} {:.1} ({:.2}, p {tail:.0e})",
+                source.score,
+                source.ratio()
+            )?;
         }
         let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
         let (gained, turned) = (self.gained, self.turned);
-        write!(f, " changed {changed:.2} turned {turned:.2} lost {lost:.2} learnt {learnt:.1} gained {gained:.1}")
+        write!(
+            f,
+            " changed {changed:.2} turned {turned:.2} lost {lost:.2} learnt {learnt:.1} gained {gained:.1}"
+        )
     }
 }
 

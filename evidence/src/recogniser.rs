@@ -47,7 +47,7 @@ pub struct Situation<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recogniser {
     settings: RecogniserSettings,
-    memories: Vec<Memory>,
+    pub(crate) memories: Vec<Memory>,
 }
 
 impl Recogniser {
@@ -113,8 +113,8 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Option<usize>, EvidenceError> {
         let policies = self.memories.len();
-        if policy > policies {
-            return Err(EvidenceError::NoPolicy { policy, policies });
+        if policy != policies {
+            self.check_policy(policy)?;
         }
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
@@ -275,8 +275,20 @@ impl Recogniser {
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
+    /// Refuses a policy that was never told of.
+    pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
+        let policies = self.memories.len();
+        match policy < policies {
+            true => Ok(()),
+            false => Err(EvidenceError::NoPolicy { policy, policies }),
+        }
+    }
+
     /// The accounts in the order in which their episodes began.
-    fn in_order<'a>(&self, accounts: &'a [Account]) -> Result<Vec<&'a Account>, EvidenceError> {
+    pub(crate) fn in_order<'a>(
+        &self,
+        accounts: &'a [Account],
+    ) -> Result<Vec<&'a Account>, EvidenceError> {
         let (got, needed) = (accounts.len(), self.settings.min_episodes);
         if got < needed {
             return Err(EvidenceError::TooFewEpisodes { got, needed });

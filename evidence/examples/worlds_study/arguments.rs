@@ -7,7 +7,7 @@ use worlds::Kind;
 
 use crate::trial::TrialError;
 
-/// `FIRST COUNT [KIND] [--visits N] [--stay A-B] [--csv FILE] [--explain]`
+/// `FIRST COUNT [KIND] [--visits N] [--stay A-B] [--alarms] [--csv FILE] [--explain]`
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arguments {
     /// Seeds of the worlds: the first, and how many.
@@ -27,6 +27,8 @@ pub struct Plan {
     pub visits: Option<usize>,
     /// Rounds that a visit lasts.
     pub stay: RangeInclusive<usize>,
+    /// Whether a superfluous policy is opened by force in the third turn of each group.
+    pub alarms: bool,
 }
 
 impl Default for Plan {
@@ -35,6 +37,7 @@ impl Default for Plan {
         Self {
             visits: None,
             stay: 12..=40,
+            alarms: false,
         }
     }
 }
@@ -50,6 +53,7 @@ impl Arguments {
                 "--visits" => plan.visits = Some(number(&value()?)?),
                 "--stay" => plan.stay = range(&value()?)?,
                 "--csv" => csv = Some(value()?.into()),
+                "--alarms" => plan.alarms = true,
                 "--explain" => explain = true,
                 _ => positional.push(word),
             }
@@ -106,12 +110,28 @@ mod tests {
     #[test]
     fn words_are_read_in_any_order_and_wrong_ones_are_named() {
         let read_all = read("--stay 4-12 1100 3 target --visits 100 --explain").unwrap();
-        assert_eq!((read_all.seeds, read_all.kinds), (1100..1103, vec![Kind::Target]));
-        assert_eq!((read_all.plan.visits, read_all.plan.stay), (Some(100), 4..=12));
+        assert_eq!(
+            (read_all.seeds, read_all.kinds),
+            (1100..1103, vec![Kind::Target])
+        );
+        assert_eq!(
+            (read_all.plan.visits, read_all.plan.stay),
+            (Some(100), 4..=12)
+        );
         assert_eq!(read("").unwrap().kinds.len(), Kind::ALL.len());
-        for wrong in ["1000 x", "--stay 5", "--stay 0-4", "--stay 9-4", "1000 2 targets", "--csv"] {
+        for wrong in [
+            "1000 x",
+            "--stay 5",
+            "--stay 0-4",
+            "--stay 9-4",
+            "1000 2 targets",
+            "--csv",
+        ] {
             let word = wrong.split_whitespace().last().unwrap();
-            assert!(read(wrong).unwrap_err().to_string().contains(word), "{wrong}");
+            assert!(
+                read(wrong).unwrap_err().to_string().contains(word),
+                "{wrong}"
+            );
         }
     }
 }

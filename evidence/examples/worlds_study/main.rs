@@ -69,7 +69,9 @@ fn run_all(
             scope.spawn(work);
         }
     });
-    records.into_inner().unwrap_or_else(|poisoned| poisoned.into_inner())
+    records
+        .into_inner()
+        .unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
 /// The record of one world, from the file if it is there.

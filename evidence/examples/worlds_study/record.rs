@@ -54,8 +54,22 @@ impl Record {
     pub const LEN: usize = 16;
 
     const COUNTS: [&str; Self::LEN] = [
-        "groups", "policies", "exact", "turns", "rounds", "known", "right", "switches", "noticed",
-        "mixed", "split", "learnt", "foreign", "merged", "slowest_us", "state_bytes",
+        "groups",
+        "policies",
+        "exact",
+        "turns",
+        "rounds",
+        "known",
+        "right",
+        "switches",
+        "noticed",
+        "mixed",
+        "split",
+        "learnt",
+        "foreign",
+        "merged",
+        "slowest_us",
+        "state_bytes",
     ];
 
     pub fn get(&self, count: Count) -> usize {
@@ -81,10 +95,15 @@ impl Record {
 }
 
 impl Plan {
-    /// Visits and their rounds in two columns.
+    /// Visits, their rounds and what is forced, in three columns.
     fn columns(&self) -> String {
         let visits = self.visits.map_or("two".to_owned(), |n| n.to_string());
-        format!("{visits},{}-{}", self.stay.start(), self.stay.end())
+        let alarms = if self.alarms { "alarms" } else { "none" };
+        format!(
+            "{visits},{}-{},{alarms}",
+            self.stay.start(),
+            self.stay.end()
+        )
     }
 }
 
@@ -111,7 +130,7 @@ impl Results {
         let text = std::fs::read_to_string(path)?;
         if text.is_empty() {
             let names = Record::COUNTS.join(",");
-            writeln!(file, "kind,seed,visits,stay,{names}")?;
+            writeln!(file, "kind,seed,visits,stay,forced,{names}")?;
         } else if !text.ends_with('\n') {
             writeln!(file)?;
         }
@@ -160,7 +179,7 @@ mod tests {
         assert_eq!(results.known(Kind::Shape, 7), None);
         results.add(&record).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text + "shape,8,two,12-40,1,2").unwrap();
+        std::fs::write(&path, text + "shape,8,two,12-40,none,1,2").unwrap();
         let again = Results::open(Some(&path), &plan).unwrap();
         assert_eq!(again.known(Kind::Shape, 7), Some(record));
         assert_eq!(again.known(Kind::Shape, 8), None);

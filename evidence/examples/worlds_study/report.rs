@@ -16,8 +16,8 @@ pub struct Report<'a> {
 impl<'a> Report<'a> {
     pub const HEADER: &'static str = "| worlds | number | exact policies | most superfluous \
 | most missing | right after first visits | switches noticed at once | mixed rollouts \
-| split exactly | learnt by the wrong policy | rollouts a turn | slowest decisions |\n\
-|---|---|---|---|---|---|---|---|---|---|---|---|";
+| split exactly | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
+|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
     pub fn new(kind: Kind, records: &'a [Record]) -> Self {
         Self { kind, records }
@@ -48,7 +48,7 @@ impl fmt::Display for Report<'_> {
         let slowest = self.records.iter().map(|r| r.get(Count::Slowest)).max();
         write!(
             f,
-            "| {} | {worlds} | {:.1} % | {} | {} | {} | {} | {} | {} | {} | {:.2} | {} ms |",
+            "| {} | {worlds} | {:.1} % | {} | {} | {} | {} | {} | {} | {} | {:.2} | {} | {} ms |",
             self.kind.name(),
             100.0 * self.sum(Count::Exact) as f64 / worlds.max(1) as f64,
             self.most(Count::Policies, Count::Groups),
@@ -58,8 +58,8 @@ impl fmt::Display for Report<'_> {
             self.sum(Count::Mixed),
             self.share(Count::Split, Count::Mixed),
             self.share(Count::Foreign, Count::Learnt),
-            self.sum(Count::Rounds) as f64
-                / (ROUNDS * self.sum(Count::Turns).max(1)) as f64,
+            self.sum(Count::Rounds) as f64 / (ROUNDS * self.sum(Count::Turns).max(1)) as f64,
+            self.sum(Count::Merged),
             slowest.unwrap_or(0) / 1000,
         )
     }

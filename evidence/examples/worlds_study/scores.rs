@@ -18,7 +18,7 @@ impl Served {
         let groups = outcome.turns.iter().map(|turn| turn.group + 1).max();
         let mut served = vec![vec![0; groups.unwrap_or(0)]; outcome.policies];
         for turn in &outcome.turns {
-            served[turn.policy][turn.group] += 1;
+            served[outcome.now(turn.policy)][turn.group] += 1;
         }
         Self(served)
     }
@@ -31,13 +31,14 @@ impl Served {
         most(by_group) == Some(group) && most(by_policy) == Some(policy)
     }
 
-    /// Whether policies and groups belong to each other one to one.
-    fn is_bijection(&self, distinct: usize) -> bool {
-        let mut policies = self.0.iter().enumerate();
+    /// Whether policies and groups belong to each other one to one, without those that are gone.
+    fn is_bijection(&self, outcome: &Outcome) -> bool {
+        let policies = self.0.iter().enumerate();
+        let mut policies = policies.filter(|&(policy, _)| outcome.now(policy) == policy);
         let is_paired = |(policy, served): (usize, &Vec<usize>)| {
             most(served.iter().copied()).is_some_and(|group| self.is_pair(policy, group))
         };
-        self.0.len() == distinct && policies.all(is_paired)
+        outcome.left() == outcome.distinct && policies.all(is_paired)
     }
 }
 
@@ -50,7 +51,7 @@ fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
 
 /// Whether each group has a policy of its own, and no policy is left over.
 fn is_exact(outcome: &Outcome) -> bool {
-    Served::of(outcome).is_bijection(outcome.distinct)
+    Served::of(outcome).is_bijection(outcome)
 }
 
 fn judge(outcome: &Outcome) -> Vec<Judged> {
@@ -59,7 +60,8 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
     let judged = turns.map(|(index, turn)| {
         let before = index.checked_sub(1).map(|i| outcome.turns[i].group);
         let is_switch = before.is_some_and(|group| group != turn.group);
-        (*turn, served.is_pair(turn.policy, turn.group), is_switch)
+        let policy = outcome.now(turn.policy);
+        (*turn, served.is_pair(policy, turn.group), is_switch)
     });
     judged.collect()
 }
@@ -69,25 +71,45 @@ pub fn record(kind: Kind, seed: u64, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
-    let of = |turn: &Turn| turn.learnt.iter().flatten().map(|&group| (turn.policy, group)).collect::<Vec<_>>();
+    let of = |turn: &Turn| {
+        turn.learnt
+            .iter()
+            .flatten()
+            .map(|&group| (outcome.now(turn.policy), group))
+            .collect::<Vec<_>>()
+    };
     let learnt: Vec<(usize, usize)> = outcome.turns.iter().flat_map(of).collect();
-    let foreign = learnt.iter().filter(|(policy, group)| !served.is_pair(*policy, *group));
+    let foreign = learnt
+        .iter()
+        .filter(|(policy, group)| !served.is_pair(*policy, *group));
     let mut counts = [0; Record::LEN];
     let mut set = |count: Count, value: usize| counts[count as usize] = value;
     set(Count::Groups, outcome.distinct);
-    set(Count::Policies, outcome.policies);
+    set(Count::Policies, outcome.left());
     set(Count::Exact, usize::from(is_exact(outcome)));
     set(Count::Turns, judged.len());
     set(Count::Rounds, outcome.turns.iter().map(|t| t.rounds).sum());
     set(Count::Known, count(&|(turn, _, _)| turn.is_known));
-    set(Count::Right, count(&|(turn, right, _)| turn.is_known && *right));
-    set(Count::Switches, count(&|(turn, _, new)| turn.is_known && *new));
-    set(Count::Noticed, count(&|(turn, right, new)| turn.is_known && *new && *right));
+    set(
+        Count::Right,
+        count(&|(turn, right, _)| turn.is_known && *right),
+    );
+    set(
+        Count::Switches,
+        count(&|(turn, _, new)| turn.is_known && *new),
+    );
+    set(
+        Count::Noticed,
+        count(&|(turn, right, new)| turn.is_known && *new && *right),
+    );
     set(Count::Mixed, count(&|(turn, _, _)| turn.is_cut.is_some()));
-    set(Count::Split, count(&|(turn, _, _)| turn.is_cut == Some(true)));
+    set(
+        Count::Split,
+        count(&|(turn, _, _)| turn.is_cut == Some(true)),
+    );
     set(Count::Learnt, learnt.len());
     set(Count::Foreign, foreign.count());
-    set(Count::Merged, outcome.merged);
+    set(Count::Merged, outcome.merges.len());
     set(Count::Slowest, outcome.slowest.as_micros() as usize);
     set(Count::State, outcome.state);
     Record { kind, seed, counts }
@@ -125,9 +147,18 @@ mod tests {
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
         let record = record(Kind::Shape, 7, &late);
-        let counts = [Count::Exact, Count::Known, Count::Right, Count::Switches, Count::Noticed];
+        let counts = [
+            Count::Exact,
+            Count::Known,
+            Count::Right,
+            Count::Switches,
+            Count::Noticed,
+        ];
         assert_eq!(counts.map(|count| record.get(count)), [1, 5, 4, 1, 0]);
-        assert_eq!([Count::Learnt, Count::Foreign].map(|count| record.get(count)), [10, 2]);
+        assert_eq!(
+            [Count::Learnt, Count::Foreign].map(|count| record.get(count)),
+            [10, 2]
+        );
     }
 
     #[test]

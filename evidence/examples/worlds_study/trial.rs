@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use cluster::Decision;
 use evidence::{
-    Account, Accountant, EvidenceError, Finding, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, EvidenceError, Finding, Merge, Recogniser, RecogniserSettings, Situation,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -41,7 +41,7 @@ pub enum TrialError {
 /// What came of one turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
-    /// The group that ran at the end.
+    /// The group of the last round that was learnt from.
     pub group: usize,
     pub policy: usize,
     pub rounds: usize,
@@ -59,7 +59,7 @@ pub struct Outcome {
     pub distinct: usize,
     pub policies: usize,
     pub turns: Vec<Turn>,
-    pub merged: usize,
+    pub merges: Vec<Merge>,
     /// Time of the decisions of one turn.
     pub slowest: Duration,
     /// Size of the recogniser's state as text.
@@ -67,10 +67,27 @@ pub struct Outcome {
     pub log: Vec<String>,
 }
 
+impl Outcome {
+    /// The policy that a policy is since merges.
+    pub fn now(&self, policy: usize) -> usize {
+        let merges = self.merges.iter();
+        merges.fold(policy, |policy, merge| match policy == merge.gone {
+            true => merge.kept,
+            false => policy,
+        })
+    }
+
+    /// The number of policies that are left.
+    pub fn left(&self) -> usize {
+        self.policies - self.merges.len()
+    }
+}
+
 /// A world under way.
 pub struct Trial {
     stream: Stream,
     rounds: usize,
+    alarms: bool,
     recogniser: Recogniser,
     accountant: Accountant,
     policies: Vec<StandIn>,
@@ -105,6 +122,7 @@ impl Trial {
         Ok(Self {
             stream,
             rounds,
+            alarms: plan.alarms,
             recogniser: Recogniser::new(settings)?,
             accountant: Accountant::new(spec.image, &spec.vector, &spec.action, settings.filters)?,
             policies: vec![StandIn::default()],
@@ -121,7 +139,8 @@ impl Trial {
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
         while self.stream.rounds() < self.rounds {
             let turn = self.turn()?;
-            let last = self.stream.rounds() - 1;
+            let learnt = turn.learnt.iter().flatten().count();
+            let last = self.stream.rounds() - 1 - (ROUNDS - learnt);
             let since = *met[turn.group].get_or_insert(last);
             self.outcome.turns.push(Turn {
                 is_known: has_returned((since..=last).map(|round| self.group_at(round))),
@@ -148,42 +167,57 @@ impl Trial {
         self.deciding = Duration::ZERO;
         let mut accounts = self.roll_out(ROUNDS)?;
         let mut cut = None;
+        let mut last = None;
         if self.recogniser.policies() > 0 {
-            let mut finding = self.ask(|recogniser, current, rng| {
-                recogniser.assign(&accounts, current, rng)
-            })?;
+            let mut finding =
+                self.ask(|recogniser, current, rng| recogniser.assign(&accounts, current, rng))?;
             cut = finding.cut;
             if finding.decision == Decision::Undecided {
                 let first = accounts;
                 accounts = self.roll_out(ROUNDS)?;
                 let both = [first, accounts.clone()].concat();
-                finding = self.ask(|recogniser, current, rng| {
-                    recogniser.settle(&both, current, rng)
-                })?;
+                finding =
+                    self.ask(|recogniser, current, rng| recogniser.settle(&both, current, rng))?;
                 cut = finding.cut.or(cut);
             }
-            accounts = self.follow(finding, accounts)?;
+            if self.is_forced() {
+                finding.decision = Decision::New;
+            }
+            (accounts, last) = self.follow(finding, accounts)?;
         }
         let learnt = self.learn(&accounts)?;
-        let ends = self.stream.rounds();
+        let policy = self.current;
+        if let Some(finding) = last {
+            self.look_for_twin(&finding)?;
+        }
         self.outcome.slowest = self.outcome.slowest.max(self.deciding);
         let changed =
             (begins + 1..begins + ROUNDS).find(|&r| self.group_at(r) != self.group_at(r - 1));
         let cut = cut.map(|cut| cut / (ENVS * HORIZON));
         Ok(Turn {
-            group: self.group_at(ends - 1),
-            policy: self.current,
-            rounds: ends - begins,
+            group: learnt.iter().flatten().last().copied().unwrap_or(0),
+            policy,
+            rounds: self.stream.rounds() - begins,
             is_known: false,
             is_cut: changed.map(|changed| cut == Some(changed)),
             learnt,
         })
     }
 
+    /// Whether a superfluous policy is opened by force; there must be time to merge it.
+    fn is_forced(&self) -> bool {
+        let group = self.group_at(self.stream.rounds() - 1);
+        let turns = self.outcome.turns.iter().filter(|turn| turn.group == group);
+        let is_early = 3 * self.stream.rounds() < self.rounds;
+        self.alarms && is_early && turns.count() == 3
+    }
+
     /// Lets the current policy learn from its last rollout; returns the groups that it learnt from.
     fn learn(&mut self, accounts: &[Account]) -> Result<[Option<usize>; ROUNDS], TrialError> {
         let clock = Instant::now();
-        let end = self.recogniser.learn(self.current, accounts, &mut self.rng)?;
+        let end = self
+            .recogniser
+            .learn(self.current, accounts, &mut self.rng)?;
         self.deciding += clock.elapsed();
         let ends = self.stream.rounds();
         let learnt = std::array::from_fn(|index| {
@@ -210,18 +244,42 @@ impl Trial {
         Ok(finding)
     }
 
+    /// Lets a policy act that may serve the same group as the current one; if it does, one goes.
+    fn look_for_twin(&mut self, finding: &Finding) -> Result<(), TrialError> {
+        let policy = self.current;
+        let Some(twin) = self.recogniser.twin(policy, finding) else {
+            return Ok(());
+        };
+        self.current = twin;
+        let heard = self.roll_out(1)?;
+        let is_twin = self
+            .recogniser
+            .compare(policy, twin, &heard, &mut self.rng)?;
+        self.current = policy;
+        if is_twin {
+            let again = self.roll_out(1)?;
+            let merge = self.recogniser.merge(policy, twin, &again, &mut self.rng)?;
+            self.current = merge.map_or(policy, |merge| merge.kept);
+            self.outcome.merges.extend(merge);
+        }
+        let merges = &self.outcome.merges;
+        let line = format!("{twin} was compared with {policy}: {is_twin}, {merges:?}");
+        self.outcome.log.push(line);
+        Ok(())
+    }
+
     /// Lets proposed policies act until one is accepted or all are refused; returns the accounts of
-    /// the last rollout.
+    /// the last rollout, and what was said of it.
     fn follow(
         &mut self,
         mut finding: Finding,
         mut accounts: Vec<Account>,
-    ) -> Result<Vec<Account>, TrialError> {
+    ) -> Result<(Vec<Account>, Option<Finding>), TrialError> {
         while finding.decision != Decision::Existing(self.current) {
             let Decision::Existing(policy) = finding.decision else {
                 self.current = self.policies.len();
                 self.policies.push(StandIn::default());
-                return self.roll_out(ROUNDS);
+                return Ok((self.roll_out(ROUNDS)?, None));
             };
             self.current = policy;
             let refused = finding.refused.clone();
@@ -235,7 +293,7 @@ impl Trial {
             accounts = self.roll_out(ROUNDS)?;
             finding = self.review(&accounts, &refused)?;
         }
-        Ok(accounts)
+        Ok((accounts, Some(finding)))
     }
 
     fn review(&mut self, accounts: &[Account], refused: &[usize]) -> Result<Finding, TrialError> {
@@ -248,16 +306,28 @@ impl Trial {
     fn roll_out(&mut self, rounds: usize) -> Result<Vec<Account>, TrialError> {
         let actor = &self.policies[self.current];
         let (stream, now) = (&mut self.stream, &mut self.now);
-        roll_out(stream, now, actor, (&self.accountant, rounds), &mut self.rng)
+        roll_out(
+            stream,
+            now,
+            actor,
+            (&self.accountant, rounds),
+            &mut self.rng,
+        )
     }
 
     /// One line for a finding.
     fn note(&mut self, finding: &Finding) {
         let ends = self.stream.rounds();
-        let groups: Vec<usize> = (ends.saturating_sub(ROUNDS)..ends).map(|r| self.group_at(r)).collect();
+        let groups: Vec<usize> = (ends.saturating_sub(ROUNDS)..ends)
+            .map(|r| self.group_at(r))
+            .collect();
         let mut line = format!(
             "{ends}: groups {groups:?}, policy {} {:?}: {:?}, cut {:?}, refused {:?};",
-            self.current, self.policies[self.current], finding.decision, finding.cut, finding.refused,
+            self.current,
+            self.policies[self.current],
+            finding.decision,
+            finding.cut,
+            finding.refused,
         );
         for opinion in &finding.opinions {
             line += &format!(" {opinion}");

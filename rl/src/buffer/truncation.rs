@@ -25,9 +25,14 @@ impl RolloutBuffer {
         let (from, to) = (steps * n, (steps + 1) * n);
         let (image, vector) = (self.spec.image_len(), self.spec.vector.len());
         let next = &self.observations;
-        self.last.images.copy_from_slice(&next.images[from * image..to * image]);
-        self.last.vectors.copy_from_slice(&next.vectors[from * vector..to * vector]);
-        self.last_values.copy_from_slice(&self.decisions.values[from..to]);
+        self.last
+            .images
+            .copy_from_slice(&next.images[from * image..to * image]);
+        self.last
+            .vectors
+            .copy_from_slice(&next.vectors[from * vector..to * vector]);
+        self.last_values
+            .copy_from_slice(&self.decisions.values[from..to]);
         let ends = self.truncated.partition_point(|&sample| sample < from);
         self.truncated.truncate(ends);
         self.finals.images.truncate(ends * image);
@@ -40,9 +45,15 @@ impl RolloutBuffer {
     /// Makes room for so many steps; those that are there stay.
     pub(super) fn resize(&mut self, steps: usize) {
         let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
-        self.observations.images.resize(samples * spec.image_len(), 0);
-        self.observations.vectors.resize(samples * spec.vector.len(), 0.0);
-        self.decisions.actions.resize(samples * spec.action.len(), 0.0);
+        self.observations
+            .images
+            .resize(samples * spec.image_len(), 0);
+        self.observations
+            .vectors
+            .resize(samples * spec.vector.len(), 0.0);
+        self.decisions
+            .actions
+            .resize(samples * spec.action.len(), 0.0);
         self.decisions.log_probs.resize(samples, 0.0);
         self.decisions.values.resize(samples, 0.0);
         self.rewards.resize(samples, 0.0);

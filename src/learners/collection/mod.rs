@@ -9,6 +9,7 @@ mod member;
 mod policies;
 mod settings;
 mod training;
+mod trials;
 
 pub use first_frames::Rollout;
 pub use policies::Collection;
