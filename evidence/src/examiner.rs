@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::memory::Memory;
-use crate::opinion::{Kind, Look, Opinion, SURE, changed, is_doubtful, sources, whole};
+use crate::opinion::{Kind, Look, Opinion, Role, SURE, changed, is_doubtful, sources, whole};
 use crate::settings::RecogniserSettings;
 
 /// So many splits, the one at hand included, that reach the largest score end a test: nothing will
@@ -21,20 +21,20 @@ const LEARNT: f64 = 1.0;
 /// serves where it is.
 const PROOF: f64 = 3.0;
 const FEW: f64 = 1.0 / 3.0;
-/// There, distances of looks may exceed those of chance by so much more.
-const EXCUSED: f64 = 5.0;
+/// There, distances of looks may exceed those of chance by so many times as much as elsewhere.
+const EXCUSED: f64 = 3.5;
 
 /// Tests with settings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Examiner<'a>(pub(crate) &'a RecogniserSettings);
 
 impl Examiner<'_> {
-    /// What speaks for and against a policy of this memory; `own` says that it acted itself.
+    /// What speaks for and against a policy of this memory.
     pub(crate) fn opine(
         self,
         memory: &Memory,
         accounts: &[&Account],
-        own: bool,
+        role: Role,
         look: Look,
         rng: &mut ChaCha8Rng,
     ) -> Result<Opinion, EvidenceError> {
@@ -42,7 +42,7 @@ impl Examiner<'_> {
         let remembered: Vec<&Account> = memory.accounts.iter().collect();
         // courses count where both sides are of one policy
         let courses = whole(accounts, least).zip(whole(&memory.home(), least));
-        let (kinds, seen, home) = match courses.filter(|_| own) {
+        let (kinds, seen, home) = match courses.filter(|_| role != Role::Stranger) {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
@@ -54,6 +54,7 @@ impl Examiner<'_> {
             lost: memory.lost(accounts),
             learnt: memory.learnt(),
             gained: memory.gained(accounts),
+            role,
             verdict: Verdict::Accepted,
             remembered: remembered.len(),
         };
@@ -117,8 +118,21 @@ impl Examiner<'_> {
     /// Whether a difference counts at all: one that speaks against a policy for good must be large,
     /// and one that only its course shows must be so from the beginning.
     fn counts(self, opinion: &Opinion, look: Look, kind: Kind, source: &SourceTest) -> bool {
-        let doubted = look == Look::First && kind.is_look() && !self.is_proven(opinion);
-        doubted || self.is_large(opinion, kind, source)
+        (look == Look::First && kind.is_look()) || self.is_large(opinion, kind, source)
+    }
+
+    /// From which ratio on looks speak against a policy: a larger one where it returns and shows
+    /// that it serves where it is.
+    fn least_ratio(self, opinion: &Opinion) -> f64 {
+        match opinion.role == Role::Returns && self.is_proven(opinion) {
+            true => self.drifted(),
+            false => self.0.min_ratio,
+        }
+    }
+
+    /// The largest ratio that drift may have caused while a policy was away.
+    pub(crate) fn drifted(self) -> f64 {
+        1.0 + EXCUSED * (self.0.min_ratio - 1.0)
     }
 
     /// How much weaker the evidence may be: the more of the earnings is lost, the less it takes.
@@ -154,15 +168,8 @@ impl Examiner<'_> {
     /// Whether a difference is more than drift. What looks another is drift up to a larger
     /// difference where the policy has shown that it serves there.
     fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
-        let excess = if self.is_proven(opinion) {
-            EXCUSED
-        } else {
-            1.0
-        };
         match kind {
-            Kind::Picture | Kind::Vector => {
-                source.ratio() >= 1.0 + excess * (self.0.min_ratio - 1.0)
-            }
+            Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
             Kind::Motion => opinion.changed >= self.0.min_motion,
             // one that has learnt is known by what it earns
             Kind::Slope => opinion.learnt < PROOF && opinion.turned >= self.0.min_motion,

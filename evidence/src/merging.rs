@@ -8,7 +8,7 @@ use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
 use crate::memory::mean_home;
-use crate::opinion::{Look, Opinion};
+use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::{Finding, Recogniser};
 
 /// What becomes of two policies that serve one group.
@@ -99,7 +99,7 @@ impl Recogniser {
         let accounts = self.in_order(accounts)?;
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
         let (examiner, memory) = (Examiner(self.settings()), &self.memories[policy]);
-        examiner.opine(memory, &accounts, true, Look::Second, &mut own)
+        examiner.opine(memory, &accounts, Role::Returns, Look::Second, &mut own)
     }
 
     /// Remembers that two policies serve different groups, as far as is known.

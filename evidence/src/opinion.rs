@@ -71,6 +71,17 @@ pub enum Look {
     Second,
 }
 
+/// What a policy had to do with the episodes at hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// Nothing: another one acted.
+    Stranger,
+    /// It acted, and goes on from where it learnt last.
+    Stays,
+    /// It acted after it had been away: its group may have drifted meanwhile.
+    Returns,
+}
+
 /// What speaks for and against one policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
@@ -85,6 +96,7 @@ pub struct Opinion {
     pub(crate) learnt: f64,
     /// How much more these episodes earned than its first ones did, in their standard deviations.
     pub(crate) gained: f64,
+    pub(crate) role: Role,
     pub(crate) verdict: Verdict,
     /// Episodes that the policy remembers.
     pub(crate) remembered: usize,
@@ -163,6 +175,12 @@ impl Opinion {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         let scores = looks.map(|(_, source)| source.score);
         scores.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The largest ratio of a distance of looks to what chance makes of it.
+    pub(crate) fn look_ratio(&self) -> f64 {
+        let looks = self.sources().filter(|(kind, _)| kind.is_look());
+        looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
     }
 
     /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly

@@ -8,12 +8,12 @@ use serde::de::Error as _;
 use serde::{Deserialize, Serialize as _};
 
 use crate::account::Account;
-use crate::choice::{keep_or_better, rivals};
+use crate::choice::{drifted, keep_or_better, rivals};
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
 use crate::memory::{Memory, check, known};
-use crate::opinion::{Look, Opinion};
+use crate::opinion::{Look, Opinion, Role};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
@@ -128,8 +128,28 @@ impl Recogniser {
         if policy == policies {
             self.memories.push(Memory::default());
         }
+        if self.is_outdated(policy, &accounts, rng)? {
+            self.memories[policy].accounts.clear();
+        }
         self.memories[policy].learn(accounts, self.settings.memory);
         Ok(end)
+    }
+
+    /// Whether what a policy remembers looks no more like that on which it is about to learn: its
+    /// group drifted while it was away.
+    fn is_outdated<R: Rng + ?Sized>(
+        &self,
+        policy: usize,
+        accounts: &[&Account],
+        rng: &mut R,
+    ) -> Result<bool, EvidenceError> {
+        let mut own = ChaCha8Rng::seed_from_u64(rng.random());
+        let (examiner, memory) = (Examiner(&self.settings), &self.memories[policy]);
+        if accounts.len() < self.settings.min_episodes {
+            return Ok(false);
+        }
+        let opinion = examiner.opine(memory, accounts, Role::Stranger, Look::Second, &mut own)?;
+        Ok(opinion.is_refused())
     }
 
     /// Decides on one rollout of `collector`. `Existing` of another policy asks for a
@@ -165,7 +185,7 @@ impl Recogniser {
         };
         let finding = match look {
             Look::First => self.look(later, situation, rng)?,
-            Look::Second => self.decide(later, situation, rng)?,
+            Look::Second => self.decide(later, situation, Role::Stays, rng)?,
         };
         Ok(Finding {
             cut: cut.map(|_| later[0].began),
@@ -180,7 +200,7 @@ impl Recogniser {
         situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, Look::First, rng)?;
+        let opinions = self.opinions(accounts, situation, (Look::First, Role::Stays), rng)?;
         let collector = situation.collector;
         let rivals = rivals(&opinions, |policy| policy != collector);
         let own = opinions.get(collector);
@@ -233,12 +253,12 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let mut finding = self.decide(&accounts, situation, rng)?;
+        let mut finding = self.decide(&accounts, situation, Role::Returns, rng)?;
         let keep = Decision::Existing(situation.collector);
         if finding.decision != keep
             && let Some(cut) = find_cut(&accounts, &self.settings, rng)?
         {
-            finding = self.decide(&accounts[..cut], situation, rng)?;
+            finding = self.decide(&accounts[..cut], situation, Role::Returns, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
         // one that has been tried is not tried again
@@ -265,7 +285,7 @@ impl Recogniser {
             refused: &[],
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
-        let opinions = self.opinions(&accounts, situation, Look::Second, rng)?;
+        let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
         let examiner = Examiner(&self.settings);
         let weighed = opinions.iter().map(|opinion| Weighed {
             p_value: opinion.test().map(|_| opinion.tail_p_value()),
@@ -273,6 +293,16 @@ impl Recogniser {
             misfit: opinion.misfit(),
         });
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
+    }
+
+    /// Whether a policy that looks another may be meant all the same: it was away, and has learnt so
+    /// much that it can show it.
+    fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
+        let memory = &self.memories[policy];
+        policy != situation.collector
+            && !situation.refused.contains(&policy)
+            && !memory.is_gone
+            && Examiner(&self.settings).knows(memory)
     }
 
     /// Refuses a policy that was never told of.
@@ -302,17 +332,20 @@ impl Recogniser {
         &self,
         accounts: &[&Account],
         situation: Situation,
-        look: Look,
+        (look, role): (Look, Role),
         rng: &mut R,
     ) -> Result<Vec<Opinion>, EvidenceError> {
         // each policy has a generator of its own, so that threads change nothing
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            let own = policy == situation.collector;
+            let role = match policy == situation.collector {
+                true => role,
+                false => Role::Stranger,
+            };
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
-            let mut opinion = examiner.opine(memory, accounts, own, look, &mut rng)?;
+            let mut opinion = examiner.opine(memory, accounts, role, look, &mut rng)?;
             if situation.refused.contains(&policy) {
                 opinion.verdict = Verdict::Refused;
             }
@@ -325,26 +358,33 @@ impl Recogniser {
         &self,
         accounts: &[&Account],
         situation: Situation,
+        role: Role,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let collector = situation.collector;
-        let opinions = self.opinions(accounts, situation, Look::Second, rng)?;
+        let opinions = self.opinions(accounts, situation, (Look::Second, role), rng)?;
         let own = opinions.get(collector);
         let rivals = rivals(&opinions, |policy| policy != collector);
         let alike = own.is_some_and(|own| !own.looks_doubtful(self.settings.doubt));
+        let suspect = drifted(&opinions, |policy| self.may_have_drifted(policy, situation));
+        let suspect = suspect.filter(|&policy| {
+            opinions[policy].look_ratio() < Examiner(&self.settings).drifted()
+        });
         let decision = match (own, rivals.first()) {
             (Some(own), _) if own.verdict == Verdict::Accepted => {
                 Decision::Existing(keep_or_better(collector, &opinions))
             }
             (_, Some(&policy)) => Decision::Existing(policy),
-            (_, None) => Decision::New,
+            (_, None) => suspect.map_or(Decision::New, Decision::Existing),
         };
-        let refused = |policy: &usize| opinions[*policy].is_refused();
+        let refused = |policy: &usize| {
+            opinions[*policy].is_refused() && decision != Decision::Existing(*policy)
+        };
         Ok(Finding {
             decision,
             cut: None,
             refused: (0..opinions.len()).filter(refused).collect(),
-            is_contested: alike || rivals.len() > 1,
+            is_contested: alike || rivals.len() != 1,
             opinions,
         })
     }
