@@ -49,7 +49,8 @@ pub struct ResumeOptions {
 /// Which runs to do.
 #[derive(Clone, Debug, Args)]
 pub struct SweepOptions {
-    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, and settings to `set`.
+    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
+    /// of them for a study.
     pub plan: PathBuf,
     /// Folder that the runs' folders are in, which is all that workers share.
     #[arg(long, default_value = "runs")]

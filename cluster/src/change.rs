@@ -3,9 +3,11 @@
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::error::ClusterError;
+use crate::check::within;
+use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Frames;
+use crate::joint::shared;
 use crate::permutation::ROUNDING;
 
 /// The largest distance of a source in whole units: sums over a million pairs fit into the 53 bits
@@ -42,10 +44,10 @@ pub fn change_test<R: Rng + ?Sized>(
     cuts: &[usize],
     permutations: usize,
     rng: &mut R,
-) -> Result<ChangeTest, ClusterError> {
+) -> Result<ChangeTest> {
     let episodes = check(sources, cuts)?;
     let sources = sources.iter().map(Pairs::new);
-    let sources = sources.collect::<Result<Vec<_>, _>>()?;
+    let sources = sources.collect::<Result<Vec<_>>>()?;
     let mut scans: Vec<Scan> = Vec::with_capacity(sources.len());
     scans.extend(
         sources
@@ -64,31 +66,15 @@ pub fn change_test<R: Rng + ?Sized>(
 }
 
 /// The number of episodes, which all sources must share.
-fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize, ClusterError> {
-    let first = sources
-        .first()
-        .ok_or(ClusterError::Empty { what: "sources" })?;
-    let all = first.episodes();
-    for (source_index, source) in sources.iter().enumerate() {
-        if source.episodes() != all {
-            return Err(ClusterError::SourceMismatch {
-                source_index,
-                got: (source.episodes(), 0),
-                expected: (all, 0),
-            });
-        }
-    }
+fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
+    let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
     if cuts.is_empty() {
         return Err(ClusterError::Empty { what: "cuts" });
     }
-    match cuts.iter().find(|&&cut| cut == 0 || cut >= all) {
-        None => Ok(all),
-        Some(&cut) => Err(ClusterError::OutOfRange {
-            name: "cut",
-            value: cut as f64,
-            expected: "at least 1 episode on either side",
-        }),
-    }
+    let expected = "at least 1 episode on either side";
+    let mut cuts = cuts.iter().map(|&cut| (cut, (1..all).contains(&cut)));
+    cuts.try_for_each(|(cut, inside)| within("cut", cut as f64, inside, expected))?;
+    Ok(all)
 }
 
 /// Whole distances `[episodes, episodes]` of one source.
@@ -101,7 +87,7 @@ struct Pairs {
 
 impl Pairs {
     /// Nothing where all points are equal.
-    fn new(frames: &Frames) -> Result<Option<Self>, ClusterError> {
+    fn new(frames: &Frames) -> Result<Option<Self>> {
         let features = frames.features();
         let mut costs = EuclideanCosts::new();
         let distances = costs.compute(features, features, frames.dim())?;

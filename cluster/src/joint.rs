@@ -1,10 +1,12 @@
 //! One permutation test of several sources of evidence at once.
 
+use std::ops::RangeInclusive;
+
 use rand::Rng;
 use rand::seq::SliceRandom;
 
 use crate::check::positive;
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 use crate::frames::{Candidate, Frames};
 use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
 
@@ -76,7 +78,7 @@ pub fn joint_test<R: Rng + ?Sized>(
     sources: &[Source],
     permutations: usize,
     rng: &mut R,
-) -> Result<JointTest, ClusterError> {
+) -> Result<JointTest> {
     joint_test_until(sources, &[permutations], |_| false, rng)
 }
 
@@ -94,7 +96,7 @@ pub fn joint_test_until<R: Rng + ?Sized>(
     stages: &[usize],
     decided: impl Fn(&JointTest) -> bool,
     rng: &mut R,
-) -> Result<JointTest, ClusterError> {
+) -> Result<JointTest> {
     positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let (rollout, buffer) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
@@ -102,7 +104,7 @@ pub fn joint_test_until<R: Rng + ?Sized>(
         let features = [o.features(), buffer.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
-    let mut pools = pools.collect::<Result<Vec<_>, _>>()?;
+    let mut pools = pools.collect::<Result<Vec<_>>>()?;
     let mut order: Vec<usize> = (0..rollout + buffer).collect();
     measure(&mut pools, &order)?;
     let mut splits = 0;
@@ -121,31 +123,35 @@ pub fn joint_test_until<R: Rng + ?Sized>(
 }
 
 /// Measures all pools under the same split.
-fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<(), ClusterError> {
+fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
     let mut pools = pools.iter_mut().flatten();
     pools.try_for_each(|pool| pool.measure(order))
 }
 
 /// The numbers of episodes on both sides, which all sources must share.
-fn episodes(sources: &[Source]) -> Result<(usize, usize), ClusterError> {
-    let count = |source: &Source| {
+fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
+    let mut clouds = sources.iter().map(|source| &source.clouds).enumerate();
+    clouds.try_for_each(|(index, clouds)| clouds.check(index))?;
+    shared(sources.iter().map(|source| {
         let Candidate { rollout, buffer } = &source.clouds;
         (rollout.episodes(), buffer.episodes())
-    };
-    let first = sources.first().map(count);
-    let first = first.ok_or(ClusterError::Empty { what: "sources" })?;
-    for (index, source) in sources.iter().enumerate() {
-        source.clouds.check(index)?;
-        let (got, expected) = (count(source), first);
-        if got != expected {
-            return Err(ClusterError::SourceMismatch {
-                source_index: index,
-                got,
-                expected,
-            });
-        }
+    }))
+}
+
+/// The numbers of episodes of the first source, which are those of all of them.
+pub(crate) fn shared(
+    counts: impl Iterator<Item = (usize, usize)> + Clone,
+) -> Result<(usize, usize)> {
+    let first = counts.clone().next();
+    let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
+    match counts.enumerate().find(|(_, got)| *got != expected) {
+        None => Ok(expected),
+        Some((source_index, got)) => Err(ClusterError::SourceMismatch {
+            source_index,
+            got,
+            expected,
+        }),
     }
-    Ok(first)
 }
 
 /// One source's distances: those of the episodes as they came first, then those of random splits.
@@ -161,12 +167,7 @@ struct Pool {
 impl Pool {
     /// For the features of all episodes, in the sizes of `like`; nothing where all points are
     /// equal.
-    fn new(
-        features: &[f32],
-        like: &Frames,
-        side: Side,
-        split: usize,
-    ) -> Result<Option<Self>, ClusterError> {
+    fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
         let distances = PooledDistances::new(features, like)?;
         let each = like.frames_per_episode() * like.dim();
         let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
@@ -178,19 +179,24 @@ impl Pool {
         }))
     }
 
-    fn measure(&mut self, order: &[usize]) -> Result<(), ClusterError> {
-        let counts = self.means.as_ref().is_none_or(|means| {
-            let mean = |side: &[usize]| {
-                side.iter().map(|&episode| means[episode]).sum::<f64>() / side.len() as f64
-            };
-            mean(&order[..self.split]) < mean(&order[self.split..])
-        });
-        let distance = match counts {
+    /// Measures the two sides of the episodes in this order.
+    fn measure(&mut self, order: &[usize]) -> Result<()> {
+        let distance = match self.counts(order) {
             true => self.distances.between(order, self.split)?,
             false => 0.0,
         };
         self.measured.push(distance);
         Ok(())
+    }
+
+    /// Whether the difference between the two sides counts.
+    fn counts(&self, order: &[usize]) -> bool {
+        let (first, second) = order.split_at(self.split);
+        self.means.as_ref().is_none_or(|means| {
+            let mean =
+                |side: &[usize]| side.iter().map(|&e| means[e]).sum::<f64>() / side.len() as f64;
+            mean(first) < mean(second)
+        })
     }
 
     /// Mean and spread of the distances from the one of this index on; a spread is at least what
@@ -212,55 +218,48 @@ impl Pool {
 /// Scores that differ by less are equal.
 const EQUAL: f64 = 1e-9;
 
-fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
-    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
-    // where the one at hand does not count
-    let exact: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(0)))
-        .collect();
-    let outer: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(1)))
-        .collect();
-    let largest = |scores: &[Option<Vec<f64>>], split: usize| {
+/// The scores of every source that says something, with moments of its distances from the one of
+/// index `from` on.
+fn scores(pools: &[Option<Pool>], from: usize) -> Vec<Option<Vec<f64>>> {
+    let pools = pools.iter().map(Option::as_ref);
+    pools.map(|pool| Some(pool?.scores(from))).collect()
+}
+
+/// The largest score of every split over all sources; 0 where none says anything.
+fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
+    let largest = |split: usize| {
         let scores = scores.iter().flatten().map(|scores| scores[split]);
         scores.reduce(f64::max).unwrap_or(0.0)
     };
-    let maxima: Vec<f64> = (0..=permutations)
-        .map(|split| largest(&exact, split))
-        .collect();
-    let null: Vec<f64> = (1..=permutations)
-        .map(|split| largest(&outer, split))
-        .collect();
-    let null = describe(null, ROUNDING);
+    splits.map(largest).collect()
+}
+
+fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
+    // where the one at hand does not count
+    let (exact, outer) = (scores(pools, 0), scores(pools, 1));
+    let reached = maxima(&exact, 0..=permutations);
+    let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
     let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
     let source = |index: usize| {
-        let (pool, exact, outer) = (
-            pools[index].as_ref()?,
-            exact[index].as_ref()?,
-            outer[index].as_ref()?,
-        );
-        let reaching = maxima.iter().filter(|&&m| m >= exact[0] - EQUAL).count();
+        let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
+        let score = outer[index].as_ref()?[0];
+        let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
         Some(SourceTest {
             distance: pool.measured[0],
             mean: pool.moments(1).0,
-            score: outer[0],
+            score,
             p_value: reaching as f64 / (1 + permutations) as f64,
-            tail_p_value: tail(standardised(outer[0]), &null),
+            tail_p_value: tail(standardised(score), &null),
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(source).collect();
-    let smallest = sources
-        .iter()
-        .flatten()
-        .map(|s| s.p_value)
-        .fold(1.0, f64::min);
+    let p_values = sources.iter().flatten().map(|source| source.p_value);
     JointTest {
+        p_value: p_values.fold(1.0, f64::min),
+        score: standardised(maxima(&outer, 0..=0)[0]),
         sources,
         null,
-        score: standardised(largest(&outer, 0)),
-        p_value: smallest,
     }
 }
 

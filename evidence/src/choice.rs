@@ -37,8 +37,8 @@ pub(crate) fn rivals(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> 
 
 /// The policy whose looks differ least among the eligible ones that were tested.
 pub(crate) fn drifted(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<usize> {
-    let tested = (0..opinions.len())
-        .filter(|&policy| opinions[policy].test.is_some() && eligible(policy));
+    let tested =
+        (0..opinions.len()).filter(|&policy| opinions[policy].test.is_some() && eligible(policy));
     let ratio = |policy: &usize| opinions[*policy].look_ratio();
     tested.min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
 }

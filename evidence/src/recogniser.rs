@@ -367,9 +367,8 @@ impl Recogniser {
         let rivals = rivals(&opinions, |policy| policy != collector);
         let alike = own.is_some_and(|own| !own.looks_doubtful(self.settings.doubt));
         let suspect = drifted(&opinions, |policy| self.may_have_drifted(policy, situation));
-        let suspect = suspect.filter(|&policy| {
-            opinions[policy].look_ratio() < Examiner(&self.settings).drifted()
-        });
+        let suspect = suspect
+            .filter(|&policy| opinions[policy].look_ratio() < Examiner(&self.settings).drifted());
         let decision = match (own, rivals.first()) {
             (Some(own), _) if own.verdict == Verdict::Accepted => {
                 Decision::Existing(keep_or_better(collector, &opinions))

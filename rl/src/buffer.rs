@@ -298,6 +298,11 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         Ok(())
     }
 
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        (&mut self.step_decisions.actions, false)
+    }
+
+    /// With the log-probabilities and the values.
     fn decide(
         &mut self,
         policy: &mut P,
@@ -312,14 +317,14 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
     fn record(
         &mut self,
         policy: &mut P,
-        observations: &Observations,
-        transition: &Transition,
+        from: &Observations,
+        to: &Transition,
     ) -> Result<(), RlError> {
-        value_truncated(policy, transition, &mut self.step_final_values)?;
+        value_truncated(policy, to, &mut self.step_final_values)?;
         // lent out, since a push borrows all of the buffer
         let decisions = std::mem::take(&mut self.step_decisions);
         let final_values = std::mem::take(&mut self.step_final_values);
-        let result = self.push(observations, &decisions, transition, &final_values);
+        let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
         result
     }

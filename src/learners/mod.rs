@@ -10,7 +10,7 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
 pub use learner::{Extent, Learner, Seconds, Turn};
 pub use metrics::{Metric, Metrics};

@@ -5,6 +5,7 @@
 mod comparison;
 mod curves;
 mod document;
+mod efficiency;
 mod figures;
 mod method;
 mod paper;
@@ -15,6 +16,7 @@ mod table;
 mod tables;
 
 pub use document::Report;
+pub use efficiency::{Efficiency, SOLVED};
 pub use figures::{Figures, GroupFigures, Undefined};
 pub use method::MethodRuns;
 pub use run_data::{RolloutRow, RunData, ScoreRow};

@@ -1,6 +1,7 @@
 //! The tables of a report.
 
 use super::comparison::Comparison;
+use super::efficiency;
 use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
@@ -22,6 +23,9 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     ];
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
+    }
+    if let Some(table) = efficiency::table(methods, &groups) {
+        tables.push(("efficiency", table));
     }
     tables.push(("variants", variants(methods, &groups)));
     tables.push(("runs", runs(methods)));
@@ -240,7 +244,8 @@ fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
     }
 }
 
-fn brackets(interval: Option<Interval>, digits: usize) -> String {
+/// An interval behind its figure; nothing where there is none.
+pub fn brackets(interval: Option<Interval>, digits: usize) -> String {
     interval.map_or_else(String::new, |Interval { low, high }| {
         format!(" [{low:.digits$}, {high:.digits$}]")
     })

@@ -182,8 +182,8 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
         ("straddles", progress.straddles.to_string()),
         ("policy", turn.policy.to_string()),
         ("created", turn.created.to_string()),
-        ("reward", number(progress.reward)),
-        ("success", number(progress.success)),
+        ("reward", number(progress.reward())),
+        ("success", number(progress.success())),
         ("success_at_end", number(turn.rollout.success_at_end_rate())),
     ];
     let known = known.map(|(name, cell)| (name.to_owned(), cell));

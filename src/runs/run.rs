@@ -242,8 +242,8 @@ impl Run {
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index; 0
-    /// for none.
+    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index;
+    /// 0 for none.
     fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
@@ -275,16 +275,14 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
-        let reward = turn.rollout.mean_return();
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
             group,
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
-            reward: reward.map(|sum| sum * world.stream().reward_scale()),
-            success: turn.rollout.success_rate(),
             turn,
+            reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - environment_seconds,
         };
@@ -338,8 +336,8 @@ impl Run {
     /// Writes a checkpoint, unless the newest is of this very moment.
     ///
     /// # Errors
-    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older checkpoints
-    /// are then still there.
+    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older
+    /// checkpoints are then still there.
     pub fn save(&mut self) -> Result<(), CoversError> {
         if self.broken {
             return Err(CoversError::Broken);
@@ -366,8 +364,8 @@ impl Run {
     }
 
     /// The figures of the run. Scores are those of the last evaluation; where there was none since
-    /// the start or the resumption, all variants are scored now. Those of a finished run are written
-    /// to `summary.json`, too.
+    /// the start or the resumption, all variants are scored now. Those of a finished run are
+    /// written to `summary.json`, too.
     ///
     /// # Errors
     /// What the evaluation says.

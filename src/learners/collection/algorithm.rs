@@ -20,10 +20,10 @@ use super::courses::courses;
 use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::policies::Collection;
-use super::settings::{Embedding, Handover, NewPolicy};
+use super::settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 use super::training::Training;
 
-impl<T: Training> Learner for Collection<T> {
+impl<S: CollectionSettings> Learner for Collection<S> {
     /// One turn of Algorithm 1: roll out, assign, update.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
         self.seconds = Seconds::default();
@@ -46,7 +46,7 @@ impl<T: Training> Learner for Collection<T> {
         let mut created = self.adopt(&assignment, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            match self.shared.handover {
+            match self.settings.handover() {
                 Handover::CollectAgain => {
                     let collected = self.hand_over(env, assignment, created)?;
                     decisions += collected.decisions;
@@ -55,7 +55,7 @@ impl<T: Training> Learner for Collection<T> {
                 }
                 Handover::Reuse => {
                     let policy = &mut self.members[self.current].policy;
-                    T::take_over(policy, &mut self.rollout)?;
+                    S::Training::take_over(policy, &mut self.rollout)?;
                 }
             }
         }
@@ -83,8 +83,8 @@ impl<T: Training> Learner for Collection<T> {
         env: &mut dyn VectorEnv,
         rng: &mut ChaCha8Rng,
     ) -> Result<usize, CoversError> {
-        let k = self.shared.first_frames;
-        let mut glimpse = T::rollout(env.spec(), k)?;
+        let k = self.settings.first_frames();
+        let mut glimpse = S::rollout(env.spec(), k)?;
         let (mut frames, mut episodes) = (Vec::new(), Vec::new());
         while frames.len() < self.grouping.min_episodes() {
             let policy = &mut self.members[self.current].policy;
@@ -135,7 +135,7 @@ impl<T: Training> Learner for Collection<T> {
     }
 }
 
-impl<T: Training> Collection<T> {
+impl<S: CollectionSettings> Collection<S> {
     /// Collects `N_s` decisions with the current policy.
     pub(super) fn roll_out(
         &mut self,
@@ -165,7 +165,7 @@ impl<T: Training> Collection<T> {
 
     /// The first frames of the rollout's episodes.
     pub(super) fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
-        let frames = first_frames(&self.rollout, self.shared.first_frames);
+        let frames = first_frames(&self.rollout, self.settings.first_frames());
         self.check_episodes(frames.len())?;
         Ok(frames)
     }
@@ -179,7 +179,7 @@ impl<T: Training> Collection<T> {
         Err(CoversError::TooFewEpisodes {
             got,
             needed,
-            first_frames: self.shared.first_frames,
+            first_frames: self.settings.first_frames(),
         })
     }
 
@@ -210,7 +210,7 @@ impl<T: Training> Collection<T> {
         courses: &[Course],
         mut question: impl FnMut(
             &dyn Grouping,
-            &mut Clouds<T>,
+            &mut Clouds<S>,
             &mut ChaCha8Rng,
         ) -> Result<A, CoversError>,
     ) -> Result<A, CoversError> {
@@ -249,7 +249,7 @@ impl<T: Training> Collection<T> {
 
     /// Who collected the rollout that is learnt from; `first` collected the turn's first one.
     fn current_collector(&self, first: usize) -> usize {
-        match self.shared.handover {
+        match self.settings.handover() {
             Handover::CollectAgain => self.current,
             Handover::Reuse => first,
         }
@@ -271,7 +271,7 @@ impl<T: Training> Collection<T> {
         };
         self.grouping.adopt(self.current);
         let member = &mut self.members[self.current];
-        if self.shared.embedding == Embedding::AtArrival {
+        if self.settings.embedding() == Embedding::AtArrival {
             keep_features(&mut member.policy, &mut frames)?;
         }
         for episode in frames {
@@ -284,7 +284,7 @@ impl<T: Training> Collection<T> {
 
     /// The policy that a new one is copied from, if it is.
     fn parent(&self, assignment: &Assignment) -> Result<Option<usize>, CoversError> {
-        match (self.shared.new_policy, assignment.nearest()) {
+        match (self.settings.new_policy(), assignment.nearest()) {
             (NewPolicy::Random, _) => Ok(None),
             (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
             (NewPolicy::Copy, None) => Err(CoversError::Setting {

@@ -13,5 +13,6 @@ mod trials;
 
 pub use first_frames::Rollout;
 pub use policies::Collection;
-pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub(in crate::learners) use settings::shared_settings;
+pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 pub use training::Training;

@@ -12,6 +12,7 @@ use super::courses::courses;
 use super::first_frames::{Rollout, first_frames};
 use super::member::Member;
 use super::policies::Collection;
+use super::settings::{CollectionSettings, RolloutOf};
 use super::training::Training;
 
 /// What a change of hands came to.
@@ -25,7 +26,7 @@ pub(super) struct Collected {
     pub created: bool,
 }
 
-impl<T: Training> Collection<T> {
+impl<S: CollectionSettings> Collection<S> {
     /// Lets the current policy, which `assignment` named, collect a rollout; and other ones where
     /// the grouping reviews what it did and names them. One of several that might be meant is heard
     /// first.
@@ -43,7 +44,7 @@ impl<T: Training> Collection<T> {
                 && let Some(heard) = self.hear(env, &mut decisions)?
                 && let Some(other) = self.review(&heard, &mut refused)?
             {
-                created = self.adopt(&other, first_frames(&heard, self.shared.first_frames))?;
+                created = self.adopt(&other, first_frames(&heard, self.settings.first_frames()))?;
                 assignment = other;
                 continue;
             }
@@ -98,7 +99,7 @@ impl<T: Training> Collection<T> {
 
     /// Makes one of the current policy and `twin`, unless what the current one did last says
     /// otherwise.
-    fn merge(&mut self, twin: usize, again: &T::Rollout) -> Result<(), CoversError> {
+    fn merge(&mut self, twin: usize, again: &RolloutOf<S>) -> Result<(), CoversError> {
         let courses = courses(again, 0);
         let seen = Episodes {
             spec: &self.spec,
@@ -118,13 +119,13 @@ impl<T: Training> Collection<T> {
         &mut self,
         env: &mut dyn VectorEnv,
         decisions: &mut usize,
-    ) -> Result<Option<T::Rollout>, CoversError> {
+    ) -> Result<Option<RolloutOf<S>>, CoversError> {
         let steps = self.rollout.shown();
         let Some(horizon) = env.horizon().filter(|&horizon| horizon < steps) else {
             return Ok(None);
         };
         let clock = Instant::now();
-        let mut heard = T::rollout(env.spec(), horizon)?;
+        let mut heard = S::rollout(env.spec(), horizon)?;
         let Member {
             policy, training, ..
         } = &mut self.members[self.current];
@@ -133,7 +134,7 @@ impl<T: Training> Collection<T> {
         let rng = &mut self.generators.actions;
         *decisions += collect(env, policy, &mut heard, &mut state, rng)?.decisions;
         self.seconds.collection += clock.elapsed().as_secs_f64();
-        let episodes = first_frames(&heard, self.shared.first_frames).len();
+        let episodes = first_frames(&heard, self.settings.first_frames()).len();
         Ok((episodes >= self.grouping.min_episodes()).then_some(heard))
     }
 
@@ -141,10 +142,10 @@ impl<T: Training> Collection<T> {
     /// right one; the answer is another one, or nothing.
     fn review(
         &mut self,
-        rollout: &T::Rollout,
+        rollout: &RolloutOf<S>,
         refused: &mut Vec<usize>,
     ) -> Result<Option<Assignment>, CoversError> {
-        let frames = first_frames(rollout, self.shared.first_frames);
+        let frames = first_frames(rollout, self.settings.first_frames());
         let courses = courses(rollout, 0);
         self.ask(&frames, &courses, |grouping, clouds, rng| {
             grouping.review(clouds, refused, rng)
