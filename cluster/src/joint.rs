@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::check::within;
+use crate::check::positive;
 use crate::error::{ClusterError, Result};
 use crate::frames::{Candidate, Frames};
 use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
@@ -70,92 +70,62 @@ pub struct JointTest {
     pub p_value: f64,
 }
 
-/// Runs the test with `permutations` random splits, at least 1.
+/// Runs the test with `permutations` random splits.
 ///
 /// # Errors
-/// No source, sources that show different numbers of episodes, or clouds that cannot be compared.
+/// No split, no source, sources that show different numbers of episodes, or clouds that cannot be compared.
 pub fn joint_test<R: Rng + ?Sized>(
     sources: &[Source],
     permutations: usize,
     rng: &mut R,
 ) -> Result<JointTest> {
-    let (rollout, _) = episodes(sources)?;
+    joint_test_until(sources, &[permutations], |_| false, rng)
+}
+
+/// The same with more and more random splits, as many in all as `stages` say one after another,
+/// until an outcome is `decided`; the last stage decides in any case.
+///
+/// Where `decided` only ever stops tests that are not going to be significant, as Besag and
+/// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no
+/// more frequent: each of them is one of the whole test, too.
+///
+/// # Errors
+/// Those of [`joint_test`].
+pub fn joint_test_until<R: Rng + ?Sized>(
+    sources: &[Source],
+    stages: &[usize],
+    decided: impl Fn(&JointTest) -> bool,
+    rng: &mut R,
+) -> Result<JointTest> {
+    positive("splits", stages.iter().copied().min().unwrap_or(1))?;
+    let (rollout, buffer) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
         let Candidate { rollout: o, buffer } = &source.clouds;
         let features = [o.features(), buffer.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
-    let pools = pools.collect::<Result<Vec<_>>>()?;
-    permute(pools, permutations, rng)
-}
-
-/// Where a sequence of episodes changes, if it does.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChangeTest {
-    /// Episodes before the likeliest change.
-    pub cut: usize,
-    /// The p-value of "nothing changes", over all cuts and sources together; exact as that of a
-    /// [`JointTest`].
-    pub p_value: f64,
-}
-
-/// Tests whether a sequence of episodes changes at one of `cuts`: numbers of episodes before the
-/// change, which leave an episode on either side. Each of `sources` shows all episodes in their
-/// order.
-///
-/// # Errors
-/// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
-pub fn change_test<R: Rng + ?Sized>(
-    sources: &[Frames],
-    cuts: &[usize],
-    permutations: usize,
-    rng: &mut R,
-) -> Result<ChangeTest> {
-    let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
-    for &cut in cuts {
-        let expected = "at least 1 episode on either side";
-        within("cut", cut as f64, (1..all).contains(&cut), expected)?;
-    }
-    let pairs = cuts
-        .iter()
-        .flat_map(|&cut| sources.iter().map(move |source| (cut, source)));
-    let pools = pairs.map(|(cut, source)| Pool::new(source.features(), source, Side::Both, cut));
-    let pools = pools.collect::<Result<Vec<_>>>()?;
-    let test = permute(pools, permutations, rng)?;
-    let best = test
-        .likeliest()
-        .ok_or(ClusterError::Empty { what: "cuts" })?;
-    Ok(ChangeTest {
-        cut: cuts[best / sources.len()],
-        p_value: test.p_value,
-    })
-}
-
-impl JointTest {
-    /// The index of the source of the largest score; the last of equals.
-    fn likeliest(&self) -> Option<usize> {
-        let score = |index: &usize| self.sources[*index].map_or(f64::NEG_INFINITY, |s| s.score);
-        (0..self.sources.len()).max_by(|a, b| score(a).total_cmp(&score(b)))
-    }
-}
-
-/// Measures all pools under the same random splits.
-fn permute<R: Rng + ?Sized>(
-    mut pools: Vec<Option<Pool>>,
-    permutations: usize,
-    rng: &mut R,
-) -> Result<JointTest> {
-    let episodes = pools.iter().flatten().map(|pool| pool.episodes).next();
-    let mut order: Vec<usize> = (0..episodes.unwrap_or(0)).collect();
-    for split in 0..=permutations {
-        if split > 0 {
+    let mut pools = pools.collect::<Result<Vec<_>>>()?;
+    let mut order: Vec<usize> = (0..rollout + buffer).collect();
+    measure(&mut pools, &order)?;
+    let mut splits = 0;
+    for (index, &stage) in stages.iter().enumerate() {
+        for _ in splits..stage {
             order.shuffle(rng);
+            measure(&mut pools, &order)?;
         }
-        for pool in pools.iter_mut().flatten() {
-            pool.measure(&order)?;
+        splits = splits.max(stage);
+        let test = judge(&pools, splits);
+        if index + 1 == stages.len() || decided(&test) {
+            return Ok(test);
         }
     }
-    Ok(judge(&pools, permutations))
+    Err(ClusterError::Empty { what: "stages" })
+}
+
+/// Measures all pools under the same split.
+fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
+    let mut pools = pools.iter_mut().flatten();
+    pools.try_for_each(|pool| pool.measure(order))
 }
 
 /// The numbers of episodes on both sides, which all sources must share.
@@ -169,7 +139,9 @@ fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
 }
 
 /// The numbers of episodes of the first source, which are those of all of them.
-fn shared(counts: impl Iterator<Item = (usize, usize)> + Clone) -> Result<(usize, usize)> {
+pub(crate) fn shared(
+    counts: impl Iterator<Item = (usize, usize)> + Clone,
+) -> Result<(usize, usize)> {
     let first = counts.clone().next();
     let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
     match counts.enumerate().find(|(_, got)| *got != expected) {
@@ -185,7 +157,6 @@ fn shared(counts: impl Iterator<Item = (usize, usize)> + Clone) -> Result<(usize
 /// One source's distances: those of the episodes as they came first, then those of random splits.
 struct Pool {
     distances: PooledDistances,
-    episodes: usize,
     /// Episodes of the first side.
     split: usize,
     /// The mean of each episode, where only one side counts.
@@ -202,7 +173,6 @@ impl Pool {
         let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
         Ok((distances.largest() > 0.0).then(|| Self {
             distances,
-            episodes: features.len() / each,
             split,
             means: (side == Side::Less).then(|| features.chunks(each).map(mean).collect()),
             measured: Vec::new(),
@@ -361,21 +331,56 @@ mod tests {
         assert!((5..=37).contains(&alarms), "{alarms}");
     }
 
+    /// The stages of one test draw what the whole test draws, and the last one decides.
     #[test]
-    fn a_change_is_found_where_it_is() {
-        let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let sequence = [draw(7, 0.0, &mut rng), draw(13, 3.0, &mut rng)].concat();
-        let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
-        let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
-        let cuts: Vec<usize> = (1..20).collect();
-        let test = change_test(&frames, &cuts, 99, &mut rng).unwrap();
-        // neighbouring cuts score nearly alike
-        assert!((6..=8).contains(&test.cut), "{}", test.cut);
-        assert_eq!(test.p_value, 0.01);
-        let nothing = change_test(&[still], &cuts, 99, &mut rng).unwrap();
-        assert_eq!(nothing.p_value, 1.0);
-        assert!(change_test(&frames, &[20], 99, &mut rng).is_err());
-        assert!(change_test(&frames, &[], 99, &mut rng).is_err());
+    fn a_test_that_is_never_decided_is_the_whole_test() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let sources = [source(
+            &draw(8, 0.3, &mut rng),
+            &draw(9, 0.0, &mut rng),
+            Side::Both,
+        )];
+        let run = |stages: &[usize], splits: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            let decided = |test: &JointTest| test.null.permutations >= splits;
+            joint_test_until(&sources, stages, decided, &mut rng).unwrap()
+        };
+        let whole = joint_test(&sources, 60, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
+        assert_eq!(run(&[10, 30, 60], 100), whole);
+        assert_eq!(run(&[10, 30, 60], 20).null.permutations, 30);
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        assert!(joint_test_until(&sources, &[], |_| true, &mut rng).is_err());
+        assert!(joint_test(&sources, 0, &mut rng).is_err());
+    }
+
+    /// Tests that stop once nine splits reach the distance at hand: 1000 tests in which nothing
+    /// differs, and the rate of false alarms stays below the level.
+    #[test]
+    fn early_ends_give_no_more_false_alarms() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let reaching = |test: &JointTest| test.p_value * (1 + test.null.permutations) as f64;
+        let (mut alarms, mut splits) = (0, 0);
+        for _ in 0..1000 {
+            let sources = [
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Both,
+                ),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Less,
+                ),
+            ];
+            let decided = |test: &JointTest| reaching(test) > 8.5;
+            let test = joint_test_until(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
+            alarms += usize::from(test.p_value <= 0.05);
+            splits += test.null.permutations;
+        }
+        // nominal 50; four standard deviations are 28
+        assert!((22..=78).contains(&alarms), "{alarms}");
+        assert!(splits < 50_000, "{splits} of 79,000");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use symmetry::Irrep;
 
 use crate::error::EvidenceError;
 use crate::filters::Filters;
-use crate::motion::motion;
+use crate::motion::{motion, slope};
 
 /// One episode as it ran, from its first observation on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,6 +38,8 @@ pub struct Account {
     /// How vectors answered to actions. Nothing, as are earnings, of an episode that was not seen
     /// to its end.
     pub motion: Option<Vec<f32>>,
+    /// Which way pays: how rewards answered to actions, of length 1.
+    pub slope: Option<Vec<f32>>,
     /// The sum of rewards.
     pub earned: Option<f32>,
 }
@@ -45,7 +47,7 @@ pub struct Account {
 impl Account {
     /// Leaves what was there before anybody acted.
     pub fn forget_course(&mut self) {
-        (self.motion, self.earned) = (None, None);
+        (self.motion, self.slope, self.earned) = (None, None, None);
     }
 }
 
@@ -92,11 +94,16 @@ impl Accountant {
         });
         let vector = vector.collect();
         let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
+        let slope = motion.is_some().then(|| {
+            let (rewards, actions) = (&course.rewards, &course.actions);
+            slope(rewards, actions, &self.action)
+        });
         Ok(Account {
             began: course.began,
             picture: self.filters.describe(&course.image)?,
             vector,
             motion,
+            slope,
             earned: course.is_whole.then(|| course.rewards.iter().sum()),
         })
     }

@@ -46,6 +46,20 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
+/// Which way pays: the answer of rewards to actions over an episode, `[A]` without signs and of
+/// length 1; zeros where nothing answers.
+pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
+    // a reward is what its own action led to
+    let later = actions.get(directions.len()..).unwrap_or(&[]);
+    let found = motion((rewards, &[Irrep::Trivial]), (later, directions));
+    let squares: f64 = found.iter().map(|&m| f64::from(m).powi(2)).sum();
+    let length = squares.sqrt().max(f64::MIN_POSITIVE);
+    found
+        .iter()
+        .map(|&m| (f64::from(m.abs()) / length) as f32)
+        .collect()
+}
+
 /// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
 /// `[n, m]`.
 fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {

@@ -1,5 +1,7 @@
 //! The rollout buffer: T steps of N environments, time-major.
 
+mod truncation;
+
 use std::fmt;
 
 use rand::RngExt;
@@ -17,6 +19,8 @@ use crate::policy::{Assess, Decisions, OnPolicy, Values};
 #[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
+    /// Steps that fit, and those of them that count: fewer after a truncation.
+    capacity: usize,
     steps: usize,
     pushed: usize,
     finished: bool,
@@ -49,6 +53,7 @@ impl RolloutBuffer {
         };
         Ok(Self {
             spec: spec.clone(),
+            capacity: steps,
             steps,
             pushed: 0,
             finished: false,
@@ -190,6 +195,7 @@ impl RolloutBuffer {
         self.truncated.clear();
         self.finals.images.clear();
         self.finals.vectors.clear();
+        self.resize(self.capacity);
     }
 
     /// Writes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` in [0, 1].

@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use cluster::{Assignment, Decision, Evidence, PermutationTest, Verdict};
+use cluster::{Assignment, Decision, Evidence, PermutationTest};
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
 use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
@@ -17,7 +17,7 @@ use crate::learners::learner::{Extent, Learner, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
 use super::courses::courses;
-use super::first_frames::{FirstFrames, first_frames, keep_features};
+use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::policies::Collection;
 use super::settings::{CollectionSettings, Embedding, Handover, NewPolicy};
@@ -48,15 +48,10 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         if self.current != collector {
             match self.settings.handover() {
                 Handover::CollectAgain => {
-                    stats = self.roll_out(env)?;
-                    decisions += stats.decisions;
-                    let mut refused = refused(&assignment);
-                    while !created && let Some(other) = self.review(&mut refused)? {
-                        created = self.adopt(&other, self.first_frames()?)?;
-                        assignment = other;
-                        stats = self.roll_out(env)?;
-                        decisions += stats.decisions;
-                    }
+                    let collected = self.hand_over(env, assignment, created)?;
+                    decisions += collected.decisions;
+                    (assignment, stats, created) =
+                        (collected.assignment, collected.stats, collected.created);
                 }
                 Handover::Reuse => {
                     let policy = &mut self.members[self.current].policy;
@@ -66,8 +61,10 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         }
         self.remember(self.current_collector(collector))?;
         let update = self.update()?;
+        let policy = self.current;
+        decisions += self.look_for_twin(env)?;
         Ok(Turn {
-            policy: self.current,
+            policy,
             created,
             metrics: metrics(&assignment.evidence, first_look.is_some(), update),
             evidence: assignment.evidence,
@@ -140,7 +137,10 @@ impl<S: CollectionSettings> Learner for Collection<S> {
 
 impl<S: CollectionSettings> Collection<S> {
     /// Collects `N_s` decisions with the current policy.
-    fn roll_out(&mut self, env: &mut dyn VectorEnv) -> Result<RolloutStats, CoversError> {
+    pub(super) fn roll_out(
+        &mut self,
+        env: &mut dyn VectorEnv,
+    ) -> Result<RolloutStats, CoversError> {
         let clock = Instant::now();
         self.check_horizon(env)?;
         let Member {
@@ -164,7 +164,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// The first frames of the rollout's episodes.
-    fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
+    pub(super) fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
         let frames = first_frames(&self.rollout, self.settings.first_frames());
         self.check_episodes(frames.len())?;
         Ok(frames)
@@ -204,16 +204,7 @@ impl<S: CollectionSettings> Collection<S> {
         })
     }
 
-    /// Asks it whether the current policy, which has acted since it was named, is the right one;
-    /// the answer is another one, or nothing.
-    fn review(&mut self, refused: &mut Vec<usize>) -> Result<Option<Assignment>, CoversError> {
-        let (frames, courses) = (self.first_frames()?, courses(&self.rollout, 0));
-        self.ask(&frames, &courses, |grouping, clouds, rng| {
-            grouping.review(clouds, refused, rng)
-        })
-    }
-
-    fn ask<A>(
+    pub(super) fn ask<A>(
         &mut self,
         rollout: &[FirstFrames],
         courses: &[Course],
@@ -239,7 +230,8 @@ impl<S: CollectionSettings> Collection<S> {
         answer
     }
 
-    /// Shows the grouping the last rollout, which the current policy is about to learn from.
+    /// Shows the grouping the last rollout, which the current policy is about to learn from, and
+    /// forgets what shows another group at its end.
     fn remember(&mut self, collector: usize) -> Result<(), CoversError> {
         let clock = Instant::now();
         let episodes = Episodes {
@@ -248,7 +240,9 @@ impl<S: CollectionSettings> Collection<S> {
             courses: &courses(&self.rollout, 0),
         };
         let rng = &mut self.generators.assignment;
-        self.grouping.remember(self.current, episodes, rng)?;
+        if let Some(end) = self.grouping.remember(self.current, episodes, rng)? {
+            self.rollout.truncate(end / self.spec.num_envs)?;
+        }
         self.seconds.assignment += clock.elapsed().as_secs_f64();
         Ok(())
     }
@@ -262,7 +256,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Makes the assigned policy current and gives it the frames; returns whether it is new.
-    fn adopt(
+    pub(super) fn adopt(
         &mut self,
         assignment: &Assignment,
         mut frames: Vec<FirstFrames>,
@@ -307,7 +301,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Refuses a policy that a grouping made up.
-    fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
+    pub(super) fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
         if index < self.members.len() {
             return Ok(index);
         }
@@ -329,13 +323,6 @@ impl<S: CollectionSettings> Collection<S> {
         self.seconds.update += clock.elapsed().as_secs_f64();
         Ok(logged)
     }
-}
-
-/// The policies that a decision refused for good.
-fn refused(assignment: &Assignment) -> Vec<usize> {
-    let evidence = assignment.evidence.iter().enumerate();
-    let refused = evidence.filter(|(_, e)| e.verdict == Verdict::Refused);
-    refused.map(|(index, _)| index).collect()
 }
 
 /// What is logged: the evidence of the grouping, one number for each policy, and the update.

@@ -10,6 +10,7 @@ mod note;
 mod policies;
 mod settings;
 mod training;
+mod trials;
 
 pub use first_frames::Rollout;
 pub use note::read_note;

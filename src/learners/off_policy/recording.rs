@@ -115,4 +115,11 @@ impl Rollout for Recording {
     fn reward(&self, step: usize, env: usize) -> f32 {
         self.last()[step].transition.rewards[env]
     }
+
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
+        if let Some(last) = self.collections.last_mut() {
+            last.truncate(steps);
+        }
+        Ok(())
+    }
 }
