@@ -166,8 +166,8 @@ fn pointer(path: &str) -> String {
     format!("/{}", escaped.replace('.', "/"))
 }
 
-/// The path in the tree that is most like `wanted`: one that ends with it, or else the nearest by
-/// edits.
+/// The path in the tree that is most like `wanted`: one that ends with it, or else, of those with as
+/// many dots, the nearest by edits.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
@@ -179,8 +179,9 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let ending = format!(".{wanted}");
     // the learner's come last, and are the likelier ones
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
-    ends.or_else(|| nearest(all.into_iter(), wanted))
-        .map(str::to_owned)
+    let depth = |path: &str| path.matches('.').count();
+    let alike = all.into_iter().filter(|path| depth(path) == depth(wanted));
+    ends.or_else(|| nearest(alike, wanted)).map(str::to_owned)
 }
 
 /// The name that is nearest by edits, of which a third of its length is allowed, and three in any

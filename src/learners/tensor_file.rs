@@ -300,6 +300,18 @@ mod tests {
     }
 
     #[test]
+    fn a_header_that_no_reader_takes_is_not_written() {
+        let header = "row\n".repeat(25_000_000);
+        let message = encode(Path::new("file"), &header, &[])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("cannot write file: header too large"),
+            "{message}"
+        );
+    }
+
+    #[test]
     fn numbers_that_are_not_finite_are_not_written() {
         let tensors = [Tensor::floats(
             "weights".to_owned(),

@@ -170,10 +170,12 @@ fn check_names(command: Option<Command>) {
     let Some(Command::Train(options)) = command else {
         return;
     };
-    let preset = TrainOptions {
+    let mut preset = TrainOptions {
         config: None,
         ..options.clone()
     };
+    // another target's
+    preset.run.changes.set.clear();
     let Ok(experiment) = preset.experiment() else {
         return;
     };
