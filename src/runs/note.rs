@@ -117,7 +117,8 @@ mod tests {
 
     #[test]
     fn notes_that_no_run_writes_are_refused() {
-        let cases: [(fn(&mut Note), &str); 6] = [
+        type Spoil = fn(&mut Note);
+        let cases: [(Spoil, &str); 6] = [
             (|note| note.ledger.straddled = 1, "do not add up"),
             (|note| note.ledger.right_returns = 1, "do not add up"),
             (|note| note.ledger.rollouts = usize::MAX, "do not add up"),

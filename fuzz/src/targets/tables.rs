@@ -51,7 +51,7 @@ fn read(input: &[u8]) -> Option<Reading> {
     }
     measured(|| {
         go_on(files[2].1);
-        accepted(RunData::read(&RUN).and_then(|run| report(run)))
+        accepted(RunData::read(&RUN).and_then(report))
     })
 }
 
