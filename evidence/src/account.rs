@@ -4,6 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
+use crate::album::Album;
 use crate::error::EvidenceError;
 use crate::filters::Filters;
 use crate::motion::{motion, slope};
@@ -85,6 +86,15 @@ impl Accountant {
     /// # Errors
     /// A picture of another size, or lists that do not fit each other.
     pub fn account(&self, course: &Course) -> Result<Account, EvidenceError> {
+        self.account_of(course, None)
+    }
+
+    /// The account of a course whose picture may have been described before.
+    fn account_of(
+        &self,
+        course: &Course,
+        described: Option<&[f32]>,
+    ) -> Result<Account, EvidenceError> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
         let first = course.vectors.iter().zip(&self.vector);
@@ -100,7 +110,10 @@ impl Accountant {
         });
         Ok(Account {
             began: course.began,
-            picture: self.filters.describe(&course.image)?,
+            picture: match described {
+                Some(described) => described.to_vec(),
+                None => self.filters.describe(&course.image)?,
+            },
             vector,
             motion,
             slope,
@@ -117,6 +130,26 @@ impl Accountant {
             .par_iter()
             .map(|course| self.account(course))
             .collect()
+    }
+
+    /// Accounts of several courses, whose pictures are looked up in `album` and kept there: what is
+    /// slow is done once for each picture.
+    ///
+    /// # Errors
+    /// Those of [`Accountant::account`].
+    pub fn accounts_with(
+        &self,
+        courses: &[Course],
+        album: &mut Album,
+    ) -> Result<Vec<Account>, EvidenceError> {
+        let known: &Album = album;
+        let accounts = courses.par_iter();
+        let accounts = accounts.map(|course| self.account_of(course, known.find(&course.image)));
+        let accounts = accounts.collect::<Result<Vec<_>, _>>()?;
+        for (course, account) in courses.iter().zip(&accounts) {
+            album.keep(&course.image, &account.picture);
+        }
+        Ok(accounts)
     }
 
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {

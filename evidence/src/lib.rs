@@ -17,6 +17,7 @@
 //! elsewhere what it earns at home serves there as well.
 
 mod account;
+mod album;
 mod choice;
 mod cut;
 mod error;
@@ -31,6 +32,7 @@ mod recogniser;
 mod settings;
 
 pub use account::{Account, Accountant, Course};
+pub use album::Album;
 pub use error::EvidenceError;
 pub use filters::Filters;
 pub use merging::Merge;

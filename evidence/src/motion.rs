@@ -127,6 +127,28 @@ mod tests {
         }
     }
 
+    /// Pay that rises with x is found whatever its height, and mirror images give the same bits.
+    #[test]
+    fn the_way_that_pays_is_found() {
+        let (_, actions) = course();
+        let pay = |height: f32| -> Vec<f32> {
+            let steps = actions.chunks(2).scan(0.0, |sum, action| {
+                *sum += height * (4.0 * action[0] + 3.0 * action[1]);
+                Some(*sum)
+            });
+            steps.collect()
+        };
+        let low = slope(&pay(0.125), &actions, &IRREPS);
+        assert!(
+            (low[0] - 0.8).abs() < 1e-3 && (low[1] - 0.6).abs() < 1e-3,
+            "{low:?}"
+        );
+        assert_eq!(slope(&pay(8.0), &actions, &IRREPS), low);
+        let mirrored: Vec<f32> = actions.iter().map(|a| -a).collect();
+        assert_eq!(slope(&pay(0.125), &mirrored, &IRREPS), low);
+        assert_eq!(slope(&[1.0; 10], &actions, &IRREPS), [0.0, 0.0]);
+    }
+
     #[test]
     fn a_hand_that_never_acts_gives_zeros() {
         let found = motion((&[0.5; 6], &IRREPS), (&[0.0; 4], &IRREPS));

@@ -4,7 +4,7 @@ use std::cell::RefCell;
 
 use cluster::{Assignment, Decision};
 use evidence::{
-    Account, Accountant, Finding, Look, Merge, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, Album, Finding, Look, Merge, Recogniser, RecogniserSettings, Situation,
 };
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -18,6 +18,8 @@ use super::grouping::{Candidates, Episodes, Grouping};
 #[derive(Debug)]
 pub struct Evident {
     recogniser: Recogniser,
+    /// Pictures that were described lately.
+    album: RefCell<Album>,
     /// What was said last.
     last: RefCell<Option<Finding>>,
 }
@@ -30,6 +32,7 @@ impl Evident {
     pub fn new(settings: RecogniserSettings) -> Result<Self, CoversError> {
         Ok(Self {
             recogniser: Recogniser::new(settings)?,
+            album: RefCell::default(),
             last: RefCell::new(None),
         })
     }
@@ -39,7 +42,7 @@ impl Evident {
         let Episodes { spec, courses, .. } = episodes;
         let filters = self.recogniser.settings().filters;
         let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
-        let mut accounts = accountant.accounts(courses)?;
+        let mut accounts = accountant.accounts_with(courses, &mut self.album.borrow_mut())?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);
         }
