@@ -40,8 +40,9 @@ faults: deps
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.
 FUZZ_RUNS := 10000000
-FUZZ_TARGETS := notation settings overrides command-line checkpoint network npz mjcf
-FUZZ := cargo run --release --locked --
+FUZZ_TARGETS := notation settings overrides command-line plan checkpoint note tables network npz mjcf
+# Files of inputs lie in memory where there is such a folder: a disk would take most of the time.
+FUZZ := TMPDIR=$(firstword $(wildcard /dev/shm) /tmp) cargo run --release --locked --
 
 fuzz: deps
 	cd fuzz && for name in $(FUZZ_TARGETS); do \

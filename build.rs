@@ -12,6 +12,7 @@ fn main() {
         "cluster",
         "envs",
         "equivariant",
+        "evidence",
         "inpainting",
         "mujoco",
         "mujoco-sys",

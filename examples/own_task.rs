@@ -154,7 +154,9 @@ fn finish(run: &mut Run) -> Result<(), CoversError> {
     while let Some(event) = run.advance()? {
         println!("{}", event_text(&event));
     }
-    println!("\n{}", summary_table(&run.summary()?));
+    if let Some(summary) = run.summary()? {
+        println!("\n{}", summary_table(&summary));
+    }
     println!("files: {}", run.folder().path().display());
     Ok(())
 }

@@ -49,7 +49,8 @@ pub struct ResumeOptions {
 /// Which runs to do.
 #[derive(Clone, Debug, Args)]
 pub struct SweepOptions {
-    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, and settings to `set`.
+    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
+    /// of them for a study.
     pub plan: PathBuf,
     /// Folder that the runs' folders are in, which is all that workers share.
     #[arg(long, default_value = "runs")]
@@ -244,20 +245,21 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
 /// What the run says, or an `out` that cannot be written to.
 pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let folder = run.folder().path().display().to_string();
-    if !run.is_finished() {
-        run.save()?;
-        let rollouts = run.ledger().rollouts;
-        let said = format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}");
-        say(out, &said)?;
-        return Ok(Outcome::Interrupted);
+    if run.is_finished()
+        && let Some(summary) = run.summary()?
+    {
+        say(out, &summary_table(&summary))?;
+        say(out, &format!("files: {folder}"))?;
+        if json {
+            say(out, &serde_json::json!(summary).to_string())?;
+        }
+        return Ok(Outcome::Done);
     }
-    let summary = run.summary()?;
-    say(out, &summary_table(&summary))?;
-    say(out, &format!("files: {folder}"))?;
-    if json {
-        say(out, &serde_json::json!(summary).to_string())?;
-    }
-    Ok(Outcome::Done)
+    run.save()?;
+    let rollouts = run.ledger().rollouts;
+    let said = format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}");
+    say(out, &said)?;
+    Ok(Outcome::Interrupted)
 }
 
 fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversError> {

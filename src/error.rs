@@ -148,7 +148,8 @@ pub enum CoversError {
     },
     /// A folder without a run.
     #[error(
-        "{} holds no run: there is no experiment.json. Begin one with `covers train`",
+        "{} holds no run: there is no experiment.json and no checkpoint. Begin one with \
+         `covers train`",
         folder.display()
     )]
     NoRun {

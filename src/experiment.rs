@@ -12,7 +12,7 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
-use crate::overrides::typed;
+use crate::overrides::parse;
 use crate::schedule::{Clock, Schedule};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
@@ -118,12 +118,7 @@ impl Experiment {
     /// # Errors
     /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, CoversError> {
-        let not_json = |source| CoversError::NotJson { source };
-        serde_json::from_str(text).or_else(|error| {
-            // a tree names paths; what it would forgive, a field that is there twice, stays an error
-            typed::<Self>(serde_json::from_str(text).map_err(not_json)?)?;
-            Err(not_json(error))
-        })
+        parse(text)
     }
 
     /// The same run with another seed.
@@ -209,8 +204,8 @@ impl Experiment {
         }
     }
 
-    /// Decisions of one episode of every environment: the world's clock lets a group give way at its
-    /// multiples.
+    /// Decisions of one episode of every environment: the world's clock lets a group give way at
+    /// its multiples.
     fn block(&self) -> usize {
         self.envs.num_envs * self.envs.control.decisions()
     }

@@ -48,7 +48,7 @@ pub use groupings::{
 pub use learners::{
     Collection, CollectionSettings, Covers, CoversSettings, Embedding, Extent, Handover, Learner,
     LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Performance,
-    Recognised, Seconds, Shared, Turn,
+    Recognised, Seconds, Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

@@ -12,6 +12,8 @@ use crate::error::CoversError;
 
 /// Where a path is looked up when the experiment itself has no such field.
 const LEARNER: &str = "learner";
+/// Characters of the longest name for which a known one is proposed.
+const LONGEST: usize = 100;
 
 /// One setting with its new value, as `--set PATH=VALUE` names it.
 ///
@@ -55,24 +57,23 @@ pub fn apply<T: Serialize + DeserializeOwned>(
     }
     let mut tree = tree(&settings)?;
     for change in overrides {
-        let unknown = || CoversError::UnknownSetting {
-            name: change.path.clone(),
-            nearest: nearest_path(&tree, &change.path),
-        };
-        let inside = |path: &str| lookup(&tree, path).is_some();
-        let path = match [change.path.clone(), format!("{LEARNER}.{}", change.path)] {
-            [path, _] if inside(&path) => path,
-            [_, path] if inside(&path) => path,
-            _ => return Err(unknown()),
-        };
-        // found above
+        let path = find(&tree, &change.path)?;
+        // found just now
         if let Some(place) = tree.pointer_mut(&pointer(&path)) {
-            *place = change.value.clone();
+            place.clone_from(&change.value);
         }
-        // each alone, so that the error names the right one
-        typed::<T>(tree.clone())?;
     }
     typed(tree)
+}
+
+/// The path of a setting as the tree has it.
+fn find(tree: &Value, path: &str) -> Result<String, CoversError> {
+    let ways = [path.to_owned(), format!("{LEARNER}.{path}")];
+    let found = ways.into_iter().find(|way| lookup(tree, way).is_some());
+    found.ok_or_else(|| CoversError::UnknownSetting {
+        name: path.to_owned(),
+        nearest: nearest_path(tree, path),
+    })
 }
 
 /// Refuses a checkpoint that was written with other settings than those that are asked for.
@@ -110,6 +111,19 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
     } else if one != other {
         differing.push(format!("`{path}` {one} and {other}"));
     }
+}
+
+/// Reads settings from JSON.
+///
+/// # Errors
+/// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, CoversError> {
+    let not_json = |source| CoversError::NotJson { source };
+    serde_json::from_str(text).or_else(|error| {
+        // a tree names paths; what it would forgive, a field that is there twice, stays an error
+        typed::<T>(serde_json::from_str(text).map_err(not_json)?)?;
+        Err(not_json(error))
+    })
 }
 
 /// Reads a value; what does not fit is named with its path and the nearest name that fits.
@@ -152,8 +166,8 @@ fn pointer(path: &str) -> String {
     format!("/{}", escaped.replace('.', "/"))
 }
 
-/// The path in the tree that is most like `wanted`: one that ends with it, or else the nearest by
-/// edits.
+/// The path in the tree that is most like `wanted`: one that ends with it, or else, of those with as
+/// many dots, the nearest by edits.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
@@ -165,12 +179,31 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let ending = format!(".{wanted}");
     // the learner's come last, and are the likelier ones
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
-    ends.or_else(|| nearest(all.into_iter(), wanted))
-        .map(str::to_owned)
+    let depth = |path: &str| path.matches('.').count();
+    let alike = all.into_iter().filter(|path| depth(path) == depth(wanted));
+    ends.or_else(|| nearest(alike, wanted)).map(str::to_owned)
 }
 
+/// The name that is nearest by edits, of which a third of its length is allowed, and three in any
+/// case: another word is no help.
 fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
-    names.min_by_key(|name| strsim::osa_distance(name, wanted))
+    let length = wanted.chars().count();
+    if length > LONGEST {
+        return None;
+    }
+    let mut best = None;
+    let mut most = (length / 3).max(3);
+    for name in names {
+        // as many edits at least: comparing takes time, and most names are of another length
+        let least = name.chars().count().abs_diff(length);
+        if least <= most {
+            let edits = strsim::osa_distance(name, wanted);
+            if edits < most || edits == most && best.is_none() {
+                (most, best) = (edits, Some(name));
+            }
+        }
+    }
+    best
 }
 
 fn paths(tree: &Value, path: &str, all: &mut Vec<String>) {
@@ -262,6 +295,32 @@ mod tests {
         let message = typed::<Experiment>(wrong).unwrap_err().to_string();
         assert!(message.contains("learner.covers.ppo.gama"), "{message}");
         assert!(message.contains("did you mean `gamma`?"), "{message}");
+    }
+
+    #[test]
+    fn the_nearest_name_is_that_of_the_fewest_edits_and_the_first_of_equals() {
+        let names = ["seed", "speed", "gamma", "gala", "längen"];
+        for wanted in [
+            "sed", "seeds", "gam", "gamme", "laengen", "länge", "speeed", "g",
+        ] {
+            let slow = names
+                .iter()
+                .min_by_key(|name| strsim::osa_distance(name, wanted));
+            assert_eq!(
+                nearest(names.into_iter(), wanted),
+                slow.copied(),
+                "{wanted}"
+            );
+        }
+        for wanted in ["nothing of that", &"seed".repeat(100)] {
+            assert_eq!(nearest(names.into_iter(), wanted), None, "{wanted}");
+        }
+    }
+
+    #[test]
+    fn the_last_value_of_a_setting_counts() {
+        let changed = set(&["covers.seed=much", "covers.seed=3"]).unwrap();
+        assert_eq!(changed.learner.seed(), 3);
     }
 
     #[test]

@@ -25,7 +25,7 @@ fn goal_reach_is_learnt_from_pixels() {
     let mut run = Run::start(experiment(), folder).unwrap();
     let untrained = run.evaluate(1).unwrap();
     while run.advance().unwrap().is_some() {}
-    let trained = run.summary().unwrap().variants;
+    let trained = run.summary().unwrap().unwrap().variants;
     std::fs::remove_dir_all(path).unwrap();
     assert_eq!((untrained.len(), trained.len()), (4, 4));
     for (before, after) in untrained.iter().zip(&trained) {

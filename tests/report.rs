@@ -20,7 +20,7 @@ impl Scratch {
         let folder = RunFolder::create(&self.0, name).unwrap();
         let mut run = Run::start(experiment, folder).unwrap();
         while run.advance().unwrap().is_some() {}
-        run.summary().unwrap()
+        run.summary().unwrap().unwrap()
     }
 
     /// Reports the runs of these names.

@@ -84,7 +84,7 @@ fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
         .chain([newest(folder)])
         .map(|file| fs::read(file).unwrap());
     let bytes = bytes.collect();
-    (run.summary().unwrap(), bytes)
+    (run.summary().unwrap().unwrap(), bytes)
 }
 
 /// Learns from this many rollouts, evaluates where that is due, and drops the run as a crash would.
@@ -159,7 +159,10 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     // what has ended stays as it is
     let mut ended = Run::resume(&folder, None).unwrap();
     assert!(ended.advance().unwrap().is_none());
-    assert_eq!(timeless(&ended.summary().unwrap()), timeless(&summary));
+    assert_eq!(
+        timeless(&ended.summary().unwrap().unwrap()),
+        timeless(&summary)
+    );
 }
 
 /// A smoke run of two groups; the paper's with small pictures.

@@ -39,9 +39,12 @@ pub(crate) struct SubEnvs {
     slots: Vec<Slot>,
     /// Of every group that was prepared; one that failed is thrown away and made anew.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
-    /// Of the present group, one a slot: a simulation takes megabytes, and making one a fraction of
-    /// a millisecond.
+    /// Simulations of the present group, one a slot.
     tables: Vec<TableTop>,
+    /// Those of groups that ran before. Given back to the allocator instead, megabytes of almost
+    /// equal sizes leave gaps: memory grew as much with every group, and went up and down with
+    /// every switch.
+    parked: BTreeMap<TaskGroup, Vec<TableTop>>,
     elements: Vec<D2>,
     picture: Vec<u8>,
 }
@@ -62,6 +65,7 @@ impl SubEnvs {
             slots: slots.collect(),
             renderers: BTreeMap::new(),
             tables: Vec::new(),
+            parked: BTreeMap::new(),
             elements: Vec::new(),
             picture: vec![0; pixels],
         }
@@ -111,14 +115,29 @@ impl SubEnvs {
 
     fn set_tasks(&mut self, scene: &Arc<Scene>, elements: Vec<D2>) -> Result<(), EnvError> {
         self.elements = elements;
-        let known = self.tables.first();
-        if !known.is_some_and(|table| Arc::ptr_eq(table.scene(), scene)) {
-            // the old ones go first, so that there are never two sets
-            self.tables.clear();
-            let table = |_| TableTop::new(Arc::clone(scene), self.settings.control);
-            self.tables = self.slots.iter().map(table).collect::<Result<_, _>>()?;
+        let present = |tables: &Vec<TableTop>| {
+            let first = tables.first();
+            first.is_some_and(|table| Arc::ptr_eq(table.scene(), scene))
+        };
+        if present(&self.tables) {
+            return Ok(());
+        }
+        let mut tables = match self.parked.remove(&scene.group).filter(present) {
+            Some(parked) => parked,
+            None => self.simulations(scene)?,
+        };
+        tables.iter_mut().for_each(TableTop::end_episode);
+        let before = std::mem::replace(&mut self.tables, tables);
+        if let Some(table) = before.first() {
+            self.parked.insert(table.scene().group, before);
         }
         Ok(())
+    }
+
+    /// A simulation for each slot.
+    fn simulations(&self, scene: &Arc<Scene>) -> Result<Vec<TableTop>, EnvError> {
+        let table = |_| TableTop::new(Arc::clone(scene), self.settings.control);
+        self.slots.iter().map(table).collect()
     }
 
     fn reset(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
@@ -232,4 +251,43 @@ pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     text.or_else(|| panic.downcast_ref::<String>().cloned())
         .unwrap_or_else(|| "no message".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_group_that_comes_back_finds_its_simulations_without_episodes() {
+        let settings = VecEnvSettings {
+            num_envs: 2,
+            ..VecEnvSettings::default()
+        };
+        let [reach, drawer] = [TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE].map(|group| {
+            let (embodiment, camera) = (settings.embodiment, settings.camera);
+            let scene = Scene::in_layout(settings.layout, group, embodiment, camera);
+            Arc::new(scene.unwrap())
+        });
+        let mut envs = SubEnvs::new(0..2, settings);
+        let switch = |envs: &mut SubEnvs, scene| {
+            envs.set_tasks(scene, D2::ALL.to_vec()).unwrap();
+            envs.tables.as_ptr()
+        };
+        let first = switch(&mut envs, &reach);
+        envs.tables[0]
+            .reset(D2::Identity, &mut slot_rng(0, 0))
+            .unwrap();
+        assert_eq!(switch(&mut envs, &reach), first);
+        assert!(
+            envs.tables[0].step(&[0.0; ACTION_DIM]).is_ok(),
+            "its episode goes on"
+        );
+        assert_ne!(switch(&mut envs, &drawer), first);
+        assert_eq!(switch(&mut envs, &reach), first);
+        let message = envs.tables[0]
+            .step(&[0.0; ACTION_DIM])
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains("reset"), "{message}");
+    }
 }

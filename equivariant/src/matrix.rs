@@ -6,8 +6,6 @@ use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use crate::simd::lanes::{InstructionSet, LANES, Lanes, WithLanes, run_f32};
-
 /// A row-major matrix of `rows` x `cols` numbers: row `r` starts at `r * stride`.
 #[derive(Clone, Copy, Debug)]
 pub struct Strided<'a, T> {
@@ -94,23 +92,33 @@ pub(crate) fn product<T: RealField + Copy>(
         T::one_impl(),
         Par::Seq,
     );
-    run_f32(ClearUpperHalves, InstructionSet::Avx2);
+    clear_upper_halves();
 }
 
-/// A little work on wide registers, at whose end the compiler clears their upper halves.
+/// Does a little work on wide registers, at whose end the compiler clears their upper halves.
 ///
 /// The kernels of faer 0.24.4 do not. Until somebody does, the processor pays for every change
 /// between instructions that know of upper halves and those that do not: C's `expf` then takes 175
 /// ns instead of 3, and it comes right after the products of a recurrent unit.
-struct ClearUpperHalves;
+fn clear_upper_halves() {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(simd) = pulp::x86::V3::try_new() {
+        simd.vectorize(Wide(simd));
+    }
+}
 
-impl WithLanes<f32> for ClearUpperHalves {
+/// An addition of eight numbers.
+#[cfg(target_arch = "x86_64")]
+struct Wide(pulp::x86::V3);
+
+#[cfg(target_arch = "x86_64")]
+impl pulp::NullaryFnOnce for Wide {
+    type Output = ();
+
     #[inline(always)]
-    fn run<L: Lanes<f32>>(self, lanes: L) {
-        let mut block = black_box([0.0; LANES]);
-        let v = lanes.load(&block);
-        lanes.store(&mut block, lanes.add(v, v));
-        black_box(block);
+    fn call(self) {
+        let x = black_box(pulp::f32x8(0., 0., 0., 0., 0., 0., 0., 0.));
+        black_box(self.0.add_f32x8(x, x));
     }
 }
 

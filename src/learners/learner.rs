@@ -52,8 +52,8 @@ pub trait Learner: Send {
     /// equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
-    /// [`CoversError::NotFinite`] for a learner with a number that is not finite; [`CoversError::Setting`]
-    /// for an extent of too few episodes.
+    /// [`CoversError::NotFinite`] for a learner with a number that is not finite;
+    /// [`CoversError::Setting`] for an extent of too few episodes.
     fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError>;
 
     /// Writes that file. It appears whole or not at all, also after a power cut;

@@ -10,7 +10,8 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub(crate) use collection::read_note;
+pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
 pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 pub use metrics::{Metric, Metrics};

@@ -11,7 +11,9 @@ use serde::{Deserialize, Serialize};
 use crate::error::CoversError;
 
 /// The format of files, counted up with every change that older versions could not read.
-pub(super) const FORMAT: u32 = 3;
+pub(super) const FORMAT: u32 = 4;
+/// The oldest format that is read. In it, the caller's note stands in the header.
+const OLDEST: u32 = 3;
 /// The key of the header.
 const KEY: &str = "covers";
 /// The array that holds the checksum.
@@ -172,14 +174,14 @@ fn check_checksum(
 
 fn check_format(path: &Path, format: u32) -> Result<(), CoversError> {
     match format {
-        FORMAT => Ok(()),
+        OLDEST..=FORMAT => Ok(()),
         newer if newer > FORMAT => Err(CoversError::NewerFormat {
             path: path.to_owned(),
             format: newer,
             known: FORMAT,
         }),
         older => {
-            let problem = format!("its format is {older}, expected {FORMAT}");
+            let problem = format!("its format is {older}, expected {OLDEST} to {FORMAT}");
             Err(CoversError::damaged(path, problem))
         }
     }
@@ -242,6 +244,12 @@ impl<'a> TensorFile<'a> {
         Ok((tensor.shape().to_vec(), tensor.data().to_vec()))
     }
 
+    /// An array of bytes as text.
+    pub fn text(&self, name: &str) -> Result<String, CoversError> {
+        let text = String::from_utf8(self.bytes(name)?.1);
+        text.map_err(|error| self.damaged(format!("`{name}` is no text: {error}")))
+    }
+
     fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, CoversError> {
         let tensor = self.file.tensor(name);
         let tensor = tensor.map_err(|error| CoversError::read(self.path, error))?;
@@ -288,7 +296,19 @@ mod tests {
         let text = serde_json::json!({ "format": FORMAT + 1, "news": true });
         let bytes = seal(serialize(&[], text.to_string()).unwrap()).unwrap();
         let message = open(&bytes).unwrap_err().to_string();
-        assert!(message.contains("has format 4"), "{message}");
+        assert!(message.contains("has format 5"), "{message}");
+    }
+
+    #[test]
+    fn a_header_that_no_reader_takes_is_not_written() {
+        let header = "row\n".repeat(25_000_000);
+        let message = encode(Path::new("file"), &header, &[])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("cannot write file: header too large"),
+            "{message}"
+        );
     }
 
     #[test]

@@ -2,9 +2,11 @@
 //!
 //! Everything comes from the files of the runs' folders; nothing is edited by hand.
 
+mod cells;
 mod comparison;
 mod curves;
 mod document;
+mod efficiency;
 mod figures;
 mod identity;
 mod method;
@@ -18,6 +20,7 @@ mod table;
 mod tables;
 
 pub use document::Report;
+pub use efficiency::{Efficiency, SOLVED};
 pub use figures::{Figures, GroupFigures, Undefined};
 pub use identity::Identity;
 pub use method::MethodRuns;

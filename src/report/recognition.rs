@@ -2,13 +2,13 @@
 
 use crate::evaluation::SHOWN;
 
+use super::cells::{cell, title};
 use super::figures::Undefined;
-use super::mean;
 use super::method::MethodRuns;
 use super::partners::partner;
 use super::run_data::{RecognitionRow, RunData};
+use super::statistics::mean;
 use super::table::Table;
-use super::tables::{cell, title};
 
 const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
 const NO_PARTNER: Undefined = "no policy belongs to the group";

@@ -148,6 +148,13 @@ impl RunData {
         rows.filter(move |row| Some(row.rollouts) == rollouts)
     }
 
+    /// After how many rollouts evaluations came.
+    pub fn evaluated(&self) -> impl Iterator<Item = usize> {
+        let mut moments: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
+        moments.dedup();
+        moments.into_iter()
+    }
+
     /// The groups, in the order in which they are scored.
     pub fn groups(&self) -> Vec<&str> {
         let mut groups: Vec<&str> = self.last_scores().map(|row| row.group.as_str()).collect();

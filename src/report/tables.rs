@@ -2,13 +2,15 @@
 
 use crate::evaluation::TAU;
 
+use super::cells::{brackets, cell, dash, title};
 use super::comparison::Comparison;
+use super::efficiency;
 use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
 use super::recognition;
 use super::run_data::RunData;
-use super::statistics::{Interval, iqm, mean};
+use super::statistics::{iqm, mean};
 use super::table::Table;
 
 /// The remark that stands beside the paper's figures.
@@ -25,6 +27,9 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     ];
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
+    }
+    if let Some(table) = efficiency::table(methods, &groups) {
+        tables.push(("efficiency", table));
     }
     tables.push(("variants", variants(methods, &groups)));
     tables.push(("recognition", recognition::table(methods, &groups)));
@@ -44,16 +49,6 @@ fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
         groups.retain(|group| figures.groups.iter().any(|own| own.group == *group));
     }
     groups
-}
-
-/// The name of a method, marked where its settings are not those of the preset of this name.
-pub(super) fn title(table: &mut Table, method: &MethodRuns) -> String {
-    let name = &method.name;
-    let remark = method.identity.remark.as_ref();
-    remark.map_or_else(
-        || name.clone(),
-        |remark| format!("{name} {}", table.note(remark)),
-    )
 }
 
 /// The table in the paper's form, the paper's figures below ours.
@@ -253,22 +248,6 @@ fn runs(methods: &[MethodRuns]) -> Table {
     table
 }
 
-/// The mean over seeds of a figure that some of them may not have; why, where none has it.
-pub(super) fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
-    let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
-    match (known.is_empty(), figures.first()) {
-        (true, Some(Err(reason))) => format!("- {}", table.note(reason)),
-        (true, _) => dash(),
-        (false, _) => format!("{:.3}", mean(&known)),
-    }
-}
-
-fn brackets(interval: Option<Interval>, digits: usize) -> String {
-    interval.map_or_else(String::new, |Interval { low, high }| {
-        format!(" [{low:.digits$}, {high:.digits$}]")
-    })
-}
-
 /// The least and the largest of some counts.
 fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
     match (counts.clone().min(), counts.max()) {
@@ -281,8 +260,4 @@ fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
 fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
     let [all, straddled] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
     format!("{straddled} of {all}")
-}
-
-pub(super) fn dash() -> String {
-    "-".to_owned()
 }

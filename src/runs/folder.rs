@@ -16,6 +16,7 @@ use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
 
 use super::checkpoints;
+use super::note::Signed;
 use super::provenance::Provenance;
 
 /// The file of a run's settings.
@@ -97,7 +98,7 @@ impl RunFolder {
     /// Whether a run may begin here.
     pub(crate) fn is_free(&self) -> Result<bool, CoversError> {
         let checkpoints = checkpoints::list(&self.checkpoints())?;
-        Ok(self.overwrite || !self.holds_run() && checkpoints.is_empty())
+        Ok(self.overwrite || !self.holds_settings() && checkpoints.is_empty())
     }
 
     /// Removes the files of the run that is there, so that another can begin; other files stay. Its
@@ -135,8 +136,14 @@ impl RunFolder {
         }
     }
 
-    /// Whether a run began here.
+    /// Whether a run began here: its settings are there, or a checkpoint, which holds them, too.
     pub fn holds_run(&self) -> bool {
+        let checkpoints = || checkpoints::list(&self.checkpoints());
+        self.holds_settings() || checkpoints().is_ok_and(|there| !there.is_empty())
+    }
+
+    /// Whether the file of the settings is there.
+    pub(super) fn holds_settings(&self) -> bool {
         self.file(EXPERIMENT).exists()
     }
 
@@ -145,17 +152,20 @@ impl RunFolder {
         self.holds_run() && self.file(SUMMARY).exists()
     }
 
-    /// Reads the run's settings.
+    /// Reads the run's settings; where their file is lost, from the newest intact checkpoint.
     ///
     /// # Errors
-    /// [`CoversError::NoRun`], [`CoversError::Read`].
+    /// [`CoversError::NoRun`], [`CoversError::Read`], [`CoversError::NoCheckpoint`],
+    /// [`CoversError::NewerFormat`].
     pub fn experiment(&self) -> Result<Experiment, CoversError> {
-        if !self.holds_run() {
-            return Err(CoversError::NoRun {
-                folder: self.path.clone(),
-            });
+        if self.holds_settings() {
+            return Experiment::read(&self.file(EXPERIMENT));
         }
-        Experiment::read(&self.file(EXPERIMENT))
+        let found = checkpoints::newest(&self.checkpoints(), Signed::read)?;
+        let found = found.ok_or_else(|| CoversError::NoRun {
+            folder: self.path.clone(),
+        })?;
+        Ok(found.value.experiment)
     }
 
     /// Writes the run's settings.

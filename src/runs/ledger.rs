@@ -51,6 +51,14 @@ impl Ledger {
         self.straddled += 1;
     }
 
+    /// Whether no part is more than its whole, and no rollout is without decisions.
+    pub(crate) fn adds_up(&self) -> bool {
+        let of_one_group = self.rollouts.checked_sub(self.straddled);
+        self.decisions >= self.rollouts
+            && of_one_group.is_some_and(|of_one| self.right.max(self.returns) <= of_one)
+            && self.right_returns <= self.right.min(self.returns)
+    }
+
     fn open(&mut self, policy: usize) {
         let policies = self.opened_for.len().max(policy + 1);
         self.opened_for.resize(policies, None);

@@ -1,14 +1,16 @@
 //! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
 //! bytes.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::error::CoversError;
 use crate::evaluation::{Dormancy, Recognition, Score};
 
 use super::folder::RunFolder;
 use super::progress::{Evaluation, Progress};
+use super::rows::Rows;
 use super::table::Table;
+use super::timings::{Timing, Timings, first_rows};
 
 const TIMINGS: &str = "timings.csv";
 
@@ -19,18 +21,6 @@ pub(super) struct Logs {
     units: Table,
     recognition: Table,
     timings: Table,
-}
-
-/// What a checkpoint keeps of the files, so that a run can go on where they are lost.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Rows {
-    metrics: String,
-    scores: String,
-    #[serde(default)]
-    units: String,
-    #[serde(default)]
-    recognition: String,
 }
 
 impl Logs {
@@ -62,21 +52,9 @@ impl Logs {
         }
     }
 
-    /// Seconds of learning so far, as far as they are known.
-    pub fn seconds(&self) -> f64 {
-        self.known_timings().iter().map(|timing| timing.total).sum()
-    }
-
-    /// Decisions per second over the rollouts whose seconds are known.
-    pub fn decisions_per_second(&self) -> Option<f64> {
-        let timings = self.known_timings();
-        let decisions: usize = timings.iter().map(|timing| timing.decisions).sum();
-        (!timings.is_empty()).then(|| decisions as f64 / self.seconds())
-    }
-
-    fn known_timings(&self) -> Vec<Timing> {
-        let mut reader = csv::Reader::from_reader(self.timings.text());
-        reader.deserialize().map_while(Result::ok).collect()
+    /// The timings of rollouts so far, as far as they are known.
+    pub fn timings(&self) -> Timings {
+        Timings::read(self.timings.text())
     }
 
     /// Brings all rows to the disk.
@@ -89,7 +67,7 @@ impl Logs {
     /// Adds the row of a rollout.
     pub fn write_rollout(&mut self, progress: &Progress) -> Result<(), CoversError> {
         self.metrics.write_named(row(progress))?;
-        self.timings.write([Timing::new(progress)])
+        self.timings.write([timing(progress)])
     }
 
     /// Adds the rows of an evaluation.
@@ -103,24 +81,18 @@ impl Logs {
     }
 }
 
-/// The header and those rows of a file of timings that are whole and of the first rollouts: the one
-/// file that no checkpoint holds, since clocks differ between equal runs.
-fn first_rows(timings: &[u8], rollouts: usize) -> String {
-    let text = String::from_utf8_lossy(timings);
-    let mut lines = text.split_inclusive('\n');
-    let Some(header) = lines.next().filter(|line| line.ends_with('\n')) else {
-        return String::new();
-    };
-    let commas = |line: &str| line.matches(',').count();
-    let mut kept = header.to_owned();
-    for row in lines {
-        let rollout = row.split(',').next().and_then(|cell| cell.parse().ok());
-        let early = rollout.is_some_and(|rollout: usize| rollout < rollouts);
-        if early && row.ends_with('\n') && commas(row) == commas(header) {
-            kept.push_str(row);
-        }
+/// Where the seconds of one rollout went.
+fn timing(progress: &Progress) -> Timing {
+    let seconds = &progress.turn.seconds;
+    Timing {
+        rollout: progress.rollout,
+        decisions: progress.turn.decisions,
+        total: progress.seconds,
+        environments: progress.environment_seconds,
+        inference: seconds.collection - progress.environment_seconds,
+        assignment: seconds.assignment,
+        update: seconds.update,
     }
-    kept
 }
 
 /// One evaluated variant.
@@ -199,36 +171,6 @@ impl<'a> RecognitionRow<'a> {
     }
 }
 
-/// Where the seconds of one rollout went.
-#[derive(Serialize, Deserialize)]
-struct Timing {
-    rollout: usize,
-    /// Those of this rollout.
-    decisions: usize,
-    total: f64,
-    /// Physics and pictures.
-    environments: f64,
-    /// The policy's decisions.
-    inference: f64,
-    assignment: f64,
-    update: f64,
-}
-
-impl Timing {
-    fn new(progress: &Progress) -> Self {
-        let seconds = &progress.turn.seconds;
-        Self {
-            rollout: progress.rollout,
-            decisions: progress.turn.decisions,
-            total: progress.seconds,
-            environments: progress.environment_seconds,
-            inference: seconds.collection - progress.environment_seconds,
-            assignment: seconds.assignment,
-            update: seconds.update,
-        }
-    }
-}
-
 /// The row of one rollout: what a run knows of every learner, then what this learner logs.
 fn row(progress: &Progress) -> Vec<(String, String)> {
     let turn = &progress.turn;
@@ -241,29 +183,12 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
         ("straddles", progress.straddles.to_string()),
         ("policy", turn.policy.to_string()),
         ("created", turn.created.to_string()),
-        ("reward", number(progress.reward)),
-        ("success", number(progress.success)),
+        ("reward", number(progress.reward())),
+        ("success", number(progress.success())),
         ("success_at_end", number(turn.rollout.success_at_end_rate())),
     ];
     let known = known.map(|(name, cell)| (name.to_owned(), cell));
     let logged = turn.metrics.iter();
     let logged = logged.map(|(name, metric)| (name.to_owned(), metric.to_string()));
     known.into_iter().chain(logged).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn timings_are_kept_up_to_the_checkpoint() {
-        let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
-        let kept = |text: &str, rollouts| first_rows(text.as_bytes(), rollouts);
-        assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
-        assert_eq!(kept(text, 9), text);
-        assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));
-        let gap = text.replace("1,2.5\n", "");
-        assert_eq!(kept(&gap, 9), gap);
-        assert_eq!((kept("", 2), kept("rollout,to", 2)), Default::default());
-    }
 }

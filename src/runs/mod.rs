@@ -5,14 +5,17 @@ mod folder;
 mod ledger;
 mod lock;
 mod logs;
+mod note;
 mod opening;
 mod progress;
 mod provenance;
+mod rows;
 mod run;
 mod scoring;
 mod stop;
 mod summary;
 mod table;
+mod timings;
 mod workers;
 
 pub use folder::RunFolder;

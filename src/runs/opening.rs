@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use envs::TaskRegistry;
-use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
@@ -15,38 +14,8 @@ use crate::stream::Stream;
 
 use super::checkpoints::newest;
 use super::folder::RunFolder;
-use super::ledger::Ledger;
 use super::lock::Lock;
-use super::logs::Rows;
-
-/// What a checkpoint says beside the learner itself.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Note {
-    pub ledger: Ledger,
-    /// Rounds of an evaluation that is due before the next rollout; 0 for none.
-    pub due: usize,
-    pub rows: Rows,
-}
-
-/// The note with the settings that the run had; without them for reading.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Signed {
-    experiment: Experiment,
-    note: Note,
-}
-
-impl Note {
-    /// The note of a checkpoint of a run with these settings.
-    pub fn sign(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
-        serde_json::to_string(&Signed {
-            // nothing depends on threads, checkpoints included
-            experiment: experiment.clone().with_threads(1),
-            note: self,
-        })
-    }
-}
+use super::note::{Note, Signed};
 
 /// A folder that nobody else can write to, and what runs there.
 pub(super) struct Claim {
@@ -120,7 +89,8 @@ fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, CoversError>
     })
 }
 
-/// Goes on from the newest intact checkpoint in `folder`, or from the beginning where there is none.
+/// Goes on from the newest intact checkpoint in `folder`, or from the beginning where there is
+/// none.
 pub(super) fn resume(
     folder: RunFolder,
     threads: Option<usize>,
@@ -144,9 +114,7 @@ pub(super) fn resume(
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
     let read = |path: &Path| {
         let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
-        let signed = serde_json::from_str::<Signed>(&note);
-        let signed = signed.map_err(|error| CoversError::read(path, error))?;
-        Ok((learner, signed))
+        Ok((learner, Signed::parse(path, &note)?))
     };
     let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
         let notice = "there is no checkpoint yet: begun anew".to_owned();
@@ -158,8 +126,13 @@ pub(super) fn resume(
         &experiment.clone().with_threads(1),
         &signed.experiment,
     )?;
+    let mut notice = notice(&signed.note, &found.path, &found.problems);
+    if !claim.folder.holds_settings() {
+        claim.folder.write_experiment(experiment)?;
+        notice += "; experiment.json was lost and is written again";
+    }
     Ok(Opened {
-        notice: notice(&signed.note, &found.path, &found.problems),
+        notice,
         passed_over: found.passed_over,
         claim,
         learner,

@@ -18,7 +18,8 @@ use super::folder::{RunFolder, SUMMARY};
 use super::ledger::Ledger;
 use super::lock::Lock;
 use super::logs::Logs;
-use super::opening::{self, Claim, Note, Opened};
+use super::note::Note;
+use super::opening::{self, Claim, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
 use super::scoring::Scoring;
@@ -123,7 +124,7 @@ impl Run {
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
-        ledger.seconds = logs.seconds();
+        ledger.seconds = logs.timings().seconds;
         let run = Self {
             saved: (ledger.rollouts > 0).then_some((ledger.rollouts, due)),
             experiment,
@@ -241,8 +242,8 @@ impl Run {
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index; 0
-    /// for none.
+    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index;
+    /// 0 for none.
     fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
@@ -274,16 +275,14 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
-        let reward = turn.rollout.mean_return();
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
             group,
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
-            reward: reward.map(|sum| sum * world.stream().reward_scale()),
-            success: turn.rollout.success_rate(),
             turn,
+            reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - environment_seconds,
         };
@@ -341,8 +340,8 @@ impl Run {
     /// Writes a checkpoint, unless the newest is of this very moment.
     ///
     /// # Errors
-    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older checkpoints
-    /// are then still there.
+    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older
+    /// checkpoints are then still there.
     pub fn save(&mut self) -> Result<(), CoversError> {
         if self.broken {
             return Err(CoversError::Broken);
@@ -369,20 +368,26 @@ impl Run {
     }
 
     /// The figures of the run. Scores are those of the last evaluation; where there was none since
-    /// the start or the resumption, all variants are scored now. Those of a finished run are written
+    /// the start or the resumption, all variants are scored now, unless a [stop](Run::stop_at) is
+    /// wished for before they are: then there are no figures. Those of a finished run are written
     /// to `summary.json`, too.
     ///
     /// # Errors
     /// What the evaluation says.
-    pub fn summary(&mut self) -> Result<Summary, CoversError> {
+    pub fn summary(&mut self) -> Result<Option<Summary>, CoversError> {
         if self.last_scores.is_empty() {
-            self.last_scores = self.evaluate(self.experiment.evaluation.rounds)?;
+            let rounds = self.experiment.evaluation.rounds;
+            let stop = self.stop.clone();
+            let Some(findings) = self.scoring(&stop).score(rounds)? else {
+                return Ok(None);
+            };
+            self.last_scores = findings.scores;
         }
         let ledger = &self.ledger;
         let summary = Summary {
             decisions: ledger.decisions,
             seconds: ledger.seconds,
-            decisions_per_second: self.logs.decisions_per_second(),
+            decisions_per_second: self.logs.timings().decisions_per_second(),
             policies: self.learner.policies(),
             failures: ledger.failures,
             straddled: ledger.straddled,
@@ -396,6 +401,6 @@ impl Run {
             let text = text.map_err(|error| CoversError::write(self.folder.path(), error))?;
             self.folder.replace(SUMMARY, text.as_bytes())?;
         }
-        Ok(summary)
+        Ok(Some(summary))
     }
 }

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::{self, Override, typed};
+use crate::overrides::{self, Override, parse};
 use crate::presets::{Budget, Method};
 
-/// Methods times seeds, as a JSON file holds them.
+/// Methods times variants times seeds, as a JSON file holds them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -24,6 +24,20 @@ pub struct Plan {
     pub budget: Budget,
     /// Settings that differ from the preset's in every run, as `--set` takes them. The seed is none
     /// of them. The number of threads is each worker's own, whatever stands here.
+    #[serde(default)]
+    pub set: Vec<String>,
+    /// Variants of every method, for a study of settings; without any, each method runs as it is.
+    #[serde(default)]
+    pub variants: Vec<Variant>,
+}
+
+/// Settings of one arm of a study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variant {
+    /// What the folders of its runs are called, behind the method.
+    pub name: String,
+    /// What it sets after the plan's own `set`, likewise.
     #[serde(default)]
     pub set: Vec<String>,
 }
@@ -44,46 +58,112 @@ impl Plan {
     /// [`CoversError::Read`] names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-        let tree = serde_json::from_str(&text).map_err(|error| CoversError::read(path, error))?;
-        typed(tree).map_err(|error| CoversError::read(path, error))
+        Self::parse(&text).map_err(|error| CoversError::read(path, error))
+    }
+
+    /// Reads a plan from JSON.
+    ///
+    /// # Errors
+    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    pub fn parse(text: &str) -> Result<Self, CoversError> {
+        parse(text)
     }
 
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them twice, or
-    /// with a seed in `set`; what [`Experiment::check`] says.
+    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them or a variant
+    /// twice, with a variant that makes no name of a folder, or with a seed in `set`; what
+    /// [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
+        let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
+        let mut experiments = jobs.iter().map(|job| &job.experiment);
+        experiments.try_for_each(|experiment| experiment.check(&tasks))?;
+        Ok(jobs)
+    }
+
+    /// The jobs in their order, their settings not checked against each other.
+    ///
+    /// # Errors
+    /// As [`Plan::jobs`], but for those of [`Experiment::check`].
+    pub fn listed(&self) -> Result<Vec<Job>, CoversError> {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
-        let set = self.set.iter().map(|text| text.parse());
-        let set: Vec<Override> = set.collect::<Result<_, _>>()?;
-        let mut jobs = Vec::with_capacity(self.seeds.len() * self.methods.len());
+        let arms = self.arms()?;
+        let mut jobs = Vec::with_capacity(self.seeds.len() * arms.len() * self.methods.len());
         for &seed in &self.seeds {
-            for &method in &self.methods {
-                jobs.push(self.job(method, seed, &set)?);
+            for arm in &arms {
+                for &method in &self.methods {
+                    jobs.push(self.job(method, seed, arm)?);
+                }
             }
         }
         Ok(jobs)
     }
 
-    fn job(&self, method: Method, seed: u64, set: &[Override]) -> Result<Job, CoversError> {
+    /// The variants with all that they set; one without a name where there are none.
+    fn arms(&self) -> Result<Vec<Arm<'_>>, CoversError> {
+        if self.variants.is_empty() {
+            return Ok(vec![Arm::new(None, &self.set, &[])?]);
+        }
+        let names: Vec<&str> = self.variants.iter().map(|own| own.name.as_str()).collect();
+        distinct("variants", &names)?;
+        let variants = self.variants.iter();
+        let arms = variants.map(|own| Arm::new(Some(&own.name), &self.set, &own.set));
+        arms.collect()
+    }
+
+    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, CoversError> {
         let preset = self.budget.experiment(method);
         // with a seed of another job, so that one that happens to be this job's is found, too
-        let other = overrides::apply(set, preset.clone().with_seed(!seed))?;
+        let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
             return Err(CoversError::Setting {
                 name: "set",
-                value: format!("{:?}", self.set),
+                value: format!("{:?}", arm.text),
                 expected: "no seed: `seeds` lists them",
             });
         }
-        let experiment = overrides::apply(set, preset.with_seed(seed))?.with_threads(1);
-        experiment.check(&TaskRegistry::standard())?;
-        let name = format!("{}-seed{seed}", method.name());
+        let experiment = overrides::apply(&arm.set, preset.with_seed(seed))?.with_threads(1);
+        let name = format!("{}{}-seed{seed}", method.name(), arm.suffix);
         Ok(Job { name, experiment })
     }
+}
+
+/// A variant, ready to be set.
+struct Arm<'a> {
+    suffix: String,
+    text: Vec<&'a str>,
+    set: Vec<Override>,
+}
+
+impl<'a> Arm<'a> {
+    fn new(name: Option<&str>, all: &'a [String], own: &'a [String]) -> Result<Self, CoversError> {
+        let text: Vec<&str> = all.iter().chain(own).map(String::as_str).collect();
+        let set = text
+            .iter()
+            .map(|text| text.parse())
+            .collect::<Result<_, _>>()?;
+        let suffix = match name {
+            None => String::new(),
+            Some(name) => format!("-{}", folder_part(name)?),
+        };
+        Ok(Self { suffix, text, set })
+    }
+}
+
+/// Refuses what could not be read back from a folder's name.
+fn folder_part(name: &str) -> Result<&str, CoversError> {
+    let plain = |sign: char| sign.is_ascii_alphanumeric() || sign == '-' || sign == '.';
+    if !name.is_empty() && name.chars().all(plain) && !name.contains("-seed") {
+        return Ok(name);
+    }
+    Err(CoversError::Setting {
+        name: "variants",
+        value: format!("{name:?}"),
+        expected: "a name of letters, digits, dots and hyphens, without `-seed`",
+    })
 }
 
 impl Job {
@@ -117,16 +197,12 @@ mod tests {
     use super::*;
     use crate::learners::LearnerSettings;
 
-    fn plan(text: &str) -> Result<Plan, CoversError> {
-        typed(serde_json::from_str(text).unwrap())
-    }
-
     const TEXT: &str = r#"{"methods": ["covers", "covers-gt"], "seeds": [20, 21],
         "budget": "smoke", "set": ["covers.ppo.gamma=0.9"]}"#;
 
     #[test]
     fn every_method_runs_with_a_seed_before_the_next_seed() {
-        let jobs = plan(TEXT).unwrap().jobs().unwrap();
+        let jobs = Plan::parse(TEXT).unwrap().jobs().unwrap();
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
         let expected = [
             "covers-seed20",
@@ -165,8 +241,13 @@ mod tests {
             ),
             ("\"budget\"", "\"budgit\"", "`budget`"),
             ("covers-gt", "covers-gtt", "`covers-gt`"),
+            (
+                "\"budget\"",
+                "\"seeds\": [], \"budget\"",
+                "duplicate field `seeds`",
+            ),
         ] {
-            let changed = plan(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
+            let changed = Plan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());
             let message = changed.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
@@ -176,7 +257,7 @@ mod tests {
     fn a_seed_in_the_settings_is_refused_also_for_a_single_seed() {
         let text = TEXT.replace("20, 21", "20");
         let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
-        let message = plan(&text).unwrap().jobs().unwrap_err().to_string();
+        let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("`seeds` lists them"), "{message}");
     }
 
@@ -194,7 +275,8 @@ mod tests {
     #[test]
     fn the_plans_of_the_project_have_jobs_that_can_be_finished() {
         for (name, plan) in plans() {
-            let runs = plan.methods.len() * plan.seeds.len();
+            let variants = plan.variants.len().max(1);
+            let runs = plan.methods.len() * plan.seeds.len() * variants;
             assert_eq!(plan.jobs().unwrap().len(), runs, "{name}");
             let budget = Budget::Smoke;
             assert_eq!(
@@ -232,10 +314,40 @@ mod tests {
         assert_eq!(missing, [Method::Paper]);
     }
 
+    const STUDY: &str = r#"{"methods": ["covers"], "seeds": [1000], "budget": "smoke",
+        "set": ["covers.ppo.gamma=0.9", "covers.ppo.epochs=3"],
+        "variants": [{"name": "base"}, {"name": "far", "set": ["covers.ppo.gamma=0.99"]}]}"#;
+
+    #[test]
+    fn a_variant_sets_after_the_plan() {
+        let jobs = Plan::parse(STUDY).unwrap().jobs().unwrap();
+        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        assert_eq!(names, ["covers-base-seed1000", "covers-far-seed1000"]);
+        let ppo = jobs.iter().map(|job| match &job.experiment.learner {
+            LearnerSettings::Covers(settings) => (settings.ppo.gamma, settings.ppo.epochs),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(ppo.collect::<Vec<_>>(), [(0.9, 3), (0.99, 3)]);
+    }
+
+    #[test]
+    fn variants_that_make_no_folders_are_refused_by_name() {
+        for (name, named) in [
+            ("base", "`variants` is a list that holds base twice"),
+            ("a/b", "`variants` is \"a/b\""),
+            ("", "`variants` is \"\""),
+            ("x-seed1", "`variants` is \"x-seed1\""),
+        ] {
+            let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
+            let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+            assert!(message.contains(named), "{message}");
+        }
+    }
+
     #[test]
     fn jobs_do_not_depend_on_threads() {
         let text = TEXT.replace("covers.ppo.gamma=0.9", "envs.threads=2");
-        for job in plan(&text).unwrap().jobs().unwrap() {
+        for job in Plan::parse(&text).unwrap().jobs().unwrap() {
             assert_eq!(job.experiment.envs.threads, 1, "{}", job.name);
         }
     }

@@ -153,8 +153,8 @@ impl<W: Write> Worker<'_, W> {
                 self.say(job, &format!("evaluated after {rollouts} rollouts"))?;
             }
         }
-        if run.is_finished() {
-            return run.summary().map(|_| Fate::Done);
+        if run.is_finished() && run.summary()?.is_some() {
+            return Ok(Fate::Done);
         }
         run.save()?;
         let rollouts = run.ledger().rollouts;

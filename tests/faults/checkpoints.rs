@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{CoversError, Run};
+use covers::{CoversError, Experiment, Run, RunFolder};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -91,6 +91,27 @@ fn a_run_without_an_intact_checkpoint_says_what_is_wrong_with_each() {
 }
 
 #[test]
+fn settings_whose_file_is_lost_come_back_from_a_checkpoint() {
+    let scratch = Scratch::new("settings");
+    let path = interrupted(&scratch);
+    let (folder, file) = (RunFolder::open(&path), path.join("experiment.json"));
+    let settings = folder.experiment().unwrap().with_threads(1);
+    fs::remove_file(&file).unwrap();
+    fs::write(newest(&path), b"nor is this one whole").unwrap();
+    assert_eq!(folder.experiment().unwrap(), settings);
+    let run = resume(&path).unwrap();
+    let notice = run.notice();
+    assert!(
+        notice.contains("goes on after 2 rollouts")
+            && notice.contains("experiment.json was lost and is written again"),
+        "{notice}"
+    );
+    let written = fs::read_to_string(file).unwrap();
+    assert_eq!(Experiment::parse(&written).unwrap(), settings);
+    assert_same(&finish(run), expected());
+}
+
+#[test]
 fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
     let scratch = Scratch::new("foreign");
     let folder = interrupted(&scratch);
@@ -109,11 +130,11 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
 fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     let scratch = Scratch::new("newer");
     let (folder, path, whole) = newest_of(&scratch);
-    let newer = resealed(&whole, br#"\"format\":3"#, br#"\"format\":4"#);
+    let newer = resealed(&whole, br#"\"format\":4"#, br#"\"format\":5"#);
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(error, CoversError::NewerFormat { format: 4, .. }),
+        matches!(error, CoversError::NewerFormat { format: 5, .. }),
         "{error}"
     );
     assert_eq!(fs::read(&path).unwrap(), newer);

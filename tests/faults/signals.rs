@@ -8,7 +8,7 @@ use std::time::Duration;
 use covers::presets::Method;
 use covers::{Experiment, LearnerSettings, Run};
 
-use crate::common::{Scratch, assert_same, bytes, reference, tiny};
+use crate::common::{Scratch, assert_same, bytes, finish, reference, tiny};
 
 /// A process, and what it prints.
 struct Process {
@@ -111,6 +111,22 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
         "one evaluation was broken off: {rows}"
     );
     goes_on(&scratch, &experiment);
+}
+
+#[test]
+fn a_signal_ends_the_scoring_of_a_finished_run() {
+    let scratch = Scratch::new("scoring");
+    let mut experiment = tiny(Method::Covers);
+    experiment.evaluation.rounds = 20;
+    finish(Run::start(experiment, scratch.run("run")).unwrap());
+    let folder = scratch.0.join("run");
+    let mut resumed = Process::start(&["resume", folder.to_str().unwrap()]);
+    resumed.wait_for("goes on after");
+    resumed.signal("INT");
+    let said = resumed.wait_for("stopped after");
+    assert!(said.contains("covers resume"), "{said}");
+    assert_eq!(resumed.end(), Some(3));
+    assert!(!folder.join("summary.json").exists());
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
 
-/// What the forward pass of a [`Gru`](crate::Gru) leaves for the backward pass, over up to a fixed number of
-/// sequences.
+/// What the forward pass of a [`Gru`](crate::Gru) leaves for the backward pass, over up to a fixed
+/// number of sequences.
 #[derive(Clone, Debug)]
 pub struct GruPass<T> {
     /// Channels of the input and of the state.

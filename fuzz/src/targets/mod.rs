@@ -2,13 +2,18 @@
 //! `tests/fuzz.rs` run the same list.
 
 use std::fmt::Display;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use allocation_counter::measure;
-use rl::{Critic, Encoder, NetworkSettings};
 
+mod checkpoint;
+mod learners;
 mod mjcf;
+mod note;
 mod npz;
+mod plan;
+mod small;
+mod tables;
 mod tensors;
 mod text;
 
@@ -29,12 +34,15 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 9] = [
+pub const TARGETS: [Target; 12] = [
     text::NOTATION,
     text::SETTINGS,
     text::OVERRIDES,
     text::COMMAND_LINE,
-    tensors::CHECKPOINT,
+    plan::PLAN,
+    checkpoint::CHECKPOINT,
+    note::NOTE,
+    tables::TABLES,
     tensors::NETWORK,
     npz::NPZ,
     mjcf::MJCF,
@@ -121,18 +129,6 @@ fn texts<const N: usize>(texts: [&str; N]) -> Vec<Vec<u8>> {
     texts.map(|text| text.as_bytes().to_vec()).to_vec()
 }
 
-/// The smallest network that takes pictures of 16 x 16 pixels or multiples.
-fn small_network() -> NetworkSettings {
-    NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![1; 4] },
-        top_fields: 1,
-        vector_fields: 1,
-        actor_fields: 1,
-        critic: Critic::Joint { fields: 1 },
-        ..NetworkSettings::default()
-    }
-}
-
 /// Whether reading succeeded. An error must have something to say.
 fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
     if let Err(error) = &result {
@@ -141,10 +137,15 @@ fn accepted<T, E: Display>(result: Result<T, E>) -> bool {
     result.is_ok()
 }
 
+/// A path of this process and target.
+fn own_path(target: &str) -> PathBuf {
+    let name = format!("covers-fuzz-{}-{target}", std::process::id());
+    std::env::temp_dir().join(name)
+}
+
 /// Puts `bytes` into a file of this process and target, and hands its path to `with`.
 fn in_file<R>(target: &str, bytes: &[u8], with: impl FnOnce(&Path) -> R) -> R {
-    let name = format!("covers-fuzz-{}-{target}", std::process::id());
-    let path = std::env::temp_dir().join(name);
+    let path = own_path(target);
     std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let result = with(&path);
     // where it fails, the next input overwrites it

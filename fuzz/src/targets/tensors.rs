@@ -1,24 +1,13 @@
-//! Files of tensors: learners and networks.
+//! Files of tensors: networks, and what all of them have in common.
 
 use std::ops::Range;
 use std::path::Path;
 
-use covers::{Covers, CoversSettings, Extent, GroupingSettings, Labels, LearnerSettings};
 use equivariant::{Layer, Linear, Relu, Sequential, Shape, Signature};
-use rl::{BoxError, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, PpoSettings};
-use rl::{Transition, VectorEnv};
-use symmetry::{Group, Irrep};
+use serde_json::Value;
+use symmetry::Group;
 
-use super::{Reading, Target, accepted, in_file, measured, small_network};
-
-/// The constant holds the learner that a valid file becomes.
-pub const CHECKPOINT: Target = Target::new(
-    "checkpoint",
-    |input| in_file("checkpoint", &mended(input), read_checkpoint),
-    checkpoints,
-)
-.holding(64, 1 << 16)
-.tried(5_000);
+use super::{Reading, Target, accepted, in_file, measured};
 
 pub const NETWORK: Target = Target::new(
     "network",
@@ -28,108 +17,41 @@ pub const NETWORK: Target = Target::new(
 .holding(64, 1 << 12)
 .tried(5_000);
 
-/// The smallest learner that has everything: two frames kept of each of two episodes.
-fn learner() -> LearnerSettings {
-    LearnerSettings::Covers(CoversSettings {
-        network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![1] },
-            critic: Critic::Pooled { width: 1 },
-            ..small_network()
-        },
-        ppo: PpoSettings {
-            epochs: 1,
-            ..PpoSettings::default()
-        },
-        grouping: GroupingSettings::Single,
-        first_frames: 2,
-        rollout_steps: 8,
-        buffer_episodes: Some(2),
-        ..CoversSettings::default()
-    })
-}
-
-/// Environments whose episodes last two steps and show nothing.
-struct Blank(EnvSpec);
-
-fn blank() -> Blank {
-    Blank(EnvSpec {
-        num_envs: 2,
-        image: [2, 2, 1],
-        vector: vec![Irrep::X],
-        action: vec![Irrep::X],
-    })
-}
-
-impl VectorEnv for Blank {
-    fn spec(&self) -> &EnvSpec {
-        &self.0
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        *out = Observations::new(&self.0);
-        Ok(())
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
-        let ended = out.outcomes[0].ended();
-        *out = Transition::new(&self.0);
-        out.rewards.copy_from_slice(actions);
-        let outcome = [Outcome::Truncated, Outcome::Running][usize::from(ended)];
-        out.outcomes.fill(outcome);
-        Ok(())
-    }
-}
-
-/// The file with the checksum that its bytes should have, so that a change gets past it; the file as
-/// it is where it has no place for one.
-fn mended(input: &[u8]) -> Vec<u8> {
-    let mut file = input.to_vec();
-    if let Some(place) = checksum_place(input) {
-        file[place.clone()].fill(0);
+/// A checkpoint from its parts: what it says of itself (JSON), the list of its arrays (JSON), and
+/// their bytes. Lengths and the checksum are right, so that a change of a part gets past them.
+pub fn sealed(envelope: &str, arrays: &str, data: &[u8]) -> Option<Vec<u8>> {
+    let envelope = Value::from(envelope);
+    let arrays = arrays.strip_prefix('{')?;
+    let header = format!(r#"{{"__metadata__":{{"covers":{envelope}}},{arrays}"#);
+    let length = (header.len() as u64).to_le_bytes();
+    let mut file = [&length[..], header.as_bytes(), data].concat();
+    if let Some(place) = checksum_place(&header, file.len() - data.len()) {
         let checksum = crc32fast::hash(&file);
-        file[place].copy_from_slice(&checksum.to_le_bytes());
+        file.get_mut(place)?
+            .copy_from_slice(&checksum.to_le_bytes());
     }
-    file
+    Some(file)
 }
 
-fn checksum_place(file: &[u8]) -> Option<Range<usize>> {
+/// Where the checksum is in a file whose arrays begin at `start`; it counts as zeros.
+fn checksum_place(header: &str, start: usize) -> Option<Range<usize>> {
+    let header: Value = serde_json::from_str(header).ok()?;
+    let offset = header["checksum"]["data_offsets"][0].as_u64()?;
+    let start = usize::try_from(offset).ok()?.checked_add(start)?;
+    Some(start..start.checked_add(4)?)
+}
+
+/// The parts of a checkpoint.
+pub fn parts(file: &[u8]) -> Option<(String, String, Vec<u8>)> {
     let length = u64::from_le_bytes(*file.first_chunk()?);
-    let length = usize::try_from(length).ok()?.checked_add(8)?;
-    let header: serde_json::Value = serde_json::from_slice(file.get(8..length)?).ok()?;
-    let start = header["checksum"]["data_offsets"][0].as_u64()?;
-    let start = usize::try_from(start).ok()?.checked_add(length)?;
-    let place = start..start.checked_add(4)?;
-    file.get(place.clone()).map(|_| place)
-}
-
-fn read_checkpoint(path: &Path) -> Option<Reading> {
-    let (spec, labels) = (blank().0, Labels::default());
-    measured(|| {
-        accepted(learner().load(path, &spec, &labels))
-            | accepted(learner().resume(path, &spec, &labels))
-            | accepted(Covers::load(path, &spec))
-    })
-}
-
-/// A learner before its first turn and after it, and one that was packed.
-fn checkpoints() -> Vec<Vec<u8>> {
-    let mut env = blank();
-    let mut files = Vec::new();
-    let Ok(mut learner) = learner().start(&env.0, &Labels::default()) else {
-        return files;
-    };
-    let mut save = |learner: &dyn covers::Learner, extent| {
-        in_file("seed", &[], |path| {
-            let saved = learner.save(path, extent, "{}");
-            files.extend(saved.ok().and_then(|()| std::fs::read(path).ok()));
-        });
-    };
-    save(&*learner, Extent::Everything);
-    if learner.learn(&mut env).is_ok() {
-        save(&*learner, Extent::Everything);
-        save(&*learner, Extent::Policies { episodes: 1 });
-    }
-    files
+    let (header, data) = file[8..].split_at_checked(usize::try_from(length).ok()?)?;
+    let mut header: Value = serde_json::from_slice(header).ok()?;
+    let metadata = header.as_object_mut()?.remove("__metadata__")?;
+    let envelope = metadata["covers"].as_str()?.to_owned();
+    let offset = header["checksum"]["data_offsets"][0].as_u64()?;
+    let mut data = data.to_vec();
+    data[offset as usize..][..4].fill(0);
+    Some((envelope, header.to_string(), data))
 }
 
 fn network() -> Option<Sequential<f32>> {

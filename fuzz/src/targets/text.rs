@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::ffi::OsString;
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Component, Path};
+use std::sync::LazyLock;
 
 use allocation_counter::opt_out;
 use clap::{CommandFactory, FromArgMatches, Subcommand};
@@ -15,10 +16,11 @@ use covers::{Experiment, LearnerSettings, Override};
 use envs::{Embodiment, TaskRegistry};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, Encoder, NetworkSettings};
+use rl::NetworkSettings;
 use symmetry::{FieldType, Group};
 
-use super::{Reading, Target, accepted, measured, small_network, texts};
+use super::small::{is_small, small_network};
+use super::{Reading, Target, accepted, measured, texts};
 
 pub const NOTATION: Target = Target::new("notation", read_notation, notations)
     .holding(8, 1 << 9)
@@ -81,39 +83,6 @@ fn check(experiment: &Experiment) {
     assert_eq!(decisions, experiment.schedule.total_decisions());
 }
 
-/// Whether checking builds networks and rollouts that take no time: sizes are part of what a person
-/// asks for.
-fn is_small(experiment: &Experiment) -> bool {
-    let (network, context) = match &experiment.learner {
-        LearnerSettings::Covers(settings) => (&settings.network, None),
-        LearnerSettings::OffPolicy(settings) => (&settings.network, settings.context),
-    };
-    let fields = match &network.encoder {
-        Encoder::Strided { fields }
-        | Encoder::Pooled { fields, .. }
-        | Encoder::Keypoints { fields, .. } => &fields[..],
-        Encoder::Blind => &[],
-    };
-    let (Critic::Pooled { width: critic } | Critic::Joint { fields: critic }) = network.critic;
-    let inner = match &network.encoder {
-        Encoder::Pooled { inner, .. } => inner.to_vec(),
-        Encoder::Keypoints { maps, .. } => vec![*maps],
-        Encoder::Strided { .. } | Encoder::Blind => vec![],
-    };
-    let heads = [
-        network.top_fields,
-        network.vector_fields,
-        network.actor_fields,
-        critic,
-    ];
-    let mut widths = fields.iter().chain(&inner).chain(&heads);
-    widths.all(|&width| width <= 8)
-        && context.is_none_or(|context| context.size <= 32 && context.length <= 8)
-        && experiment.envs.camera.size <= 48
-        && experiment.learner.rollout_steps() <= 400
-        && experiment.schedule.total_decisions() <= 100_000
-}
-
 fn settings() -> Vec<Vec<u8>> {
     let experiments = Method::ALL.map(|method| {
         let mut experiment = Budget::Smoke.experiment(method);
@@ -137,8 +106,13 @@ pub const OVERRIDES: Target = Target::new("overrides", read_overrides, overrides
 
 /// The overrides stand in lines, and are applied to a small experiment, whose tree is the constant.
 fn read_overrides(input: &[u8]) -> Option<Reading> {
+    static EXPERIMENT: LazyLock<Experiment> = LazyLock::new(|| {
+        let mut experiment = Budget::Smoke.experiment(Method::Covers);
+        experiment.schedule.groups.truncate(1);
+        experiment
+    });
     let text = std::str::from_utf8(input).ok()?;
-    let experiment = Budget::Smoke.experiment(Method::Covers);
+    let experiment = EXPERIMENT.clone();
     measured(|| {
         let set: Result<Vec<Override>, _> = text.lines().map(str::parse).collect();
         accepted(set.and_then(|set| covers::apply_overrides(&set, experiment)))
@@ -149,7 +123,7 @@ fn overrides() -> Vec<Vec<u8>> {
     texts([
         "covers.ppo.gamma=0.97",
         "gamma=0.97",
-        "schedule.groups.3.variants=[\"flip x\"]\nschedule.cycles=2",
+        "schedule.groups.0.variants=[\"flip x\"]\nschedule.cycles=2",
         "covers.grouping=oracle",
         "evaluation.every=null\n evaluation.rounds = 3",
         "schedule.groups.18446744073709551615.decisions=1",
@@ -164,7 +138,7 @@ thread_local! {
     ]);
 }
 
-/// The arguments stand in lines.
+/// The arguments stand in lines; those of the example follow the line `stream`.
 fn read_command_line(input: &[u8]) -> Option<Reading> {
     let lines = input.split(|&byte| byte == b'\n');
     let arguments = lines.map(|line| OsString::from(std::ffi::OsStr::from_bytes(line)));
@@ -172,17 +146,21 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
         .into_iter()
         .chain(arguments)
         .collect();
+    let of_the_example = arguments[1] == "stream";
     COMMANDS.with_borrow_mut(|[covers, stream]| {
         measured(|| {
+            if of_the_example {
+                let matches = stream.try_get_matches_from_mut(&arguments[1..]);
+                if let Ok(matches) = &matches {
+                    assert!(StreamOptions::from_arg_matches(matches).is_ok());
+                }
+                return accepted(matches);
+            }
             let matches = covers.try_get_matches_from_mut(&arguments);
             if let Ok(matches) = &matches {
                 check_names(Command::from_arg_matches(matches).ok());
             }
-            let stream_matches = stream.try_get_matches_from_mut(&arguments);
-            if let Ok(matches) = &stream_matches {
-                assert!(StreamOptions::from_arg_matches(matches).is_ok());
-            }
-            accepted(matches) | accepted(stream_matches)
+            accepted(matches)
         })
     })
 }
@@ -192,10 +170,12 @@ fn check_names(command: Option<Command>) {
     let Some(Command::Train(options)) = command else {
         return;
     };
-    let preset = TrainOptions {
+    let mut preset = TrainOptions {
         config: None,
         ..options.clone()
     };
+    // another target's
+    preset.run.changes.set.clear();
     let Ok(experiment) = preset.experiment() else {
         return;
     };
@@ -217,7 +197,7 @@ fn command_lines() -> Vec<Vec<u8>> {
         "check\nexperts\n--embodiment\nhand\n--seeds\n3",
         "check\nsymmetry\n--embodiment\nhand",
         "check\nparity\nrecordings\n--json",
-        "--budget\nzero-shot\n--runs\nx",
+        "stream\n--budget\nzero-shot\n--runs\nx",
         "help\ntrain",
     ])
 }

@@ -74,8 +74,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Returns the critics' loss and adds its gradient, but for that in the shared part, which is left
-    /// as the gradient in its fields.
+    /// Returns the critics' loss and adds its gradient, but for that in the shared part, which is
+    /// left as the gradient in its fields.
     fn critics(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, grad: &mut [T]) -> SacSums {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
@@ -209,8 +209,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose loss
-    /// it returns.
+    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose
+    /// loss it returns.
     fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) -> f64 {
         let network = self.network;
         let width = network.action_order.len();

@@ -5,7 +5,7 @@ use equivariant::unit_sums;
 use crate::activity::{Activity, Units};
 use crate::env::Observations;
 use crate::error::RlError;
-use crate::inference::Chunk;
+use crate::network_policy::Chunk;
 use crate::sac::history::History;
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::{Buffers, SacPolicy};

@@ -6,11 +6,15 @@ mod checkpoint;
 mod courses;
 mod first_frames;
 mod member;
+mod note;
 mod policies;
 mod settings;
 mod training;
+mod trials;
 
 pub use first_frames::Rollout;
+pub use note::read_note;
 pub use policies::Collection;
-pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub(in crate::learners) use settings::shared_settings;
+pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 pub use training::Training;

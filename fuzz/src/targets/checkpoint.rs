@@ -1,0 +1,114 @@
+//! Learners in files.
+
+use std::path::Path;
+use std::sync::LazyLock;
+
+use covers::{Covers, Extent, Labels, Learner, LearnerSettings, OffPolicy};
+use rl::{EnvSpec, VectorEnv};
+use serde_json::Value;
+
+use super::learners::{clock, learners, taught};
+use super::small::is_small_learner;
+use super::tensors::{parts, sealed};
+use super::{Reading, Target, accepted, in_file, measured};
+
+/// The constant holds the learner that a valid file becomes.
+pub const CHECKPOINT: Target = Target::new("checkpoint", read, checkpoints)
+    .holding(64, 1 << 18)
+    .tried(5_000);
+
+static LEARNERS: LazyLock<Vec<LearnerSettings>> = LazyLock::new(learners);
+
+/// A byte that chooses the learner, then the parts of the file with a zero between them.
+fn read(input: &[u8]) -> Option<Reading> {
+    let (&kind, rest) = input.split_first()?;
+    let mut parts = rest.splitn(3, |&byte| byte == 0);
+    let envelope = str::from_utf8(parts.next()?).ok()?;
+    let arrays = str::from_utf8(parts.next()?).ok()?;
+    let file = sealed(envelope, arrays, parts.next()?)?;
+    let settings = &LEARNERS[usize::from(kind) % LEARNERS.len()];
+    let others = small_settings(settings, envelope);
+    let (spec, labels) = (clock().spec().clone(), Labels::default());
+    in_file("checkpoint", &file, |path| {
+        measured(|| {
+            accepted(settings.load(path, &spec, &labels))
+                | accepted(settings.resume(path, &spec, &labels))
+                | others.is_some_and(|settings| by_its_own_settings(&settings, path, &spec))
+        })
+    })
+}
+
+/// The settings that the file itself names, where building such a learner takes no time.
+fn small_settings(like: &LearnerSettings, envelope: &str) -> Option<LearnerSettings> {
+    let mut envelope: Value = serde_json::from_str(envelope).ok()?;
+    let settings = envelope["header"]["settings"].take();
+    let settings = match like {
+        LearnerSettings::Covers(_) => {
+            LearnerSettings::Covers(serde_json::from_value(settings).ok()?)
+        }
+        LearnerSettings::OffPolicy(_) => {
+            LearnerSettings::OffPolicy(serde_json::from_value(settings).ok()?)
+        }
+    };
+    is_small_learner(&settings).then_some(settings)
+}
+
+fn by_its_own_settings(settings: &LearnerSettings, path: &Path, spec: &EnvSpec) -> bool {
+    match settings {
+        LearnerSettings::Covers(_) => accepted(Covers::load(path, spec)),
+        LearnerSettings::OffPolicy(_) => accepted(OffPolicy::load(path, spec)),
+    }
+}
+
+/// Each learner before its first turn and after two, and packed.
+fn checkpoints() -> Vec<Vec<u8>> {
+    let mut files = Vec::new();
+    for (kind, settings) in LEARNERS.iter().enumerate() {
+        let started = settings.start(clock().spec(), &Labels::default());
+        let Ok(mut learner) = started else {
+            continue;
+        };
+        let mut save = |learner: &dyn Learner, extent| {
+            let bytes = learner.encode(Path::new("seed"), extent, "{}").ok();
+            files.extend(bytes.and_then(|bytes| seed(kind, &bytes)));
+        };
+        save(&*learner, Extent::Everything);
+        if taught(&mut *learner).is_some() {
+            save(&*learner, Extent::Everything);
+            save(&*learner, Extent::Policies { episodes: 4 });
+        }
+    }
+    files
+}
+
+fn seed(kind: usize, file: &[u8]) -> Option<Vec<u8>> {
+    let (envelope, arrays, data) = parts(file)?;
+    let kind = [u8::try_from(kind).ok()?];
+    Some(
+        [
+            &kind,
+            envelope.as_bytes(),
+            &[0],
+            arrays.as_bytes(),
+            &[0],
+            &data,
+        ]
+        .concat(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three files of each learner, all of which are read: every kind has a state that comes back.
+    #[test]
+    fn every_seed_is_a_learner() {
+        let seeds = checkpoints();
+        assert_eq!(seeds.len(), 3 * LEARNERS.len());
+        for (index, seed) in seeds.iter().enumerate() {
+            let reading = CHECKPOINT.run(seed);
+            assert!(reading.is_some_and(|reading| reading.accepted), "{index}");
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The smallest learners of every kind and grouping, and environments that show them next to nothing.
+
+use covers::{
+    CoversSettings, Embedding, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
+    OffPolicySettings,
+};
+use rl::{
+    BoxError, ContextSettings, Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
+    PpoSettings, SacSettings, Transition, VectorEnv,
+};
+use symmetry::{Group, Irrep};
+
+use super::small::small_network;
+
+/// Learners of every kind and grouping; the first needs one turn to have everything, the others two.
+pub fn learners() -> Vec<LearnerSettings> {
+    let calibrated = r#"{"calibrated": {"min_episodes": 4}}"#;
+    let evidence = r#"{"evidence": {"filters": 1, "memory": 4}}"#;
+    let [calibrated, evidence] = [calibrated, evidence].map(|text| {
+        serde_json::from_str::<GroupingSettings>(text).unwrap_or(GroupingSettings::Single)
+    });
+    let covers = |grouping| CoversSettings {
+        grouping,
+        ..covers()
+    };
+    let threshold = GroupingSettings::Threshold { threshold: 0.0 };
+    let sac = |grouping| OffPolicySettings {
+        grouping,
+        ..off_policy()
+    };
+    vec![
+        LearnerSettings::Covers(CoversSettings {
+            augmentation: Group::D2,
+            ..covers(GroupingSettings::Oracle)
+        }),
+        LearnerSettings::Covers(covers(GroupingSettings::Single)),
+        LearnerSettings::Covers(CoversSettings {
+            embedding: Embedding::AtArrival,
+            ..covers(calibrated)
+        }),
+        LearnerSettings::Covers(CoversSettings {
+            handover: Handover::Reuse,
+            new_policy: NewPolicy::Copy,
+            ..covers(threshold)
+        }),
+        LearnerSettings::Covers(covers(evidence)),
+        LearnerSettings::OffPolicy(sac(GroupingSettings::Single)),
+        LearnerSettings::OffPolicy(OffPolicySettings {
+            context: Some(ContextSettings { size: 4, length: 2 }),
+            ..sac(threshold)
+        }),
+        LearnerSettings::OffPolicy(OffPolicySettings {
+            still_channels: 0,
+            ..sac(calibrated)
+        }),
+        LearnerSettings::OffPolicy(sac(evidence)),
+    ]
+}
+
+fn network() -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![1; 3] },
+        ..small_network()
+    }
+}
+
+/// Two frames are kept of each of four episodes.
+fn covers() -> CoversSettings {
+    CoversSettings {
+        network: NetworkSettings {
+            critic: Critic::Pooled { width: 1 },
+            ..network()
+        },
+        ppo: PpoSettings {
+            epochs: 1,
+            ..PpoSettings::default()
+        },
+        first_frames: 2,
+        rollout_steps: 8,
+        buffer_episodes: Some(4),
+        ..CoversSettings::default()
+    }
+}
+
+/// The replay has dropped steps after the second turn.
+fn off_policy() -> OffPolicySettings {
+    OffPolicySettings {
+        network: network(),
+        sac: SacSettings {
+            batch: 4,
+            window: 2,
+            burn_in: 4,
+            updates_per_step: 0.25,
+            ..SacSettings::paper()
+        },
+        capacity: 12,
+        warm_up: 2,
+        still_channels: 1,
+        newest_steps: 4,
+        first_frames: 2,
+        rollout_steps: 8,
+        buffer_episodes: Some(4),
+        ..OffPolicySettings::default()
+    }
+}
+
+/// Environments whose episodes last two steps: one pixel tells the time.
+pub struct Clock {
+    spec: EnvSpec,
+    now: u8,
+}
+
+/// Two of them.
+pub fn clock() -> Clock {
+    let spec = EnvSpec {
+        num_envs: 2,
+        image: [8, 8, 2],
+        vector: vec![Irrep::X],
+        action: vec![Irrep::X],
+    };
+    Clock { spec, now: 0 }
+}
+
+impl Clock {
+    fn observe(&self, out: &mut Observations) {
+        *out = Observations::new(&self.spec);
+        let pictures = out.images.chunks_mut(self.spec.image_len());
+        pictures.for_each(|picture| picture[0] = self.now);
+        out.vectors.fill(f32::from(self.now));
+    }
+}
+
+impl VectorEnv for Clock {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.observe(out);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        *out = Transition::new(&self.spec);
+        self.now += 1;
+        self.observe(&mut out.observations);
+        self.observe(&mut out.final_observations);
+        out.rewards.copy_from_slice(actions);
+        let ended = self.now.is_multiple_of(2);
+        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        out.outcomes.fill(outcome);
+        Ok(())
+    }
+}
+
+/// The learner after a turn, and after another where it needs no label for it.
+pub fn taught(learner: &mut dyn Learner) -> Option<()> {
+    let mut env = clock();
+    learner.learn(&mut env).ok()?;
+    // labels are a run's alone: an oracle has none for its second turn
+    let _ = learner.learn(&mut env);
+    Some(())
+}

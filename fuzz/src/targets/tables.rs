@@ -1,0 +1,96 @@
+//! Tables of a run, as reports read them, and as a run does that goes on.
+
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use covers::RunFolder;
+use covers::presets::{Budget, Method};
+use covers::report::{Report, RunData};
+
+use super::{Reading, Target, accepted, measured, own_path, texts};
+
+// private to the crate that reads timings
+#[allow(dead_code)]
+#[path = "../../../src/runs/timings.rs"]
+mod timings;
+
+pub const TABLES: Target = Target::new("tables", read, tables)
+    .holding(512, 1 << 17)
+    .tried(2_000);
+
+const NAMES: [&str; 4] = [
+    "metrics.csv",
+    "evaluation.csv",
+    "timings.csv",
+    "provenance.jsonl",
+];
+
+/// The folder of a run that has ended.
+static RUN: LazyLock<PathBuf> = LazyLock::new(|| {
+    let runs = own_path("tables");
+    let folder = RunFolder::create(&runs, "covers-seed0").and_then(|folder| {
+        folder.write_experiment(&Budget::Smoke.experiment(Method::Covers))?;
+        Ok(folder)
+    });
+    let folder = folder.unwrap_or_else(|error| panic!("{}: {error}", runs.display()));
+    write("summary.json", b"{}", folder.path());
+    folder.path().to_owned()
+});
+
+fn write(name: &str, bytes: &[u8], folder: &Path) {
+    let path = folder.join(name);
+    std::fs::write(&path, bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+}
+
+/// The files stand one after the other, with a zero between them.
+fn read(input: &[u8]) -> Option<Reading> {
+    let parts = input.split(|&byte| byte == 0).chain([&b""[..]; 3]);
+    let files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(parts).collect();
+    for (name, bytes) in &files {
+        write(name, bytes, &RUN);
+    }
+    measured(|| {
+        go_on(files[2].1);
+        accepted(RunData::read(&RUN).and_then(report))
+    })
+}
+
+/// What a resumption keeps of the timings.
+fn go_on(table: &[u8]) {
+    let kept = timings::first_rows(table, 2);
+    assert_eq!(timings::first_rows(kept.as_bytes(), 2), kept);
+    let known = timings::Timings::read(kept.as_bytes());
+    assert!(
+        known
+            .decisions_per_second()
+            .is_none_or(|rate| !rate.is_nan())
+    );
+}
+
+/// A report of the run alone.
+fn report(run: RunData) -> Result<(), covers::CoversError> {
+    let report = Report::new(vec![run])?;
+    assert!(!report.markdown().is_empty());
+    report.write(&RUN.join("report"))
+}
+
+fn tables() -> Vec<Vec<u8>> {
+    texts([
+        "rollout,decisions,group,last_group,straddles,policy,created,reward,success,success_at_end\n\
+         0,80,a,a,false,0,false,12.5,0.5,0.25\n1,160,a,b,true,0,false,,,\n\
+         2,240,b,b,false,1,true,500,1,1\n\0\
+         rollouts,decisions,group,element,seen,policy,episodes,success,success_at_end,reward\n\
+         0,0,a,identity,true,0,8,0,0,1.5\n0,0,b,flip x,false,0,8,0,0,1\n\
+         3,240,a,identity,true,0,8,0.5,0.25,250\n3,240,b,flip x,false,1,8,1,1,300\n\0\
+         rollout,decisions,total,environments,inference,assignment,update\n\
+         0,80,1.5,0.5,0.5,0.25,0.25\n1,80,2,1,0,0,1\n2,80,1e3,1,1,1,1\n\0\
+         {\"rollouts\":0,\"started\":-1,\"command\":[\"covers\"],\"version\":\"0.1.0\",\
+         \"commit\":\"0123456789abcdef\",\"clean\":false,\"mujoco\":\"2.2.2\",\"renderer\":\"none\",\
+         \"processor\":\"a\",\"instructions\":[],\"system\":\"linux\",\"threads\":1}\n",
+        "decisions,group,last_group,straddles,policy,reward,success\n8,a,a,false,0,1,1\n\0\
+         rollouts,decisions,group,element,seen,policy,episodes,success,success_at_end,reward\n\
+         1,8,a,identity,true,0,8,1,1,1\n",
+        "\0\0\0",
+        "decisions,group\n\"8\",\"a\"\"b\"\n",
+    ])
+}
