@@ -22,7 +22,7 @@ use super::note::Note;
 use super::opening::{self, Claim, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
-use super::scoring::Scoring;
+use super::scoring::{Scoring, looks};
 use super::stop::Stop;
 use super::summary::Summary;
 use super::workers::{guarded, thread_pool};
@@ -292,7 +292,8 @@ impl Run {
 
     /// The evaluation that is due; none where a stop was wished for.
     fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, CoversError> {
-        let (stop, looks) = (self.stop.clone(), self.looks());
+        let stop = self.stop.clone();
+        let looks = self.visit().map_or_else(|| looks(&self.experiment), |_| 0);
         let mut scoring = self.scoring(&stop);
         let Some(findings) = scoring.score(rounds)? else {
             return Ok(None);
@@ -320,16 +321,6 @@ impl Run {
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
         let findings = self.scoring(&Stop::default()).score(rounds)?;
         Ok(findings.unwrap_or_default().scores)
-    }
-
-    /// How often the learner is asked which policy a variant belongs to: after the stream, where it
-    /// has a choice.
-    fn looks(&self) -> usize {
-        let can_be_asked = self.experiment.learner.cannot_be_asked().is_none();
-        match self.visit() {
-            None if can_be_asked => self.experiment.evaluation.looks,
-            _ => 0,
-        }
     }
 
     fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {

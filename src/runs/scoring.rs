@@ -5,10 +5,20 @@ use rayon::ThreadPool;
 
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Findings, Recognition};
+use crate::experiment::Experiment;
 use crate::learners::Learner;
 
 use super::stop::Stop;
 use super::workers::guarded;
+
+/// How often the learner is asked after the stream which policy a variant belongs to: not at all
+/// where it has no choice.
+pub(super) fn looks(experiment: &Experiment) -> usize {
+    match experiment.learner.cannot_be_asked() {
+        Some(_) => 0,
+        None => experiment.evaluation.looks,
+    }
+}
 
 /// Who is scored, by whom, and who may stop it.
 pub(super) struct Scoring<'a> {

@@ -136,11 +136,7 @@ impl Gru {
         self.input
             .forward(input, x, &mut pass.row_gates, &mut pass.scratch);
         self.change_basis(3, &mut pass.row_gates);
-        for (at, to) in pass.gates.chunks_exact_mut(gates).enumerate() {
-            if let Some(row) = pass.reads.get(at).copied().flatten() {
-                to.copy_from_slice(&pass.row_gates[row * gates..(row + 1) * gates]);
-            }
-        }
+        pass.spread_rows(gates);
         pass.holds_values = true;
         pass.states[..samples * self.width()].fill(T::ZERO);
         pass.coefficients[..samples * self.width()].fill(T::ZERO);
@@ -180,25 +176,13 @@ impl Gru {
         for step in (0..steps).rev() {
             self.step_backward(&params[at..], step, d_hidden, pass);
         }
-        self.gather_gradients(pass);
+        pass.gather_rows(3 * self.width());
+        self.change_basis(3, &mut pass.row_gates);
         let (input, gates) = (&params[..at], &pass.row_gates[..]);
         // the values of the output are not looked at
         let scratch = &mut pass.scratch;
         self.input
             .backward(input, x, gates, gates, dx, d_input, scratch);
-    }
-
-    /// Adds up the gradients in the gates of all steps that read the same row.
-    fn gather_gradients<T: Scalar>(&self, pass: &mut GruPass<T>) {
-        let gates = 3 * self.width();
-        pass.row_gates.fill(T::ZERO);
-        for (from, row) in pass.gates.chunks_exact(gates).zip(&pass.reads) {
-            if let &Some(row) = row {
-                let sums = &mut pass.row_gates[row * gates..(row + 1) * gates];
-                sums.iter_mut().zip(from).for_each(|(sum, &d)| *sum += d);
-            }
-        }
-        self.change_basis(3, &mut pass.row_gates);
     }
 
     /// H, the channels of the state.

@@ -67,4 +67,24 @@ impl<T: Scalar> GruPass<T> {
         let len = samples * self.dims[1];
         &self.coefficients[steps * len..(steps + 1) * len]
     }
+
+    /// Copies the part of each row to the gates, `width` of them, of the steps that read it.
+    pub(super) fn spread_rows(&mut self, width: usize) {
+        for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
+            if let Some(row) = read {
+                to.copy_from_slice(&self.row_gates[row * width..(row + 1) * width]);
+            }
+        }
+    }
+
+    /// Adds up the gradients in the gates of all steps that read the same row.
+    pub(super) fn gather_rows(&mut self, width: usize) {
+        self.row_gates.fill(T::ZERO);
+        for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {
+            if let Some(row) = read {
+                let sums = &mut self.row_gates[row * width..(row + 1) * width];
+                sums.iter_mut().zip(from).for_each(|(sum, &d)| *sum += d);
+            }
+        }
+    }
 }
