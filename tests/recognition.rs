@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 #[path = "common/bars.rs"]
+#[allow(dead_code, reason = "other tests ask more of it")]
 mod bars;
 
 use bars::Bars;
