@@ -11,6 +11,8 @@ use crate::runs::{Provenance, RunFolder};
 
 /// Signs of a commit's name that tell it from others.
 const SHORT: usize = 10;
+/// No run counts so far; sums of what is below do not overflow.
+const TOO_MANY: usize = 1 << 32;
 
 /// One run, as its folder tells it.
 #[derive(Clone, Debug)]
@@ -120,12 +122,20 @@ impl RunData {
         let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;
         let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?;
-        if units.iter().any(|row| row.dormant > row.units) {
+        let counted = |row: &UnitsRow| (1..TOO_MANY).contains(&row.units);
+        if !units
+            .iter()
+            .all(|row| counted(row) && row.dormant <= row.units)
+        {
             return Err(unfit(path, "units.csv holds a row that cannot be"));
+        }
+        let recognition: Vec<RecognitionRow> = rows_if_there(&folder.file("recognition.csv"))?;
+        if recognition.iter().any(|row| row.times >= TOO_MANY) {
+            return Err(unfit(path, "recognition.csv holds a row that cannot be"));
         }
         let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
         Ok(Self {
-            recognition: rows_if_there(&folder.file("recognition.csv"))?,
+            recognition,
             units,
             name: name_of(path)?,
             experiment: folder.experiment()?,
@@ -186,11 +196,14 @@ fn check(
     }
     let numbers = |row: &RolloutRow| row.reward.into_iter().chain(row.success);
     let mut turns = rollouts.iter().enumerate();
-    if turns.any(|(turn, row)| row.policy > turn || !numbers(row).all(f64::is_finite)) {
+    if !rollouts.is_sorted_by_key(|row| row.decisions)
+        || turns.any(|(turn, row)| row.policy > turn || !numbers(row).all(f64::is_finite))
+    {
         return Err(unfit("metrics.csv holds a row that cannot be"));
     }
     let end = rollouts.last().map(|row| (rollouts.len(), row.decisions));
-    if scores.last().map(|row| (row.rollouts, row.decisions)) != end {
+    let in_order = scores.is_sorted_by_key(|row| row.rollouts);
+    if !in_order || scores.last().map(|row| (row.rollouts, row.decisions)) != end {
         return Err(unfit(
             "the last rows of evaluation.csv and metrics.csv do not agree",
         ));
