@@ -49,7 +49,8 @@ pub struct ResumeOptions {
 /// Which runs to do.
 #[derive(Clone, Debug, Args)]
 pub struct SweepOptions {
-    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, and settings to `set`.
+    /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
+    /// of them for a study.
     pub plan: PathBuf,
     /// Folder that the runs' folders are in, which is all that workers share.
     #[arg(long, default_value = "runs")]
@@ -276,7 +277,9 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let scores = pool.install(|| evaluator.all(&mut *learner, rounds))?;
+    let scores = pool
+        .install(|| evaluator.all(&mut *learner, rounds))?
+        .scores;
     if options.work.json {
         say(out, &serde_json::json!(scores).to_string())
     } else {

@@ -1,5 +1,5 @@
-//! What a run asks of the file system: few operations, so that tests can fail any of them and replay
-//! a power cut between any two.
+//! What a run asks of the file system: few operations, so that tests can fail any of them and
+//! replay a power cut between any two.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
@@ -10,8 +10,8 @@ use crate::error::CoversError;
 
 /// The operations by which a run changes its folder.
 ///
-/// The rules are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append) survive
-/// a power cut once [`sync`](Disk::sync) was called. Names survive once
+/// The rules are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
+/// survive a power cut once [`sync`](Disk::sync) was called. Names survive once
 /// [`sync_folder`](Disk::sync_folder) was called on their folder.
 pub trait Disk: Debug + Send + Sync {
     /// Creates a file or empties it, and writes `bytes`.

@@ -71,6 +71,11 @@ pub struct EvaluationPlan {
     /// number there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
+    /// How often the learner is asked, after the stream, which policy a variant belongs to, for each
+    /// of 1, 4 and 20 episodes that it is shown; not at all where it is 0, and where there is one
+    /// policy for everything or the learner is told the group.
+    #[serde(default)]
+    pub looks: usize,
     /// Seed of the placements: runs of other methods and seeds are scored on the same episodes.
     #[serde(default)]
     pub seed: u64,
@@ -82,6 +87,7 @@ impl EvaluationPlan {
         rounds: 1,
         visit_rounds: 0,
         every: None,
+        looks: 0,
         seed: 0,
     };
 
@@ -198,8 +204,8 @@ impl Experiment {
         }
     }
 
-    /// Decisions of one episode of every environment: the world's clock lets a group give way at its
-    /// multiples.
+    /// Decisions of one episode of every environment: the world's clock lets a group give way at
+    /// its multiples.
     fn block(&self) -> usize {
         self.envs.num_envs * self.envs.control.decisions()
     }

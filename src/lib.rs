@@ -47,8 +47,8 @@ pub use groupings::{
 };
 pub use learners::{
     Collection, CollectionSettings, Covers, CoversSettings, Embedding, Extent, Handover, Learner,
-    LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Seconds, Shared,
-    Turn,
+    LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Performance,
+    Recognised, Seconds, Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

@@ -1,7 +1,7 @@
 //! The `covers` command.
 //!
-//! Exit codes: 0 where all was done and every check held, 1 for an error or a check that failed, 2 for
-//! wrong options, 3 where a signal stopped a run that can be resumed.
+//! Exit codes: 0 where all was done and every check held, 1 for an error or a check that failed, 2
+//! for wrong options, 3 where a signal stopped a run that can be resumed.
 
 use std::io::stdout;
 use std::process::ExitCode;

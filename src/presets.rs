@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use envs::{TaskGroup, VecEnvSettings};
+use rl::{Critic, Encoder, NetworkSettings};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -23,6 +24,8 @@ pub enum Method {
     CoversGt,
     /// COVERS with ordinary networks of equal width, grouped by distances.
     CoversCnn,
+    /// COVERS with ordinary networks of about as many parameters, half as wide.
+    CoversCnnSlim,
     /// One D2-equivariant policy for everything.
     Equi,
     /// One ordinary policy for everything.
@@ -45,10 +48,11 @@ pub enum Method {
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
+        Self::CoversCnnSlim,
         Self::Equi,
         Self::Cnn,
         Self::CnnAug,
@@ -65,6 +69,7 @@ impl Method {
             Self::Covers => "covers",
             Self::CoversGt => "covers-gt",
             Self::CoversCnn => "covers-cnn",
+            Self::CoversCnnSlim => "covers-cnn-slim",
             Self::Equi => "equi",
             Self::Cnn => "cnn",
             Self::CnnAug => "cnn-aug",
@@ -97,6 +102,7 @@ impl Method {
             settings.network.group = Group::C1;
         }
         match self {
+            Self::CoversCnnSlim => settings.network = slim(),
             Self::CoversGt => settings.grouping = GroupingSettings::Oracle,
             Self::Equi | Self::Cnn => settings.grouping = GroupingSettings::Single,
             Self::CnnAug => settings.augmentation = Group::D2,
@@ -105,12 +111,39 @@ impl Method {
         settings
     }
 
+    /// The method that a run is of: its learner and its environments are those of the method's
+    /// preset, under some budget. The stream, the evaluation and the checkpoints belong to no
+    /// method; seeds and threads do not count. None for settings of one's own.
+    pub fn of(run: &Experiment) -> Option<Self> {
+        let is = |method: &Self| {
+            let mut budgets = Budget::value_variants().iter();
+            budgets.any(|budget| budget.preset_like(*method, run) == *run)
+        };
+        Self::ALL.into_iter().find(is)
+    }
+
     fn envs(self) -> VecEnvSettings {
         let mut envs = VecEnvSettings::default();
         if self == Self::Paper {
             envs.camera.size = PAPER_PICTURES;
         }
         envs
+    }
+}
+
+/// An ordinary network of half the width of the default one: a kernel between regular fields of D2
+/// has a quarter of the numbers of an ordinary one, so both have about as many parameters.
+fn slim() -> NetworkSettings {
+    NetworkSettings {
+        group: Group::C1,
+        encoder: Encoder::Strided {
+            fields: vec![2, 4, 8, 8],
+        },
+        top_fields: 16,
+        vector_fields: 16,
+        actor_fields: 16,
+        critic: Critic::Joint { fields: 16 },
+        ..NetworkSettings::default()
     }
 }
 
@@ -125,6 +158,9 @@ pub enum Budget {
     /// About half an hour on two busy cores; every group three times, and more of the two that take
     /// longer.
     Full,
+    /// What a table of methods takes: the stream of `full`, 100 episodes of each group and variant
+    /// after it, and cheap evaluations in between (docs/results/protocol.md).
+    Table,
     /// As `full`, but every group twice, and only one variant of each is learnt; the others appear
     /// in evaluations.
     ZeroShot,
@@ -137,6 +173,7 @@ impl Budget {
             Self::Smoke => "smoke",
             Self::Short => "short",
             Self::Full => "full",
+            Self::Table => "table",
             Self::ZeroShot => "zero-shot",
         }
     }
@@ -162,12 +199,24 @@ impl Budget {
         }
     }
 
+    /// The preset of a method with the stream, the evaluation, the checkpoints, the seed and the
+    /// threads of a run.
+    pub(crate) fn preset_like(self, method: Method, run: &Experiment) -> Experiment {
+        let preset = self.experiment(method).with_seed(run.learner.seed());
+        Experiment {
+            schedule: run.schedule.clone(),
+            evaluation: run.evaluation,
+            checkpoints: run.checkpoints,
+            ..preset.with_threads(run.envs.threads)
+        }
+    }
+
     /// The stream of learners with rollouts of this many decisions.
     fn schedule(self, rollout: usize) -> Schedule {
         let (cycles, rollouts) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [10, 5, 14, 5]),
-            Self::Full => (3, [8, 36, 12, 40]),
+            Self::Full | Self::Table => (3, [8, 36, 12, 40]),
             Self::ZeroShot => (2, [8, 36, 12, 40]),
         };
         let decisions = rollouts.map(|rollouts| rollouts * rollout);
@@ -188,6 +237,13 @@ impl Budget {
                 rounds: 2,
                 // as many, so that what is forgotten by the end shows on the same episodes
                 visit_rounds: 2,
+                ..EvaluationPlan::AT_THE_END
+            },
+            // of 20 environments each; an evaluation plays a fifth of the last one's episodes
+            Self::Table => EvaluationPlan {
+                rounds: 5,
+                visit_rounds: 1,
+                looks: 10,
                 ..EvaluationPlan::AT_THE_END
             },
         }
@@ -236,19 +292,74 @@ mod tests {
         }
     }
 
+    /// What "same decisions, same evaluation, 100 episodes of each group and variant" means.
+    #[test]
+    fn the_budget_of_the_table_is_the_same_for_all_methods() {
+        let of = |method| Budget::Table.experiment(method);
+        let covers = of(Method::Covers);
+        for method in Method::ALL {
+            let run = of(method);
+            assert_eq!(run.schedule, covers.schedule, "{method:?}");
+            assert_eq!(run.evaluation, covers.evaluation, "{method:?}");
+            let evaluation = run.evaluation;
+            assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
+            assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
+        }
+        assert_eq!(
+            covers.schedule,
+            Budget::Full.experiment(Method::Covers).schedule
+        );
+        assert_eq!(covers.schedule.total_decisions(), 288_000);
+    }
+
+    #[test]
+    fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
+        for method in Method::ALL {
+            for budget in Budget::value_variants() {
+                let mut run = budget.experiment(method).with_seed(7).with_threads(3);
+                run.schedule.cycles += 1;
+                run.checkpoints.keep = 7;
+                assert_eq!(Method::of(&run), Some(method));
+                let other = run.clone().with_embodiment(envs::Embodiment::Hand);
+                assert_eq!(Method::of(&other), None);
+                match &mut run.learner {
+                    LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,
+                    LearnerSettings::OffPolicy(settings) => settings.sac.gamma = 0.5,
+                }
+                assert_eq!(Method::of(&run), None);
+            }
+        }
+    }
+
+    #[test]
+    fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
+        let parameters = |method: Method| {
+            let experiment = Budget::Table.experiment(method);
+            let spec = crate::stream::Stream::spec_of(&experiment.envs);
+            let network = &method.covers().network;
+            let network = rl::ActorCritic::<f32>::new(network, &spec).unwrap();
+            network.num_params() as f64
+        };
+        let covers = parameters(Method::Covers);
+        let ratio = |method| parameters(method) / covers;
+        assert!((ratio(Method::CoversCnnSlim) - 1.0).abs() < 0.02);
+        assert!(ratio(Method::CoversCnn) > 3.5);
+    }
+
     #[test]
     fn methods_of_covers_differ_in_networks_groupings_and_data_alone() {
         let covers = Method::Covers.covers();
         for method in [
             Method::CoversGt,
             Method::CoversCnn,
+            Method::CoversCnnSlim,
             Method::Equi,
             Method::Cnn,
             Method::CnnAug,
         ] {
             let mut settings = method.covers();
             assert_ne!(settings, covers, "{method:?}");
-            settings.network.group = covers.network.group;
+            settings.network = covers.network.clone();
             settings.grouping = covers.grouping;
             settings.augmentation = covers.augmentation;
             assert_eq!(settings, covers, "{method:?}");

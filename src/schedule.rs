@@ -30,8 +30,9 @@ pub struct Schedule {
 #[serde(rename_all = "lowercase")]
 pub enum Clock {
     /// The world's own clock, which counts every decision, also of rollouts that a learner throws
-    /// away. When a visit is over, the next group comes at the end of the running episodes, whatever
-    /// the learner does: a rollout may straddle a change. All learners see the same stream.
+    /// away. When a visit is over, the next group comes at the end of the running episodes,
+    /// whatever the learner does: a rollout may straddle a change. All learners see the same
+    /// stream.
     #[default]
     World,
     /// The learner's turns: each counts as one rollout's decisions, and groups change between them.
@@ -60,7 +61,8 @@ pub enum Order {
     /// Every cycle in an order of its own; no group follows itself.
     Shuffled,
     /// No cycles: after as many decisions as a rollout has, the group gives way to any other with
-    /// equal probability, so often that its visits last `decisions` on average. The stream is as long as it would be with cycles.
+    /// equal probability, so often that its visits last `decisions` on average. The stream is as
+    /// long as it would be with cycles.
     Switching,
 }
 
@@ -76,8 +78,8 @@ pub struct Visit {
 }
 
 impl Schedule {
-    /// All variants of these groups, shuffled, on the world's clock; each comes with the decisions of
-    /// one visit.
+    /// All variants of these groups, shuffled, on the world's clock; each comes with the decisions
+    /// of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
         let groups = visits.iter().map(|(group, decisions)| GroupPlan {
             group: group.name().to_owned(),
@@ -92,8 +94,8 @@ impl Schedule {
         }
     }
 
-    /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or a
-    /// variant twice.
+    /// Refuses a plan without groups, cycles, decisions or variants, and one that names a group or
+    /// a variant twice.
     ///
     /// # Errors
     /// [`CoversError::Setting`].

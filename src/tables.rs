@@ -35,8 +35,8 @@ pub fn rollout_line(progress: &Progress) -> String {
         progress.decisions,
         progress.group.name(),
         turn.policy,
-        number(progress.reward, 1),
-        number(progress.success, 2),
+        number(progress.reward(), 1),
+        number(progress.success(), 2),
         distances.join(", "),
     )
 }

@@ -46,8 +46,8 @@ struct Shown {
 }
 
 impl World {
-    /// The stream of `experiment` after `decisions` decisions. It writes the name of the group that it
-    /// shows to `labels`.
+    /// The stream of `experiment` after `decisions` decisions. It writes the name of the group that
+    /// it shows to `labels`.
     ///
     /// # Errors
     /// A group that `tasks` does not hold, or what the environments say.

@@ -5,26 +5,19 @@
 #[path = "common/bars.rs"]
 mod bars;
 
-use bars::{Bars, HORIZON};
+use bars::{Bars, HORIZON, network, number};
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
-    Handover, Learner, Metric, NewPolicy, Turn,
+    Handover, Learner, NewPolicy, Turn,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, Encoder, NetworkSettings, PpoSettings, VectorEnv};
+use rl::{Critic, PpoSettings, VectorEnv};
 
 fn settings() -> CoversSettings {
     CoversSettings {
-        network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![4, 8] },
-            top_fields: 8,
-            vector_fields: 4,
-            actor_fields: 4,
-            critic: Critic::Pooled { width: 8 },
-            ..NetworkSettings::default()
-        },
+        network: network(Critic::Pooled { width: 8 }),
         ppo: PpoSettings {
             epochs: 1,
             minibatch: 20,
@@ -52,11 +45,7 @@ fn assert_refused<T>(result: Result<T, CoversError>, part: &str) {
 fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    let mut assigned = Vec::new();
-    for group in [0, 0, 1, 1, 0, 1, 0, 0] {
-        env.group = group;
-        assigned.push(covers.learn(&mut env).unwrap());
-    }
+    let assigned = env.teach(&mut covers, &[0, 0, 1, 1, 0, 1, 0, 0]);
     let policies: Vec<usize> = assigned.iter().map(|report| report.policy).collect();
     assert_eq!(policies, [0, 0, 1, 1, 0, 1, 0, 0]);
     let created: Vec<bool> = assigned.iter().map(|report| report.created).collect();
@@ -94,15 +83,8 @@ fn few_environments_are_recognised_over_several_rounds() {
     let mut env = Bars::new();
     env.spec.num_envs = 4;
     let mut covers = Covers::new(settings(), env.spec()).unwrap();
-    for group in [0, 1] {
-        env.group = group;
-        covers.learn(&mut env).unwrap();
-    }
-    for group in [0, 1] {
-        env.group = group;
-        let mut rng = ChaCha8Rng::seed_from_u64(9);
-        assert_eq!(covers.recognise(&mut env, &mut rng).unwrap(), group);
-    }
+    env.teach(&mut covers, &[0, 1]);
+    assert_eq!(env.recognised(&mut covers), [0, 1]);
 }
 
 #[test]
@@ -110,17 +92,9 @@ fn recognising_finds_the_policy_and_does_not_disturb_learning() {
     let run = |look: bool| {
         let mut env = Bars::new();
         let mut covers = Covers::new(settings(), env.spec()).unwrap();
-        for group in [0, 1] {
-            env.group = group;
-            covers.learn(&mut env).unwrap();
-        }
+        env.teach(&mut covers, &[0, 1]);
         if look {
-            for group in [0, 1] {
-                let mut other = Bars::new();
-                other.group = group;
-                let mut rng = ChaCha8Rng::seed_from_u64(9);
-                assert_eq!(covers.recognise(&mut other, &mut rng).unwrap(), group);
-            }
+            assert_eq!(Bars::new().recognised(&mut covers), [0, 1]);
         }
         covers.learn(&mut env).unwrap()
     };
@@ -140,11 +114,7 @@ fn a_policy_that_does_not_exist_is_named() {
 fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Turn>) {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings, env.spec()).unwrap();
-    let reports = groups.iter().map(|&group| {
-        env.group = group;
-        covers.learn(&mut env).unwrap()
-    });
-    let reports = reports.collect();
+    let reports = env.teach(&mut covers, groups);
     (covers, reports)
 }
 
@@ -172,11 +142,7 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
     assert_eq!(decisions(&again), [100, 300, 200, 200]);
     assert_eq!(decisions(&reused), [100, 200, 100, 100]);
     for turn in reused {
-        let figure = |name| match turn.metrics.get(name) {
-            Some(Metric::Number(value)) => *value,
-            other => panic!("{name} is {other:?}"),
-        };
-        assert!(figure("approx_kl") < 1e-9 && figure("clip_fraction") == 0.0);
+        assert!(number(&turn, "approx_kl") < 1e-9 && number(&turn, "clip_fraction") == 0.0);
     }
 }
 
@@ -386,20 +352,16 @@ fn a_saved_learner_goes_on_alike() {
         let mut covers = Covers::new(settings, env.spec()).unwrap();
         covers.save(&path, Extent::Everything, "fresh").unwrap();
         covers = Covers::load(&path, env.spec()).unwrap().0;
-        for group in [0, 1, 0] {
-            env.group = group;
-            covers.learn(&mut env).unwrap();
-        }
+        env.teach(&mut covers, &[0, 1, 0]);
         covers.save(&path, Extent::Everything, "a note").unwrap();
         let mut twin_env = env.clone();
         let (mut twin, note) = Covers::load(&path, env.spec()).unwrap();
         assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
-        for group in [0, 1, 1] {
-            (env.group, twin_env.group) = (group, group);
-            let report = covers.learn(&mut env).unwrap();
-            let again = twin.learn(&mut twin_env).unwrap();
-            assert_eq!(report.metrics, again.metrics);
-            assert_eq!(report.evidence, again.evidence);
+        let turns = env.teach(&mut covers, &[0, 1, 1]);
+        let again = twin_env.teach(&mut twin, &[0, 1, 1]);
+        for (turn, again) in turns.iter().zip(again) {
+            assert_eq!(turn.metrics, again.metrics);
+            assert_eq!(turn.evidence, again.evidence);
         }
     }
     std::fs::remove_file(path).unwrap();
@@ -426,7 +388,10 @@ fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
     assert_eq!(policies, expected);
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     env.group = 0;
-    assert_eq!(covers.recognise(&mut env, &mut rng).unwrap(), 0);
+    assert_eq!(
+        covers.recognise(&mut env, None, &mut rng).unwrap().policy,
+        0
+    );
 }
 
 #[test]

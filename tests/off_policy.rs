@@ -1,4 +1,5 @@
-//! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same bits.
+//! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
+//! bits.
 
 #![allow(clippy::unwrap_used)]
 
@@ -7,11 +8,9 @@ mod bars;
 #[path = "../rl/tests/common/guess.rs"]
 mod guess;
 
-use bars::Bars;
-use covers::{Extent, GroupingSettings, Learner, Metric, OffPolicy, OffPolicySettings, Turn};
+use bars::{Bars, network, number};
+use covers::{Extent, GroupingSettings, Learner, OffPolicy, OffPolicySettings, Turn};
 use guess::{EPISODE, Guess};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
 use symmetry::Group;
 
@@ -54,7 +53,7 @@ fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
     for _ in 0..turns {
         learner.learn(&mut env).unwrap();
     }
-    let stats = learner.perform(0, &mut env, 4).unwrap();
+    let stats = learner.perform(0, &mut env, 4).unwrap().stats;
     stats.mean_return().unwrap()
 }
 
@@ -87,14 +86,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
 fn sorting() -> OffPolicySettings {
     let method = OffPolicySettings::equi_sac();
     OffPolicySettings {
-        network: NetworkSettings {
-            encoder: Encoder::Strided { fields: vec![4, 8] },
-            top_fields: 8,
-            vector_fields: 4,
-            actor_fields: 4,
-            critic: Critic::Joint { fields: 4 },
-            ..method.network
-        },
+        network: network(Critic::Joint { fields: 4 }),
         sac: SacSettings {
             batch: 16,
             updates_per_step: 0.025,
@@ -112,13 +104,6 @@ fn sorting() -> OffPolicySettings {
     }
 }
 
-fn number(turn: &Turn, name: &str) -> f64 {
-    match turn.metrics.get(name) {
-        Some(Metric::Number(value)) => *value,
-        other => panic!("{name} is {other:?}"),
-    }
-}
-
 #[test]
 fn every_group_has_a_policy_and_a_replay_and_no_decision_is_thrown_away() {
     let mut env = Bars::new();
@@ -127,19 +112,15 @@ fn every_group_has_a_policy_and_a_replay_and_no_decision_is_thrown_away() {
         ..sorting()
     };
     let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
-    let turns = [0, 0, 1, 1, 0].map(|group| {
-        env.group = group;
-        learner.learn(&mut env).unwrap()
-    });
-    let policies = turns.each_ref().map(|turn| turn.policy);
-    assert_eq!(policies, [0, 0, 1, 1, 0]);
+    let turns = env.teach(&mut learner, &[0, 0, 1, 1, 0]);
+    let each = |figure: fn(&Turn) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
+    assert_eq!(each(|turn| turn.policy), [0, 0, 1, 1, 0]);
     // a policy is opened after a second look, and learns from both
-    let decisions = turns.each_ref().map(|turn| turn.decisions);
-    assert_eq!(decisions, [100, 100, 200, 100, 100]);
-    let held = turns.each_ref().map(|turn| number(turn, "replay") as usize);
+    assert_eq!(each(|turn| turn.decisions), [100, 100, 200, 100, 100]);
+    let held = each(|turn| number(turn, "replay") as usize);
     assert_eq!(held, [100, 200, 200, 300, 300]);
     // the first hundred decisions of each policy are its burn-in
-    let steps = turns.each_ref().map(|turn| number(turn, "steps") as usize);
+    let steps = each(|turn| number(turn, "steps") as usize);
     assert_eq!(steps, [0, 2, 2, 3, 3]);
 }
 
@@ -156,10 +137,7 @@ fn a_saved_learner_goes_on_alike() {
         let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
         learner.save(&path, Extent::Everything, "fresh").unwrap();
         learner = OffPolicy::load(&path, env.spec()).unwrap().0;
-        for group in [0, 1, 0] {
-            env.group = group;
-            learner.learn(&mut env).unwrap();
-        }
+        env.teach(&mut learner, &[0, 1, 0]);
         learner.save(&path, Extent::Everything, "a note").unwrap();
         let (mut twin, note) = OffPolicy::load(&path, env.spec()).unwrap();
         assert_eq!(
@@ -167,10 +145,10 @@ fn a_saved_learner_goes_on_alike() {
             ("a note", learner.policies())
         );
         let mut twin_env = env.clone();
-        for group in [0, 1, 1] {
-            (env.group, twin_env.group) = (group, group);
-            let turn = learner.learn(&mut env).unwrap();
-            assert_eq!(turn.metrics, twin.learn(&mut twin_env).unwrap().metrics);
+        let turns = env.teach(&mut learner, &[0, 1, 1]);
+        let again = twin_env.teach(&mut twin, &[0, 1, 1]);
+        for (turn, again) in turns.iter().zip(again) {
+            assert_eq!(turn.metrics, again.metrics);
         }
         let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
         assert!(bytes(&learner) == bytes(&twin));
@@ -183,10 +161,7 @@ fn packed_policies_recognise_and_hold_no_replay() {
     let path = std::env::temp_dir().join(format!("covers-packed-sac-{}", std::process::id()));
     let mut env = Bars::new();
     let mut learner = OffPolicy::new(sorting(), env.spec()).unwrap();
-    for group in [0, 1] {
-        env.group = group;
-        learner.learn(&mut env).unwrap();
-    }
+    env.teach(&mut learner, &[0, 1]);
     let size = |extent| {
         learner.save(&path, extent, "").unwrap();
         std::fs::metadata(&path).unwrap().len()
@@ -196,11 +171,7 @@ fn packed_policies_recognise_and_hold_no_replay() {
     assert!(2 * packed < whole, "{packed} of {whole}");
     let (mut twin, _) = OffPolicy::load(&path, env.spec()).unwrap();
     std::fs::remove_file(&path).unwrap();
-    for group in [0, 1] {
-        env.group = group;
-        let mut rng = ChaCha8Rng::seed_from_u64(9);
-        assert_eq!(twin.recognise(&mut env, &mut rng).unwrap(), group);
-    }
+    assert_eq!(env.recognised(&mut twin), [0, 1]);
 }
 
 #[test]

@@ -53,6 +53,7 @@ fn small(method: Method, seed: u64) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
     experiment.evaluation.visit_rounds = 1;
+    experiment.evaluation.looks = 1;
     experiment.with_threads(2)
 }
 
@@ -87,13 +88,13 @@ fn a_report_says_what_the_runs_files_say() {
         f64::midpoint(figure(&summaries[0]), figure(&summaries[1]))
     };
     let success = of_two(&|summary| average(summary, |group| group.success));
-    assert!(row("covers", 13)[3].starts_with(&format!("{success:.3} [")));
+    assert!(row("covers", 14)[3].starts_with(&format!("{success:.3} [")));
     let accuracy = of_two(&|summary| summary.assignment_accuracy.unwrap());
-    assert_eq!(row("covers", 13)[8], format!("{accuracy:.3}"));
+    assert_eq!(row("covers", 14)[8], format!("{accuracy:.3}"));
     let success = average(&summaries[2], |group| group.success);
-    assert_eq!(row("cnn", 13)[3], format!("{success:.3}"));
+    assert_eq!(row("cnn", 14)[3], format!("{success:.3}"));
     assert!(
-        row("cnn", 13)[8].starts_with("- ("),
+        row("cnn", 14)[8].starts_with("- ("),
         "one policy has no accuracy"
     );
     assert_eq!(row("cnn", 5)[3], "too few seeds");
@@ -104,6 +105,21 @@ fn a_report_says_what_the_runs_files_say() {
         summaries[1].decisions.to_string()
     );
     assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
+    for method in ["covers", "cnn"] {
+        let dormant: f64 = row(method, 14)[12].parse().unwrap();
+        assert!((0.0..1.0).contains(&dormant), "{dormant}");
+    }
+    let asked = |name: &str| {
+        let mut rows = rows.iter();
+        let found =
+            rows.find(|row| row[0] == format!("| {name}") && row[1] == "1" && row.len() == 6);
+        found.unwrap()[4]
+    };
+    assert!((0.0..=1.0).contains(&asked("covers").parse::<f64>().unwrap()));
+    assert!(
+        asked("cnn").starts_with("- ("),
+        "one policy recognises nothing"
+    );
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     assert_eq!(files("report.md").trim_end(), text.trim_end());
     assert!(files("results.csv").contains("\"covers\"") && files("seeds.tex").contains("toprule"));
@@ -137,6 +153,30 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
         let refusal = scratch.refusal(&["cnn-seed0"]);
         assert!(refusal.contains(problem), "{refusal}");
     }
+}
+
+#[test]
+fn the_papers_row_follows_the_settings_and_not_the_name() {
+    let scratch = Scratch::new("names");
+    let paper = |text: &str| {
+        let rows = text.lines().filter(|line| line.contains("in the paper ("));
+        rows.map(|row| row.split(" in ").next().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    scratch.run("covers-seed0", small(Method::Equi, 0));
+    let text = scratch.report(&["covers-seed0"], &[]).unwrap();
+    assert_eq!(paper(&text), ["| equi"]);
+    let remark = "the settings are those of the preset `equi`, not of `covers`";
+    assert!(
+        text.contains("| covers (1) |") && text.contains(remark),
+        "{text}"
+    );
+    let mut own = small(Method::Equi, 0);
+    own.envs.camera.size = 32;
+    scratch.run("equi-seed0", own);
+    let text = scratch.report(&["equi-seed0"], &[]).unwrap();
+    assert!(paper(&text).is_empty(), "{text}");
+    assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
 }
 
 #[test]

@@ -417,7 +417,8 @@ fn options_are_checked_and_named() {
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
-        refuse(&["--budget", "long"]).contains("[possible values: smoke, short, full, zero-shot]")
+        refuse(&["--budget", "long"])
+            .contains("[possible values: smoke, short, full, table, zero-shot]")
     );
     let most = envs::MAX_THREADS;
     assert!(refuse(&["--threads", "0"]).contains(&format!("0 is not in 1..={most}")));

@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 use crate::frames::Candidate;
 use crate::permutation::{PermutationTest, permutation_test};
 use crate::settings::{AssignerSettings, Calibrated, Rule};
@@ -125,7 +125,7 @@ impl Assigner {
     ///
     /// # Errors
     /// A setting outside its range.
-    pub fn new(settings: AssignerSettings) -> Result<Self, ClusterError> {
+    pub fn new(settings: AssignerSettings) -> Result<Self> {
         settings.check()?;
         Ok(Self { settings })
     }
@@ -151,7 +151,22 @@ impl Assigner {
         &self,
         candidates: &[Candidate],
         rng: &mut R,
-    ) -> Result<Assignment, ClusterError> {
+    ) -> Result<Assignment> {
+        self.check_rollouts(candidates)?;
+        self.look(Look::First, candidates, rng)
+    }
+
+    /// Decides as [`assign`](Self::assign) does, on rollouts of any number of episodes: one is
+    /// enough to name the candidate that fits best. The fewer there are, the less can speak against
+    /// a candidate.
+    ///
+    /// # Errors
+    /// Clouds that cannot be compared.
+    pub fn recognise<R: Rng + ?Sized>(
+        &self,
+        candidates: &[Candidate],
+        rng: &mut R,
+    ) -> Result<Assignment> {
         self.look(Look::First, candidates, rng)
     }
 
@@ -164,8 +179,22 @@ impl Assigner {
         &self,
         candidates: &[Candidate],
         rng: &mut R,
-    ) -> Result<Assignment, ClusterError> {
+    ) -> Result<Assignment> {
+        self.check_rollouts(candidates)?;
         self.look(Look::Second, candidates, rng)
+    }
+
+    /// Refuses rollouts that are too small for the rule's error rates.
+    fn check_rollouts(&self, candidates: &[Candidate]) -> Result<()> {
+        let Rule::Calibrated(settings) = &self.settings.rule else {
+            return Ok(());
+        };
+        let needed = settings.min_episodes;
+        let mut sizes = candidates.iter().map(|c| c.rollout.episodes());
+        match sizes.find(|&episodes| episodes < needed) {
+            Some(episodes) => Err(ClusterError::RolloutTooSmall { episodes, needed }),
+            None => Ok(()),
+        }
     }
 
     fn look<R: Rng + ?Sized>(
@@ -173,7 +202,7 @@ impl Assigner {
         look: Look,
         candidates: &[Candidate],
         rng: &mut R,
-    ) -> Result<Assignment, ClusterError> {
+    ) -> Result<Assignment> {
         for (index, candidate) in candidates.iter().enumerate() {
             candidate.check(index)?;
         }
@@ -181,21 +210,18 @@ impl Assigner {
             Rule::Fixed { threshold } => judge_fixed(candidate, *threshold),
             Rule::Calibrated(settings) => judge_calibrated(candidate, settings, look, rng),
         };
-        let evidence = candidates
-            .iter()
-            .map(judge)
-            .collect::<Result<Vec<_>, _>>()?;
+        let evidence = candidates.iter().map(judge).collect::<Result<Vec<_>>>()?;
         let decision = decide(&evidence);
         Ok(Assignment { decision, evidence })
     }
 }
 
-fn distance(candidate: &Candidate) -> Result<f64, ClusterError> {
+fn distance(candidate: &Candidate) -> Result<f64> {
     let (o, b) = (&candidate.rollout, &candidate.buffer);
     wasserstein1(o.features(), b.features(), o.dim())
 }
 
-fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence, ClusterError> {
+fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence> {
     let distance = distance(candidate)?;
     let verdict = match distance <= limit {
         true => Verdict::Accepted,
@@ -213,12 +239,8 @@ fn judge_calibrated<R: Rng + ?Sized>(
     settings: &Calibrated,
     look: Look,
     rng: &mut R,
-) -> Result<Evidence, ClusterError> {
+) -> Result<Evidence> {
     let needed = settings.min_episodes;
-    let episodes = candidate.rollout.episodes();
-    if episodes < needed {
-        return Err(ClusterError::RolloutTooSmall { episodes, needed });
-    }
     let episodes = candidate.buffer.episodes();
     if episodes < needed {
         return Ok(Evidence {

@@ -1,6 +1,6 @@
 //! Checks of input that several modules share.
 
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// Checks that `values` is a non-empty list of whole rows of `row` finite values; returns the
 /// number of rows.
@@ -9,7 +9,7 @@ pub(crate) fn rows(
     values: &[f32],
     row: usize,
     unit: &'static str,
-) -> Result<usize, ClusterError> {
+) -> Result<usize> {
     if values.is_empty() {
         return Err(ClusterError::Empty { what });
     }
@@ -32,7 +32,7 @@ pub(crate) fn rows(
 }
 
 /// Checks that a size is at least one.
-pub(crate) fn positive(name: &'static str, value: usize) -> Result<(), ClusterError> {
+pub(crate) fn positive(name: &'static str, value: usize) -> Result<()> {
     at_least(name, value, 1, "at least 1")
 }
 
@@ -42,11 +42,20 @@ pub(crate) fn at_least(
     value: usize,
     least: usize,
     expected: &'static str,
-) -> Result<(), ClusterError> {
-    if value >= least {
+) -> Result<()> {
+    within(name, value as f64, value >= least, expected)
+}
+
+/// Checks that a number lies `inside` its range, which `expected` says in words.
+pub(crate) fn within(
+    name: &'static str,
+    value: f64,
+    inside: bool,
+    expected: &'static str,
+) -> Result<()> {
+    if inside {
         return Ok(());
     }
-    let value = value as f64;
     Err(ClusterError::OutOfRange {
         name,
         value,

@@ -1,5 +1,7 @@
 //! The errors of this crate.
 
+pub(crate) type Result<T> = std::result::Result<T, ClusterError>;
+
 /// Why a distance could not be computed or an assignment could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

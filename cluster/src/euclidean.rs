@@ -8,7 +8,7 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::check::{positive, rows};
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// A squared distance below this fraction of the squared norms has lost more than three digits to
 /// cancellation and is computed from the differences instead.
@@ -50,7 +50,7 @@ impl EuclideanCosts {
     /// # Errors
     /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
     /// finite; a matrix that does not fit in memory.
-    pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64], ClusterError> {
+    pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64]> {
         positive("dim", dim)?;
         rows("x", x, dim, "point")?;
         rows("y", y, dim, "point")?;
@@ -58,12 +58,7 @@ impl EuclideanCosts {
     }
 
     /// Does the same for clouds that have been checked.
-    pub(crate) fn compute_checked(
-        &mut self,
-        x: &[f32],
-        y: &[f32],
-        dim: usize,
-    ) -> Result<&[f64], ClusterError> {
+    pub(crate) fn compute_checked(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64]> {
         let (n, m) = (x.len() / dim, y.len() / dim);
         let Self { centre, costs, .. } = self;
         costs.clear();

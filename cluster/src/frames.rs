@@ -1,7 +1,7 @@
 //! Feature vectors of the first frames of episodes.
 
 use crate::check::{positive, rows};
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// Feature vectors of whole episodes, `[episodes, frames_per_episode, dim]`, all values finite.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,11 +16,7 @@ impl Frames {
     ///
     /// # Errors
     /// No episode, a partial episode, a zero size, or a value that is not finite.
-    pub fn new(
-        features: Vec<f32>,
-        frames_per_episode: usize,
-        dim: usize,
-    ) -> Result<Self, ClusterError> {
+    pub fn new(features: Vec<f32>, frames_per_episode: usize, dim: usize) -> Result<Self> {
         positive("frames_per_episode", frames_per_episode)?;
         positive("dim", dim)?;
         rows(
@@ -70,7 +66,7 @@ impl Frames {
     /// Another number of features, or of frames an episode.
     ///
     /// [`Assigner::settle`]: crate::Assigner::settle
-    pub fn joined(&self, other: &Self) -> Result<Self, ClusterError> {
+    pub fn joined(&self, other: &Self) -> Result<Self> {
         for (what, first, second) in self.sizes(other) {
             if first != second {
                 return Err(ClusterError::FramesMismatch {
@@ -110,7 +106,7 @@ pub struct Candidate {
 
 impl Candidate {
     /// Checks that both clouds live in the same space; `index` names the candidate in the message.
-    pub(crate) fn check(&self, index: usize) -> Result<(), ClusterError> {
+    pub(crate) fn check(&self, index: usize) -> Result<()> {
         for (what, buffer, rollout) in self.buffer.sizes(&self.rollout) {
             if buffer != rollout {
                 return Err(ClusterError::CandidateMismatch {

@@ -1,9 +1,12 @@
 //! One permutation test of several sources of evidence at once.
 
+use std::ops::RangeInclusive;
+
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::error::ClusterError;
+use crate::check::positive;
+use crate::error::{ClusterError, Result};
 use crate::frames::{Candidate, Frames};
 use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
 
@@ -67,127 +70,93 @@ pub struct JointTest {
     pub p_value: f64,
 }
 
-/// Runs the test with `permutations` random splits, at least 1.
+/// Runs the test with `permutations` random splits.
 ///
 /// # Errors
-/// No source, sources that show different numbers of episodes, or clouds that cannot be compared.
+/// No split, no source, sources that show different numbers of episodes, or clouds that cannot be compared.
 pub fn joint_test<R: Rng + ?Sized>(
     sources: &[Source],
     permutations: usize,
     rng: &mut R,
-) -> Result<JointTest, ClusterError> {
-    let (rollout, _) = episodes(sources)?;
+) -> Result<JointTest> {
+    joint_test_until(sources, &[permutations], |_| false, rng)
+}
+
+/// The same with more and more random splits, as many in all as `stages` say one after another,
+/// until an outcome is `decided`; the last stage decides in any case.
+///
+/// Where `decided` only ever stops tests that are not going to be significant, as Besag and
+/// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no
+/// more frequent: each of them is one of the whole test, too.
+///
+/// # Errors
+/// Those of [`joint_test`].
+pub fn joint_test_until<R: Rng + ?Sized>(
+    sources: &[Source],
+    stages: &[usize],
+    decided: impl Fn(&JointTest) -> bool,
+    rng: &mut R,
+) -> Result<JointTest> {
+    positive("splits", stages.iter().copied().min().unwrap_or(1))?;
+    let (rollout, buffer) = episodes(sources)?;
     let pools = sources.iter().map(|source| {
         let Candidate { rollout: o, buffer } = &source.clouds;
         let features = [o.features(), buffer.features()].concat();
         Pool::new(&features, o, source.side, rollout)
     });
-    let pools = pools.collect::<Result<Vec<_>, _>>()?;
-    permute(pools, permutations, rng)
-}
-
-/// Where a sequence of episodes changes, if it does.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChangeTest {
-    /// Episodes before the likeliest change.
-    pub cut: usize,
-    /// The p-value of "nothing changes", over all cuts and sources together; exact as that of a
-    /// [`JointTest`].
-    pub p_value: f64,
-}
-
-/// Tests whether a sequence of episodes changes at one of `cuts`: numbers of episodes before the
-/// change, which leave an episode on either side. Each of `sources` shows all episodes in their
-/// order.
-///
-/// # Errors
-/// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
-pub fn change_test<R: Rng + ?Sized>(
-    sources: &[Frames],
-    cuts: &[usize],
-    permutations: usize,
-    rng: &mut R,
-) -> Result<ChangeTest, ClusterError> {
-    let first = sources
-        .first()
-        .ok_or(ClusterError::Empty { what: "sources" })?;
-    let all = first.episodes();
-    for (source_index, source) in sources.iter().enumerate() {
-        if source.episodes() != all {
-            return Err(ClusterError::SourceMismatch {
-                source_index,
-                got: (source.episodes(), 0),
-                expected: (all, 0),
-            });
-        }
-    }
-    if let Some(&cut) = cuts.iter().find(|&&cut| cut == 0 || cut >= all) {
-        return Err(ClusterError::OutOfRange {
-            name: "cut",
-            value: cut as f64,
-            expected: "at least 1 episode on either side",
-        });
-    }
-    let pairs = cuts
-        .iter()
-        .flat_map(|&cut| sources.iter().map(move |source| (cut, source)));
-    let pools = pairs.map(|(cut, source)| Pool::new(source.features(), source, Side::Both, cut));
-    let pools = pools.collect::<Result<Vec<_>, _>>()?;
-    let test = permute(pools, permutations, rng)?;
-    let score = |index: &usize| test.sources[*index].map_or(f64::NEG_INFINITY, |s| s.score);
-    let best = (0..test.sources.len()).max_by(|a, b| score(a).total_cmp(&score(b)));
-    let best = best.ok_or(ClusterError::Empty { what: "cuts" })?;
-    Ok(ChangeTest {
-        cut: cuts[best / sources.len()],
-        p_value: test.p_value,
-    })
-}
-
-/// Measures all pools under the same random splits.
-fn permute<R: Rng + ?Sized>(
-    mut pools: Vec<Option<Pool>>,
-    permutations: usize,
-    rng: &mut R,
-) -> Result<JointTest, ClusterError> {
-    let episodes = pools.iter().flatten().map(|pool| pool.episodes).next();
-    let mut order: Vec<usize> = (0..episodes.unwrap_or(0)).collect();
-    for split in 0..=permutations {
-        if split > 0 {
+    let mut pools = pools.collect::<Result<Vec<_>>>()?;
+    let mut order: Vec<usize> = (0..rollout + buffer).collect();
+    measure(&mut pools, &order)?;
+    let mut splits = 0;
+    for (index, &stage) in stages.iter().enumerate() {
+        for _ in splits..stage {
             order.shuffle(rng);
+            measure(&mut pools, &order)?;
         }
-        for pool in pools.iter_mut().flatten() {
-            pool.measure(&order)?;
+        splits = splits.max(stage);
+        let test = judge(&pools, splits);
+        if index + 1 == stages.len() || decided(&test) {
+            return Ok(test);
         }
     }
-    Ok(judge(&pools, permutations))
+    Err(ClusterError::Empty { what: "stages" })
+}
+
+/// Measures all pools under the same split.
+fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
+    let mut pools = pools.iter_mut().flatten();
+    pools.try_for_each(|pool| pool.measure(order))
 }
 
 /// The numbers of episodes on both sides, which all sources must share.
-fn episodes(sources: &[Source]) -> Result<(usize, usize), ClusterError> {
-    let count = |source: &Source| {
+fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
+    let mut clouds = sources.iter().map(|source| &source.clouds).enumerate();
+    clouds.try_for_each(|(index, clouds)| clouds.check(index))?;
+    shared(sources.iter().map(|source| {
         let Candidate { rollout, buffer } = &source.clouds;
         (rollout.episodes(), buffer.episodes())
-    };
-    let first = sources.first().map(count);
-    let first = first.ok_or(ClusterError::Empty { what: "sources" })?;
-    for (index, source) in sources.iter().enumerate() {
-        source.clouds.check(index)?;
-        let (got, expected) = (count(source), first);
-        if got != expected {
-            return Err(ClusterError::SourceMismatch {
-                source_index: index,
-                got,
-                expected,
-            });
-        }
+    }))
+}
+
+/// The numbers of episodes of the first source, which are those of all of them.
+pub(crate) fn shared(
+    counts: impl Iterator<Item = (usize, usize)> + Clone,
+) -> Result<(usize, usize)> {
+    let first = counts.clone().next();
+    let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
+    match counts.enumerate().find(|(_, got)| *got != expected) {
+        None => Ok(expected),
+        Some((source_index, got)) => Err(ClusterError::SourceMismatch {
+            source_index,
+            got,
+            expected,
+        }),
     }
-    Ok(first)
 }
 
 /// One source's distances: those of the episodes as they came first, then those of random splits.
 struct Pool {
     distances: PooledDistances,
-    episodes: usize,
     /// Episodes of the first side.
     split: usize,
     /// The mean of each episode, where only one side counts.
@@ -198,37 +167,36 @@ struct Pool {
 impl Pool {
     /// For the features of all episodes, in the sizes of `like`; nothing where all points are
     /// equal.
-    fn new(
-        features: &[f32],
-        like: &Frames,
-        side: Side,
-        split: usize,
-    ) -> Result<Option<Self>, ClusterError> {
+    fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
         let distances = PooledDistances::new(features, like)?;
         let each = like.frames_per_episode() * like.dim();
         let mean = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
         Ok((distances.largest() > 0.0).then(|| Self {
             distances,
-            episodes: features.len() / each,
             split,
             means: (side == Side::Less).then(|| features.chunks(each).map(mean).collect()),
             measured: Vec::new(),
         }))
     }
 
-    fn measure(&mut self, order: &[usize]) -> Result<(), ClusterError> {
-        let counts = self.means.as_ref().is_none_or(|means| {
-            let mean = |side: &[usize]| {
-                side.iter().map(|&episode| means[episode]).sum::<f64>() / side.len() as f64
-            };
-            mean(&order[..self.split]) < mean(&order[self.split..])
-        });
-        let distance = match counts {
+    /// Measures the two sides of the episodes in this order.
+    fn measure(&mut self, order: &[usize]) -> Result<()> {
+        let distance = match self.counts(order) {
             true => self.distances.between(order, self.split)?,
             false => 0.0,
         };
         self.measured.push(distance);
         Ok(())
+    }
+
+    /// Whether the difference between the two sides counts.
+    fn counts(&self, order: &[usize]) -> bool {
+        let (first, second) = order.split_at(self.split);
+        self.means.as_ref().is_none_or(|means| {
+            let mean =
+                |side: &[usize]| side.iter().map(|&e| means[e]).sum::<f64>() / side.len() as f64;
+            mean(first) < mean(second)
+        })
     }
 
     /// Mean and spread of the distances from the one of this index on; a spread is at least what
@@ -250,55 +218,48 @@ impl Pool {
 /// Scores that differ by less are equal.
 const EQUAL: f64 = 1e-9;
 
-fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
-    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
-    // where the one at hand does not count
-    let exact: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(0)))
-        .collect();
-    let outer: Vec<_> = pools
-        .iter()
-        .map(|p| p.as_ref().map(|p| p.scores(1)))
-        .collect();
-    let largest = |scores: &[Option<Vec<f64>>], split: usize| {
+/// The scores of every source that says something, with moments of its distances from the one of
+/// index `from` on.
+fn scores(pools: &[Option<Pool>], from: usize) -> Vec<Option<Vec<f64>>> {
+    let pools = pools.iter().map(Option::as_ref);
+    pools.map(|pool| Some(pool?.scores(from))).collect()
+}
+
+/// The largest score of every split over all sources; 0 where none says anything.
+fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
+    let largest = |split: usize| {
         let scores = scores.iter().flatten().map(|scores| scores[split]);
         scores.reduce(f64::max).unwrap_or(0.0)
     };
-    let maxima: Vec<f64> = (0..=permutations)
-        .map(|split| largest(&exact, split))
-        .collect();
-    let null: Vec<f64> = (1..=permutations)
-        .map(|split| largest(&outer, split))
-        .collect();
-    let null = describe(null, ROUNDING);
+    splits.map(largest).collect()
+}
+
+fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+    // with moments over all splits, the one at hand included, the test is exact; the tail is wider
+    // where the one at hand does not count
+    let (exact, outer) = (scores(pools, 0), scores(pools, 1));
+    let reached = maxima(&exact, 0..=permutations);
+    let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
     let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
     let source = |index: usize| {
-        let (pool, exact, outer) = (
-            pools[index].as_ref()?,
-            exact[index].as_ref()?,
-            outer[index].as_ref()?,
-        );
-        let reaching = maxima.iter().filter(|&&m| m >= exact[0] - EQUAL).count();
+        let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
+        let score = outer[index].as_ref()?[0];
+        let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
         Some(SourceTest {
             distance: pool.measured[0],
             mean: pool.moments(1).0,
-            score: outer[0],
+            score,
             p_value: reaching as f64 / (1 + permutations) as f64,
-            tail_p_value: tail(standardised(outer[0]), &null),
+            tail_p_value: tail(standardised(score), &null),
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(source).collect();
-    let smallest = sources
-        .iter()
-        .flatten()
-        .map(|s| s.p_value)
-        .fold(1.0, f64::min);
+    let p_values = sources.iter().flatten().map(|source| source.p_value);
     JointTest {
+        p_value: p_values.fold(1.0, f64::min),
+        score: standardised(maxima(&outer, 0..=0)[0]),
         sources,
         null,
-        score: standardised(largest(&outer, 0)),
-        p_value: smallest,
     }
 }
 
@@ -370,21 +331,56 @@ mod tests {
         assert!((5..=37).contains(&alarms), "{alarms}");
     }
 
+    /// The stages of one test draw what the whole test draws, and the last one decides.
     #[test]
-    fn a_change_is_found_where_it_is() {
-        let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let sequence = [draw(7, 0.0, &mut rng), draw(13, 3.0, &mut rng)].concat();
-        let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
-        let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
-        let cuts: Vec<usize> = (1..20).collect();
-        let test = change_test(&frames, &cuts, 99, &mut rng).unwrap();
-        // neighbouring cuts score nearly alike
-        assert!((6..=8).contains(&test.cut), "{}", test.cut);
-        assert_eq!(test.p_value, 0.01);
-        let nothing = change_test(&[still], &cuts, 99, &mut rng).unwrap();
-        assert_eq!(nothing.p_value, 1.0);
-        assert!(change_test(&frames, &[20], 99, &mut rng).is_err());
-        assert!(change_test(&frames, &[], 99, &mut rng).is_err());
+    fn a_test_that_is_never_decided_is_the_whole_test() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let sources = [source(
+            &draw(8, 0.3, &mut rng),
+            &draw(9, 0.0, &mut rng),
+            Side::Both,
+        )];
+        let run = |stages: &[usize], splits: usize| {
+            let mut rng = ChaCha8Rng::seed_from_u64(7);
+            let decided = |test: &JointTest| test.null.permutations >= splits;
+            joint_test_until(&sources, stages, decided, &mut rng).unwrap()
+        };
+        let whole = joint_test(&sources, 60, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
+        assert_eq!(run(&[10, 30, 60], 100), whole);
+        assert_eq!(run(&[10, 30, 60], 20).null.permutations, 30);
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        assert!(joint_test_until(&sources, &[], |_| true, &mut rng).is_err());
+        assert!(joint_test(&sources, 0, &mut rng).is_err());
+    }
+
+    /// Tests that stop once nine splits reach the distance at hand: 1000 tests in which nothing
+    /// differs, and the rate of false alarms stays below the level.
+    #[test]
+    fn early_ends_give_no_more_false_alarms() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let reaching = |test: &JointTest| test.p_value * (1 + test.null.permutations) as f64;
+        let (mut alarms, mut splits) = (0, 0);
+        for _ in 0..1000 {
+            let sources = [
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Both,
+                ),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    Side::Less,
+                ),
+            ];
+            let decided = |test: &JointTest| reaching(test) > 8.5;
+            let test = joint_test_until(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
+            alarms += usize::from(test.p_value <= 0.05);
+            splits += test.null.permutations;
+        }
+        // nominal 50; four standard deviations are 28
+        assert!((22..=78).contains(&alarms), "{alarms}");
+        assert!(splits < 50_000, "{splits} of 79,000");
     }
 
     #[test]

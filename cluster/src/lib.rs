@@ -65,6 +65,7 @@
 //! ```
 
 mod assigner;
+mod change;
 mod check;
 mod error;
 mod euclidean;
@@ -79,10 +80,11 @@ mod transport;
 mod wasserstein;
 
 pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
+pub use change::{ChangeTest, change_test};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
-pub use joint::{ChangeTest, JointTest, Side, Source, SourceTest, change_test, joint_test};
+pub use joint::{JointTest, Side, Source, SourceTest, joint_test, joint_test_until};
 pub use line::wasserstein1_line;
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;

@@ -3,7 +3,7 @@
 use std::iter::zip;
 
 use crate::check::rows;
-use crate::error::ClusterError;
+use crate::error::Result;
 use crate::transport::{Weights, check_weights_of};
 
 /// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in
@@ -25,12 +25,7 @@ use crate::transport::{Weights, check_weights_of};
 /// assert!((distance - 1.0 / 3.0).abs() < 1e-12);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
-pub fn wasserstein1_line(
-    x: &[f32],
-    a: Weights,
-    y: &[f32],
-    b: Weights,
-) -> Result<f64, ClusterError> {
+pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result<f64> {
     let mut steps = steps("x", x, a, 1.0)?;
     steps.extend(self::steps("y", y, b, -1.0)?);
     steps.sort_by(|(s, _), (t, _)| s.total_cmp(t));
@@ -49,7 +44,7 @@ fn steps(
     points: &[f32],
     weights: Weights,
     sign: f64,
-) -> Result<Vec<(f64, f64)>, ClusterError> {
+) -> Result<Vec<(f64, f64)>> {
     check_weights_of(side, weights, rows(side, points, 1, "point")?)?;
     let sum = weights.sum();
     let height = |i| sign * weights.get(i) / sum;

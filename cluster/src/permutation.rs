@@ -3,7 +3,7 @@
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::error::ClusterError;
+use crate::error::Result;
 use crate::euclidean::EuclideanCosts;
 use crate::frames::{Candidate, Frames};
 use crate::tail::pearson3_tail;
@@ -78,7 +78,7 @@ pub(crate) fn permutation_test<R: Rng + ?Sized>(
     candidate: &Candidate,
     size: TestSize,
     rng: &mut R,
-) -> Result<PermutationTest, ClusterError> {
+) -> Result<PermutationTest> {
     let mut pool = Pool::default();
     let rollout = pool.add_sample(&candidate.rollout, size.rollout, rng);
     let buffer = pool.add_sample(&candidate.buffer, size.buffer, rng);
@@ -123,7 +123,7 @@ pub(crate) struct PooledDistances {
 }
 
 impl PooledDistances {
-    pub(crate) fn new(features: &[f32], like: &Frames) -> Result<Self, ClusterError> {
+    pub(crate) fn new(features: &[f32], like: &Frames) -> Result<Self> {
         let all = EuclideanCosts::new()
             .compute(features, features, like.dim())?
             .to_vec();
@@ -142,7 +142,7 @@ impl PooledDistances {
     }
 
     /// Returns `W1` between the first `split` episodes of `order` and the rest.
-    pub(crate) fn between(&mut self, order: &[usize], split: usize) -> Result<f64, ClusterError> {
+    pub(crate) fn between(&mut self, order: &[usize], split: usize) -> Result<f64> {
         let k = self.per_episode;
         let (left, right) = order.split_at(split);
         // the solver is fastest with more sources than sinks

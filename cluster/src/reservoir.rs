@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 
 use crate::check::positive;
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// A uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
 ///
@@ -23,7 +23,7 @@ impl<E> Reservoir<E> {
     ///
     /// # Errors
     /// A capacity of zero.
-    pub fn new(capacity: usize) -> Result<Self, ClusterError> {
+    pub fn new(capacity: usize) -> Result<Self> {
         Self::from_parts(capacity, 0, Vec::new())
     }
 
@@ -33,7 +33,7 @@ impl<E> Reservoir<E> {
     ///
     /// # Errors
     /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
-    pub fn from_parts(capacity: usize, seen: u64, episodes: Vec<E>) -> Result<Self, ClusterError> {
+    pub fn from_parts(capacity: usize, seen: u64, episodes: Vec<E>) -> Result<Self> {
         positive("capacity", capacity)?;
         if episodes.len() as u64 != seen.min(capacity as u64) {
             let held = episodes.len();

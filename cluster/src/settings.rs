@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::at_least;
-use crate::error::ClusterError;
+use crate::check::{at_least, within};
+use crate::error::Result;
 use crate::permutation::TestSize;
 
 /// How the assigner decides whether a rollout belongs to a policy's group.
@@ -91,38 +91,33 @@ impl AssignerSettings {
     ///
     /// # Errors
     /// The first setting outside its range, with its value.
-    pub fn check(&self) -> Result<(), ClusterError> {
+    pub fn check(&self) -> Result<()> {
         match &self.rule {
-            Rule::Fixed { threshold } => within(
-                "threshold",
-                *threshold,
-                (0.0..f64::INFINITY).contains(threshold),
-                "a finite number, at least 0",
-            ),
+            Rule::Fixed { threshold } => {
+                let inside = (0.0..f64::INFINITY).contains(threshold);
+                within(
+                    "threshold",
+                    *threshold,
+                    inside,
+                    "a finite number, at least 0",
+                )
+            }
             Rule::Calibrated(settings) => settings.check(),
         }
     }
 }
 
 impl Calibrated {
-    fn check(&self) -> Result<(), ClusterError> {
+    fn check(&self) -> Result<()> {
         let level = |value: f64, most: f64| value > 0.0 && value <= most;
+        let below_1 = level(self.doubt, 1.0 - f64::EPSILON);
         let expected = "a probability above 0 and below 1";
-        within(
-            "doubt",
-            self.doubt,
-            level(self.doubt, 1.0 - f64::EPSILON),
-            expected,
-        )?;
+        within("doubt", self.doubt, below_1, expected)?;
         let expected = "a probability above 0 and at most doubt";
         within("level", self.level, level(self.level, self.doubt), expected)?;
-        let (ratio, expected) = (self.min_ratio, "a finite number, at least 1");
-        within(
-            "min_ratio",
-            ratio,
-            (1.0..f64::INFINITY).contains(&ratio),
-            expected,
-        )?;
+        let is_ratio = (1.0..f64::INFINITY).contains(&self.min_ratio);
+        let expected = "a finite number, at least 1";
+        within("min_ratio", self.min_ratio, is_ratio, expected)?;
         at_least("permutations", self.permutations, 20, "at least 20")?;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
         let expected = "at least 1 / (1 + permutations), the smallest exact p-value";
@@ -149,22 +144,6 @@ impl Calibrated {
             ..self.first_look()
         }
     }
-}
-
-fn within(
-    name: &'static str,
-    value: f64,
-    inside: bool,
-    expected: &'static str,
-) -> Result<(), ClusterError> {
-    if inside {
-        return Ok(());
-    }
-    Err(ClusterError::OutOfRange {
-        name,
-        value,
-        expected,
-    })
 }
 
 #[cfg(test)]

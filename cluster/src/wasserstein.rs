@@ -1,11 +1,9 @@
 //! The 1-Wasserstein distance between point clouds.
 
 use crate::check::{positive, rows};
-use crate::error::ClusterError;
+use crate::error::Result;
 use crate::euclidean::EuclideanCosts;
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
-
-type Result<T> = std::result::Result<T, ClusterError>;
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
 /// with equal weights, in their unit.

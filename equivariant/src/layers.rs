@@ -20,3 +20,4 @@ pub(crate) mod relu;
 pub(crate) mod scalar;
 pub(crate) mod sequential;
 pub(crate) mod soft_argmax;
+pub(crate) mod units;

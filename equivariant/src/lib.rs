@@ -75,6 +75,7 @@ pub use layers::relu::Relu;
 pub use layers::scalar::Scalar;
 pub use layers::sequential::Sequential;
 pub use layers::soft_argmax::SpatialSoftArgmax;
+pub use layers::units::unit_sums;
 pub use real::Real;
 pub use scratch::Scratch;
 pub use shape::Shape;

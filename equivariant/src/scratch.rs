@@ -13,9 +13,9 @@ const SLACK: usize = LINE / size_of::<f32>();
 ///
 /// [`Layer::scratch`](crate::Layer::scratch) makes one. It starts on a cache line, because a load
 /// that straddles two of them takes twice the time, and what lies in it does not depend on its
-/// address: a clone made between `forward` and `backward` gives the same gradients. It remembers the
-/// number of samples and the kind of layer that filled it, and `backward` of another layer refuses
-/// it. Two layers with equal descriptions are not told apart.
+/// address: a clone made between `forward` and `backward` gives the same gradients. It remembers
+/// the number of samples and the kind of layer that filled it, and `backward` of another layer
+/// refuses it. Two layers with equal descriptions are not told apart.
 pub struct Scratch<T> {
     values: Vec<T>,
     /// The first value on a cache line.
@@ -27,8 +27,8 @@ pub struct Scratch<T> {
 }
 
 impl<T: Real> Scratch<T> {
-    /// Room for `len` values, all of them `value`: layers must not read what they did not write, and
-    /// a test of that fills it with NaN.
+    /// Room for `len` values, all of them `value`: layers must not read what they did not write,
+    /// and a test of that fills it with NaN.
     pub fn filled(len: usize, value: T) -> Scratch<T> {
         Scratch::aligned(len, value)
     }

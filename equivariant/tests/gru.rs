@@ -148,6 +148,52 @@ fn only_the_steps_of_a_sequence_count() {
     assert!(last(&x, [0, 1, 1, 1])[..width].iter().all(|&h| h == 0.0));
 }
 
+/// Sequences that share rows give what they give with rows of their own, and the gradient in a row
+/// is the sum over all steps that read it.
+#[test]
+fn shared_rows_are_rows_of_their_own_added_up() {
+    let rows = 7;
+    for group in Group::ALL {
+        let gru = unit(group);
+        let (params, inputs) = (drawn::<f64>(&gru), gru.in_type().dim());
+        let shared: Vec<f64> = normal(rows * inputs, 6);
+        let read = |at: usize| (at * 5 + at / 3) % rows;
+        let count = STEPS * LENGTHS.len();
+        let reads: Vec<usize> = (0..count).map(read).collect();
+        let row = |at: &usize| &shared[at * inputs..(at + 1) * inputs];
+        let own: Vec<f64> = reads.iter().flat_map(row).copied().collect();
+        let d_out = normal(LENGTHS.len() * gru.out_type().dim(), 5);
+        let [out, dx, dparams] = run(&gru, &params, &own, &d_out);
+        let mut pass = gru.pass(STEPS, LENGTHS.len());
+        gru.forward_shared(&params, &shared, (&reads, &LENGTHS), &mut pass);
+        assert!(largest_deviation(pass.out(), &out) < 1e-14);
+        let (mut dshared, mut dshared_params) =
+            (vec![f64::NAN; shared.len()], vec![0.0; params.len()]);
+        let to = Some(&mut dshared[..]);
+        gru.backward(&params, &shared, &d_out, to, &mut dshared_params, &mut pass);
+        let mut sums = vec![0.0; shared.len()];
+        for (&row, dx) in reads.iter().zip(dx.chunks_exact(inputs)) {
+            let sum = &mut sums[row * inputs..(row + 1) * inputs];
+            sum.iter_mut().zip(dx).for_each(|(sum, d)| *sum += d);
+        }
+        assert!(largest_deviation(&dshared, &sums) < 1e-13, "{group}");
+        assert!(
+            largest_deviation(&dshared_params, &dparams) < 1e-12,
+            "{group}"
+        );
+    }
+}
+
+#[test]
+#[should_panic(expected = "got row 2 to read, expected one of 2")]
+fn a_row_that_is_not_there_is_refused() {
+    let gru = unit(Group::C1);
+    let (mut pass, x) = (gru.pass(2, 1), vec![0.0; 2 * gru.in_type().dim()]);
+    // what comes before the sequence is not read
+    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[9, 1], &[1]), &mut pass);
+    gru.forward_shared(&drawn::<f32>(&gru), &x, (&[1, 2], &[1]), &mut pass);
+}
+
 #[test]
 #[should_panic(expected = "got 1 sequences of 3 steps in 2, expected at most 1 of 4")]
 fn a_sequence_that_is_longer_than_its_slice_is_refused() {

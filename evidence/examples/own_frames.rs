@@ -182,6 +182,7 @@ fn account(began: usize, picture: Vec<f32>) -> Account {
         picture,
         vector: vec![0.0],
         motion: None,
+        slope: None,
         earned: None,
     }
 }

@@ -4,9 +4,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
+use crate::album::Album;
 use crate::error::EvidenceError;
 use crate::filters::Filters;
-use crate::motion::motion;
+use crate::motion::{motion, slope};
 
 /// One episode as it ran, from its first observation on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,6 +39,8 @@ pub struct Account {
     /// How vectors answered to actions. Nothing, as are earnings, of an episode that was not seen
     /// to its end.
     pub motion: Option<Vec<f32>>,
+    /// Which way pays: how rewards answered to actions, of length 1.
+    pub slope: Option<Vec<f32>>,
     /// The sum of rewards.
     pub earned: Option<f32>,
 }
@@ -45,7 +48,7 @@ pub struct Account {
 impl Account {
     /// Leaves what was there before anybody acted.
     pub fn forget_course(&mut self) {
-        (self.motion, self.earned) = (None, None);
+        (self.motion, self.slope, self.earned) = (None, None, None);
     }
 }
 
@@ -83,6 +86,15 @@ impl Accountant {
     /// # Errors
     /// A picture of another size, or lists that do not fit each other.
     pub fn account(&self, course: &Course) -> Result<Account, EvidenceError> {
+        self.account_of(course, None)
+    }
+
+    /// The account of a course whose picture may have been described before.
+    fn account_of(
+        &self,
+        course: &Course,
+        described: Option<&[f32]>,
+    ) -> Result<Account, EvidenceError> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
         let first = course.vectors.iter().zip(&self.vector);
@@ -92,11 +104,19 @@ impl Accountant {
         });
         let vector = vector.collect();
         let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
+        let slope = motion.is_some().then(|| {
+            let (rewards, actions) = (&course.rewards, &course.actions);
+            slope(rewards, actions, &self.action)
+        });
         Ok(Account {
             began: course.began,
-            picture: self.filters.describe(&course.image)?,
+            picture: match described {
+                Some(described) => described.to_vec(),
+                None => self.filters.describe(&course.image)?,
+            },
             vector,
             motion,
+            slope,
             earned: course.is_whole.then(|| course.rewards.iter().sum()),
         })
     }
@@ -110,6 +130,26 @@ impl Accountant {
             .par_iter()
             .map(|course| self.account(course))
             .collect()
+    }
+
+    /// Accounts of several courses, whose pictures are looked up in `album` and kept there: what is
+    /// slow is done once for each picture.
+    ///
+    /// # Errors
+    /// Those of [`Accountant::account`].
+    pub fn accounts_with(
+        &self,
+        courses: &[Course],
+        album: &mut Album,
+    ) -> Result<Vec<Account>, EvidenceError> {
+        let known: &Album = album;
+        let accounts = courses.par_iter();
+        let accounts = accounts.map(|course| self.account_of(course, known.find(&course.image)));
+        let accounts = accounts.collect::<Result<Vec<_>, _>>()?;
+        for (course, account) in courses.iter().zip(&accounts) {
+            album.keep(&course.image, &account.picture);
+        }
+        Ok(accounts)
     }
 
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {

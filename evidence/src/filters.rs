@@ -102,6 +102,14 @@ impl Filters {
             *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
             *largest = (peak / unit) as f32;
         }
+        let length: f64 = described
+            .iter()
+            .map(|&v| f64::from(v).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        described
+            .iter_mut()
+            .for_each(|v| *v = (f64::from(*v) / length.max(f64::MIN_POSITIVE)) as f32);
         Ok(described)
     }
 

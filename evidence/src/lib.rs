@@ -17,11 +17,14 @@
 //! elsewhere what it earns at home serves there as well.
 
 mod account;
+mod album;
 mod choice;
 mod cut;
 mod error;
+mod examiner;
 mod filters;
 mod memory;
+mod merging;
 mod motion;
 mod opinion;
 mod probability;
@@ -29,8 +32,10 @@ mod recogniser;
 mod settings;
 
 pub use account::{Account, Accountant, Course};
+pub use album::Album;
 pub use error::EvidenceError;
 pub use filters::Filters;
+pub use merging::Merge;
 pub use opinion::{Look, Opinion};
 pub use probability::Probabilities;
 pub use recogniser::{Finding, Recogniser, Situation};

@@ -14,6 +14,12 @@ pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
     /// Mean earnings of the first rollout on which it learnt.
     pub(crate) beginning: Option<f64>,
+    /// Policies that were found to serve other groups.
+    #[serde(default)]
+    pub(crate) apart: Vec<usize>,
+    /// Whether another policy serves its group.
+    #[serde(default)]
+    pub(crate) is_gone: bool,
 }
 
 impl Memory {
@@ -35,12 +41,41 @@ impl Memory {
         }
     }
 
+    /// What the policy did of late, where it earns more than before: a policy that learns is not
+    /// what it was. Else all that is remembered.
+    pub(crate) fn home(&self) -> Vec<&Account> {
+        let all: Vec<&Account> = self.accounts.iter().collect();
+        let (before, late) = all.split_at(all.len() / 2);
+        let means = mean_earned(before.iter().copied()).zip(mean_earned(late.iter().copied()));
+        match means {
+            Some((before, mean)) if mean - before > IMPROVES * spread(&all) => late.to_vec(),
+            _ => all,
+        }
+    }
+
+    /// What was learnt to earn, in standard deviations of what is earned: how surely the policy
+    /// would notice that it earns it no more.
+    pub(crate) fn learnt(&self) -> f64 {
+        self.gained(&self.home())
+    }
+
+    /// How much more these accounts earned than the first rollout, in their standard deviations.
+    pub(crate) fn gained(&self, accounts: &[&Account]) -> f64 {
+        match (self.beginning, mean_earned(accounts.iter().copied())) {
+            (Some(beginning), Some(earned)) => {
+                let spread = spread(accounts).max(f64::MIN_POSITIVE);
+                ((earned - beginning) / spread).clamp(0.0, f64::MAX)
+            }
+            _ => 0.0,
+        }
+    }
+
     /// The share of what was learnt to earn that `accounts` did not pay, at most 1 for those that
     /// pay what the first rollout paid. What was learnt counts as half of what is earned at least:
     /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
-        let home = mean_earned(self.accounts.iter());
+        let home = mean_home(self);
         match (self.beginning, home, now) {
             (Some(beginning), Some(home), Some(now)) if home > beginning => {
                 (home - now) / (home - beginning).max(home.abs() / 2.0)
@@ -48,6 +83,27 @@ impl Memory {
             _ => 0.0,
         }
     }
+}
+
+/// What a policy earns of late.
+pub(crate) fn mean_home(memory: &Memory) -> Option<f64> {
+    mean_earned(memory.home().into_iter())
+}
+
+/// A policy improves if the later half of its earnings is better by so many standard deviations.
+const IMPROVES: f64 = 0.5;
+
+/// Standard deviation of what was earned; zero where nothing is known of it.
+fn spread(accounts: &[&Account]) -> f64 {
+    let Some(mean) = mean_earned(accounts.iter().copied()) else {
+        return 0.0;
+    };
+    let squares = accounts
+        .iter()
+        .filter_map(|a| a.earned)
+        .map(|e| (f64::from(e) - mean).powi(2));
+    let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
+    f64::sqrt(sum / count)
 }
 
 /// All accounts that are remembered.
@@ -89,6 +145,7 @@ mod tests {
             picture: vec![0.0],
             vector: vec![0.0],
             motion: None,
+            slope: None,
             earned: Some(earned),
         }
     }
@@ -97,6 +154,7 @@ mod tests {
         let memory = Memory {
             accounts: [paid(home)].into(),
             beginning: Some(beginning),
+            ..Memory::default()
         };
         memory.lost(&[&paid(now)])
     }

@@ -46,6 +46,20 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
+/// Which way pays: the answer of rewards to actions over an episode, `[A]` without signs and of
+/// length 1; zeros where nothing answers.
+pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
+    // a reward is what its own action led to
+    let later = actions.get(directions.len()..).unwrap_or(&[]);
+    let found = motion((rewards, &[Irrep::Trivial]), (later, directions));
+    let squares: f64 = found.iter().map(|&m| f64::from(m).powi(2)).sum();
+    let length = squares.sqrt().max(f64::MIN_POSITIVE);
+    found
+        .iter()
+        .map(|&m| (f64::from(m.abs()) / length) as f32)
+        .collect()
+}
+
 /// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
 /// `[n, m]`.
 fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {
@@ -111,6 +125,28 @@ mod tests {
             let (v, a) = (mirrored(&vectors), mirrored(&actions));
             assert_eq!(motion((&v, &IRREPS), (&a, &IRREPS)), found);
         }
+    }
+
+    /// Pay that rises with x is found whatever its height, and mirror images give the same bits.
+    #[test]
+    fn the_way_that_pays_is_found() {
+        let (_, actions) = course();
+        let pay = |height: f32| -> Vec<f32> {
+            let steps = actions.chunks(2).scan(0.0, |sum, action| {
+                *sum += height * (4.0 * action[0] + 3.0 * action[1]);
+                Some(*sum)
+            });
+            steps.collect()
+        };
+        let low = slope(&pay(0.125), &actions, &IRREPS);
+        assert!(
+            (low[0] - 0.8).abs() < 1e-3 && (low[1] - 0.6).abs() < 1e-3,
+            "{low:?}"
+        );
+        assert_eq!(slope(&pay(8.0), &actions, &IRREPS), low);
+        let mirrored: Vec<f32> = actions.iter().map(|a| -a).collect();
+        assert_eq!(slope(&pay(0.125), &mirrored, &IRREPS), low);
+        assert_eq!(slope(&[1.0; 10], &actions, &IRREPS), [0.0, 0.0]);
     }
 
     #[test]

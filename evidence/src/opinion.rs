@@ -1,5 +1,7 @@
 //! What speaks for and against one policy: the sources of evidence and their test.
 
+use std::fmt;
+
 use cluster::{
     Candidate, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source, SourceTest,
     Verdict,
@@ -19,13 +21,20 @@ pub(crate) enum Kind {
     Picture,
     Vector,
     Motion,
+    Slope,
     Earnings,
 }
 
 impl Kind {
     /// What is there before anybody acts.
     pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
-    pub(crate) const ALL: [Self; 4] = [Self::Picture, Self::Vector, Self::Motion, Self::Earnings];
+    pub(crate) const ALL: [Self; 5] = [
+        Self::Picture,
+        Self::Vector,
+        Self::Motion,
+        Self::Slope,
+        Self::Earnings,
+    ];
 
     /// Whether it is there before anybody acts.
     pub(crate) fn is_look(self) -> bool {
@@ -37,6 +46,7 @@ impl Kind {
             Self::Picture => "picture",
             Self::Vector => "vector",
             Self::Motion => "motion",
+            Self::Slope => "slope",
             Self::Earnings => "earnings",
         }
     }
@@ -46,6 +56,7 @@ impl Kind {
             Self::Picture => Some(&account.picture),
             Self::Vector => Some(&account.vector),
             Self::Motion => account.motion.as_deref(),
+            Self::Slope => account.slope.as_deref(),
             Self::Earnings => account.earned.as_ref().map(std::slice::from_ref),
         }
     }
@@ -60,6 +71,17 @@ pub enum Look {
     Second,
 }
 
+/// What a policy had to do with the episodes at hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// Nothing: another one acted.
+    Stranger,
+    /// It acted, and goes on from where it learnt last.
+    Stays,
+    /// It acted after it had been away: its group may have drifted meanwhile.
+    Returns,
+}
+
 /// What speaks for and against one policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
@@ -67,7 +89,14 @@ pub struct Opinion {
     pub(crate) test: Option<JointTest>,
     /// By how much motion changed, as a share, and which share of the earnings was lost.
     pub(crate) changed: f64,
+    /// By how much the way that pays changed.
+    pub(crate) turned: f64,
     pub(crate) lost: f64,
+    /// What the policy has learnt to earn, in standard deviations of what it earns.
+    pub(crate) learnt: f64,
+    /// How much more these episodes earned than its first ones did, in their standard deviations.
+    pub(crate) gained: f64,
+    pub(crate) role: Role,
     pub(crate) verdict: Verdict,
     /// Episodes that the policy remembers.
     pub(crate) remembered: usize,
@@ -148,6 +177,12 @@ impl Opinion {
         scores.fold(f64::NEG_INFINITY, f64::max)
     }
 
+    /// The largest ratio of a distance of looks to what chance makes of it.
+    pub(crate) fn look_ratio(&self) -> f64 {
+        let looks = self.sources().filter(|(kind, _)| kind.is_look());
+        looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
+    }
+
     /// How badly the policy fits: by looks, and among those that look alike by motion, which hardly
     /// depends on who acts.
     pub(crate) fn misfit(&self) -> f64 {
@@ -157,21 +192,59 @@ impl Opinion {
     /// Whether what is seen at the beginning of episodes speaks against the policy at this level.
     pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
         self.sources()
-            .any(|(kind, source)| kind.is_look() && source.p_value <= level)
+            .any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
     }
 
     /// The sources that say something.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
-        let tests = self.test.iter().flat_map(|test| &test.sources);
-        let pairs = self.kinds.iter().zip(tests);
+        self.test.iter().flat_map(|test| self.sources_of(test))
+    }
+
+    /// The same in a test that is not finished.
+    pub(crate) fn sources_of<'a>(
+        &'a self,
+        test: &'a JointTest,
+    ) -> impl Iterator<Item = (Kind, &'a SourceTest)> {
+        let pairs = self.kinds.iter().zip(&test.sources);
         pairs.filter_map(|(&kind, source)| Some((kind, source.as_ref()?)))
     }
 }
 
-/// By how much the mean motion of two lists differs, as a share of the second one's; zero where it
+/// What decides, in one line.
+impl fmt::Display for Opinion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:?}", self.verdict)?;
+        for (kind, source) in self.sources() {
+            let (name, tail) = (kind.name(), source.tail_p_value);
+            write!(
+                f,
+                " {name} {:.1} ({:.2}, p {tail:.0e})",
+                source.score,
+                source.ratio()
+            )?;
+        }
+        let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
+        let (gained, turned) = (self.gained, self.turned);
+        write!(
+            f,
+            " changed {changed:.2} turned {turned:.2} lost {lost:.2} learnt {learnt:.1} gained {gained:.1}"
+        )
+    }
+}
+
+/// A difference ends a test once its p-value by the tail is this share of the level.
+pub(crate) const SURE: f64 = 1e-3;
+
+/// Whether a source shows a difference at this level: by its exact p-value, or surely by its tail,
+/// where the test ended before exact p-values were fine enough.
+pub(crate) fn is_doubtful(source: &SourceTest, level: f64) -> bool {
+    source.p_value <= level || source.tail_p_value <= SURE * level
+}
+
+/// By how much the means of two lists differ, as a share of the second one's; zero where it
 /// is not known.
-pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
-    match (mean_motion(accounts), mean_motion(remembered)) {
+pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account], kind: Kind) -> f64 {
+    match (mean_of(accounts, kind), mean_of(remembered, kind)) {
         (Some(now), Some(home)) if now.len() == home.len() => {
             let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
             let apart = norm(&mut now.iter().zip(&home).map(|(now, home)| now - home));
@@ -181,8 +254,8 @@ pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account]) -> f64 {
     }
 }
 
-fn mean_motion(accounts: &[&Account]) -> Option<Vec<f64>> {
-    let known: Vec<&Vec<f32>> = accounts.iter().filter_map(|a| a.motion.as_ref()).collect();
+fn mean_of(accounts: &[&Account], kind: Kind) -> Option<Vec<f64>> {
+    let known: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
     let mut mean = vec![0.0; known.first()?.len()];
     for motion in &known {
         for (sum, &entry) in mean.iter_mut().zip(motion.iter()) {

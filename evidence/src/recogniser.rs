@@ -1,6 +1,6 @@
 //! Whose task new episodes show: the accounts of each policy, and decisions by them.
 
-use cluster::{Decision, SourceTest, Verdict, joint_test};
+use cluster::{Decision, Verdict};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -8,11 +8,12 @@ use serde::de::Error as _;
 use serde::{Deserialize, Serialize as _};
 
 use crate::account::Account;
-use crate::choice::{best, keep_or};
+use crate::choice::{drifted, keep_or_better, rivals};
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
+use crate::examiner::Examiner;
 use crate::memory::{Memory, check, known};
-use crate::opinion::{Kind, Look, Opinion, changed, sources, whole};
+use crate::opinion::{Look, Opinion, Role};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
@@ -28,6 +29,9 @@ pub struct Finding {
     pub cut: Option<usize>,
     /// Policies that are out of question in this matter from here on.
     pub refused: Vec<usize>,
+    /// Whether looks alone do not say that it is the policy named: it is worth while to let it act
+    /// for some episodes before it acts for a rollout.
+    pub is_contested: bool,
 }
 
 /// Who acted, and who is out of question.
@@ -43,7 +47,7 @@ pub struct Situation<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recogniser {
     settings: RecogniserSettings,
-    memories: Vec<Memory>,
+    pub(crate) memories: Vec<Memory>,
 }
 
 impl Recogniser {
@@ -96,7 +100,8 @@ impl Recogniser {
 
     /// Tells that `policy` learns from episodes of its own; the next new policy has the number of
     /// those that are known. What shows another group than the first of these episodes is not
-    /// remembered.
+    /// remembered: returns the number of decisions before the first episode that is left out, if
+    /// one is.
     ///
     /// # Errors
     /// A number beyond that, no episode, numbers that are not finite, or lists of other lengths
@@ -106,10 +111,10 @@ impl Recogniser {
         policy: usize,
         accounts: &[Account],
         rng: &mut R,
-    ) -> Result<(), EvidenceError> {
+    ) -> Result<Option<usize>, EvidenceError> {
         let policies = self.memories.len();
-        if policy > policies {
-            return Err(EvidenceError::NoPolicy { policy, policies });
+        if policy != policies {
+            self.check_policy(policy)?;
         }
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
@@ -117,12 +122,34 @@ impl Recogniser {
         check(known(&self.memories).chain(accounts))?;
         let mut accounts: Vec<&Account> = accounts.iter().collect();
         accounts.sort_by_key(|account| account.began);
-        accounts.truncate(find_cut(&accounts, &self.settings, rng)?.unwrap_or(accounts.len()));
+        let cut = find_cut(&accounts, &self.settings, rng)?;
+        let end = cut.map(|cut| accounts[cut].began);
+        accounts.truncate(cut.unwrap_or(accounts.len()));
         if policy == policies {
             self.memories.push(Memory::default());
         }
+        if self.is_outdated(policy, &accounts, rng)? {
+            self.memories[policy].accounts.clear();
+        }
         self.memories[policy].learn(accounts, self.settings.memory);
-        Ok(())
+        Ok(end)
+    }
+
+    /// Whether what a policy remembers looks no more like that on which it is about to learn: its
+    /// group drifted while it was away.
+    fn is_outdated<R: Rng + ?Sized>(
+        &self,
+        policy: usize,
+        accounts: &[&Account],
+        rng: &mut R,
+    ) -> Result<bool, EvidenceError> {
+        let mut own = ChaCha8Rng::seed_from_u64(rng.random());
+        let (examiner, memory) = (Examiner(&self.settings), &self.memories[policy]);
+        if accounts.len() < self.settings.min_episodes {
+            return Ok(false);
+        }
+        let opinion = examiner.opine(memory, accounts, Role::Stranger, Look::Second, &mut own)?;
+        Ok(opinion.is_refused())
     }
 
     /// Decides on one rollout of `collector`. `Existing` of another policy asks for a
@@ -158,7 +185,7 @@ impl Recogniser {
         };
         let finding = match look {
             Look::First => self.look(later, situation, rng)?,
-            Look::Second => self.decide(later, situation, rng)?,
+            Look::Second => self.decide(later, situation, Role::Stays, rng)?,
         };
         Ok(Finding {
             cut: cut.map(|_| later[0].began),
@@ -173,12 +200,29 @@ impl Recogniser {
         situation: Situation,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, Look::First, rng)?;
+        let opinions = self.opinions(accounts, situation, (Look::First, Role::Stays), rng)?;
+        let collector = situation.collector;
+        let rivals = rivals(&opinions, |policy| policy != collector);
+        let own = opinions.get(collector);
+        let doubt = self.settings.doubt;
+        let alike = own.is_some_and(|own| !own.looks_doubtful(doubt));
+        let sure = own.is_some_and(|own| Examiner(&self.settings).surely_refuses(own));
+        let decision = match (own, rivals.first()) {
+            (Some(own), _) if own.verdict == Verdict::Accepted => {
+                Decision::Existing(keep_or_better(collector, &opinions))
+            }
+            // what happened under a policy cannot speak for others: they are tried at once where
+            // it is beyond doubt, and else a second look is cheaper
+            (_, Some(&policy)) if sure || !alike => Decision::Existing(policy),
+            _ => Decision::Undecided,
+        };
+        let refused = if sure { vec![collector] } else { Vec::new() };
         Ok(Finding {
-            decision: self.first_decision(&opinions, situation.collector),
+            is_contested: alike || rivals.len() > 1,
+            decision,
             opinions,
             cut: None,
-            refused: Vec::new(),
+            refused,
         })
     }
 
@@ -209,12 +253,12 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let mut finding = self.decide(&accounts, situation, rng)?;
+        let mut finding = self.decide(&accounts, situation, Role::Returns, rng)?;
         let keep = Decision::Existing(situation.collector);
         if finding.decision != keep
             && let Some(cut) = find_cut(&accounts, &self.settings, rng)?
         {
-            finding = self.decide(&accounts[..cut], situation, rng)?;
+            finding = self.decide(&accounts[..cut], situation, Role::Returns, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
         // one that has been tried is not tried again
@@ -241,17 +285,40 @@ impl Recogniser {
             refused: &[],
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
-        let opinions = self.opinions(&accounts, situation, Look::Second, rng)?;
+        let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
+        let examiner = Examiner(&self.settings);
         let weighed = opinions.iter().map(|opinion| Weighed {
             p_value: opinion.test().map(|_| opinion.tail_p_value()),
-            may_be_drift: !self.speaks_against(opinion, self.settings.doubt),
+            may_be_drift: !examiner.speaks_against(opinion, self.settings.doubt),
             misfit: opinion.misfit(),
         });
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
+    /// Whether a policy that looks another may be meant all the same: it was away, and has learnt so
+    /// much that it can show it.
+    fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
+        let memory = &self.memories[policy];
+        policy != situation.collector
+            && !situation.refused.contains(&policy)
+            && !memory.is_gone
+            && Examiner(&self.settings).knows(memory)
+    }
+
+    /// Refuses a policy that was never told of.
+    pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
+        let policies = self.memories.len();
+        match policy < policies {
+            true => Ok(()),
+            false => Err(EvidenceError::NoPolicy { policy, policies }),
+        }
+    }
+
     /// The accounts in the order in which their episodes began.
-    fn in_order<'a>(&self, accounts: &'a [Account]) -> Result<Vec<&'a Account>, EvidenceError> {
+    pub(crate) fn in_order<'a>(
+        &self,
+        accounts: &'a [Account],
+    ) -> Result<Vec<&'a Account>, EvidenceError> {
         let (got, needed) = (accounts.len(), self.settings.min_episodes);
         if got < needed {
             return Err(EvidenceError::TooFewEpisodes { got, needed });
@@ -265,15 +332,20 @@ impl Recogniser {
         &self,
         accounts: &[&Account],
         situation: Situation,
-        look: Look,
+        (look, role): (Look, Role),
         rng: &mut R,
     ) -> Result<Vec<Opinion>, EvidenceError> {
         // each policy has a generator of its own, so that threads change nothing
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
+        let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            let own = policy == situation.collector;
+            let role = match policy == situation.collector {
+                true => role,
+                false => Role::Stranger,
+            };
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
-            let mut opinion = self.opine(&self.memories[policy], accounts, own, look, &mut rng)?;
+            let memory = &self.memories[policy];
+            let mut opinion = examiner.opine(memory, accounts, role, look, &mut rng)?;
             if situation.refused.contains(&policy) {
                 opinion.verdict = Verdict::Refused;
             }
@@ -282,117 +354,36 @@ impl Recogniser {
         asked.collect()
     }
 
-    fn opine(
-        &self,
-        memory: &Memory,
-        accounts: &[&Account],
-        own: bool,
-        look: Look,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Opinion, EvidenceError> {
-        let settings = &self.settings;
-        let remembered: Vec<&Account> = memory.accounts.iter().collect();
-        // courses count where both sides are of one policy
-        let least = settings.min_episodes;
-        let courses = whole(accounts, least).zip(whole(&remembered, least));
-        let (kinds, seen, home) = match courses.filter(|_| own) {
-            Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
-            None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
-        };
-        let mut opinion = Opinion {
-            kinds,
-            test: None,
-            changed: changed(accounts, &remembered),
-            lost: memory.lost(accounts),
-            verdict: Verdict::Accepted,
-            remembered: remembered.len(),
-        };
-        if remembered.len() < least {
-            return Ok(opinion);
-        }
-        let sources = sources(&opinion.kinds, &seen, &home)?;
-        let permutations = match look {
-            Look::First => settings.permutations,
-            Look::Second => 3 * settings.permutations,
-        };
-        opinion.test = Some(joint_test(&sources, permutations, rng)?);
-        opinion.verdict = self.verdict(&opinion, look);
-        Ok(opinion)
-    }
-
-    /// The first look trusts the exact p-values, the second the tail's; a difference that speaks
-    /// against a policy for good must be large as well, and one that only its course shows must be
-    /// so from the beginning.
-    fn verdict(&self, opinion: &Opinion, look: Look) -> Verdict {
-        let (doubt, level) = (self.settings.doubt, self.settings.level);
-        match look {
-            Look::First => {
-                let mut against = opinion.sources().filter(|(_, s)| s.p_value <= doubt);
-                let doubted = |(kind, source): (Kind, &SourceTest)| {
-                    kind.is_look() || self.is_large(opinion, kind, source)
-                };
-                match against.any(doubted) {
-                    true => Verdict::Doubted,
-                    false => Verdict::Accepted,
-                }
-            }
-            Look::Second if self.speaks_against(opinion, level) => Verdict::Refused,
-            Look::Second => Verdict::Accepted,
-        }
-    }
-
-    /// Whether a source shows a difference that is large, and significant at this level.
-    fn speaks_against(&self, opinion: &Opinion, level: f64) -> bool {
-        let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
-        against.any(|(kind, source)| self.is_large(opinion, kind, source))
-    }
-
-    /// Whether a difference is more than drift.
-    fn is_large(&self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
-        match kind {
-            Kind::Picture | Kind::Vector => source.ratio() >= self.settings.min_ratio,
-            Kind::Motion => opinion.changed >= self.settings.min_motion,
-            Kind::Earnings => opinion.lost >= self.settings.min_loss,
-        }
-    }
-
-    fn first_decision(&self, opinions: &[Opinion], collector: usize) -> Decision {
-        let own = opinions.get(collector);
-        let other = best(opinions, |policy| policy != collector);
-        match (own, other) {
-            (Some(own), _) if own.verdict == Verdict::Accepted => {
-                Decision::Existing(keep_or(collector, other, opinions))
-            }
-            // what happened under a policy cannot speak for others, and a second look is cheaper
-            // than trying them
-            (Some(own), _) if !own.looks_doubtful(self.settings.doubt) => Decision::Undecided,
-            (_, Some(policy)) => Decision::Existing(policy),
-            _ => Decision::Undecided,
-        }
-    }
-
     fn decide<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
         situation: Situation,
+        role: Role,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let collector = situation.collector;
-        let opinions = self.opinions(accounts, situation, Look::Second, rng)?;
+        let opinions = self.opinions(accounts, situation, (Look::Second, role), rng)?;
         let own = opinions.get(collector);
-        let other = best(&opinions, |policy| policy != collector);
-        let decision = match (own, other) {
+        let rivals = rivals(&opinions, |policy| policy != collector);
+        let alike = own.is_some_and(|own| !own.looks_doubtful(self.settings.doubt));
+        let suspect = drifted(&opinions, |policy| self.may_have_drifted(policy, situation));
+        let suspect = suspect
+            .filter(|&policy| opinions[policy].look_ratio() < Examiner(&self.settings).drifted());
+        let decision = match (own, rivals.first()) {
             (Some(own), _) if own.verdict == Verdict::Accepted => {
-                Decision::Existing(keep_or(collector, other, &opinions))
+                Decision::Existing(keep_or_better(collector, &opinions))
             }
-            (_, Some(policy)) => Decision::Existing(policy),
-            (_, None) => Decision::New,
+            (_, Some(&policy)) => Decision::Existing(policy),
+            (_, None) => suspect.map_or(Decision::New, Decision::Existing),
         };
-        let refused = |policy: &usize| opinions[*policy].is_refused();
+        let refused = |policy: &usize| {
+            opinions[*policy].is_refused() && decision != Decision::Existing(*policy)
+        };
         Ok(Finding {
             decision,
             cut: None,
             refused: (0..opinions.len()).filter(refused).collect(),
+            is_contested: alike || rivals.len() != 1,
             opinions,
         })
     }

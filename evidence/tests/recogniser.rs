@@ -6,11 +6,16 @@ mod common;
 
 use cluster::{Decision, Verdict};
 use common::{accounts, mirrored, stream};
-use evidence::{Account, Recogniser, RecogniserSettings, Situation};
+use evidence::{Account, Accountant, Album, Finding, Recogniser, RecogniserSettings, Situation};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use symmetry::D2;
+use symmetry::{D2, Irrep};
 use worlds::Kind;
+
+/// What was said of each policy.
+fn said(finding: &Finding) -> Vec<String> {
+    finding.opinions.iter().map(ToString::to_string).collect()
+}
 
 fn rng() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(0)
@@ -48,23 +53,21 @@ fn accounts_of_mirror_images_are_equal_to_the_bit() {
     }
 }
 
+/// A first look doubts a known group in two cases of a hundred: of twelve, one may be undecided.
 #[test]
 fn what_looks_different_is_told_apart_at_the_first_look() {
+    let mut undecided = 0;
     for kind in [Kind::Appearance, Kind::Shape] {
         let recogniser = knowing(kind, 1000, 3);
-        for group in 0..3 {
+        for (group, collector) in (0..3).flat_map(|g| [(g, g), (g, (g + 1) % 3)]) {
             let seen = rollout(kind, 1000, group, group);
-            let finding = recogniser.assign(&seen, group, &mut rng()).unwrap();
-            assert_eq!(
-                finding.decision,
-                Decision::Existing(group),
-                "{}",
-                kind.name()
-            );
-            let other = recogniser
-                .assign(&seen, (group + 1) % 3, &mut rng())
-                .unwrap();
-            assert_eq!(other.decision, Decision::Existing(group), "{}", kind.name());
+            let finding = recogniser.assign(&seen, collector, &mut rng()).unwrap();
+            if finding.decision == Decision::Undecided {
+                undecided += 1;
+                continue;
+            }
+            let (name, expected) = (kind.name(), Decision::Existing(group));
+            assert_eq!(finding.decision, expected, "{name} {:#?}", said(&finding));
         }
         let unknown = rollout(kind, 1000, 3, 0);
         let finding = recogniser.assign(&unknown, 0, &mut rng()).unwrap();
@@ -72,6 +75,7 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
         let finding = recogniser.settle(&unknown, 0, &mut rng()).unwrap();
         assert_eq!(finding.decision, Decision::New);
     }
+    assert!(undecided <= 1, "{undecided}");
 }
 
 #[test]
@@ -121,8 +125,8 @@ fn running_tails_do_not_silence_motion_and_earnings() {
         let sources = finding.opinions[0].test().unwrap().sources.len();
         (sources, finding.opinions[0].verdict())
     };
-    assert_eq!(review(0, 15), (4, Verdict::Accepted));
-    assert_eq!(review(1, 15), (4, Verdict::Refused));
+    assert_eq!(review(0, 15), (5, Verdict::Accepted));
+    assert_eq!(review(1, 15), (5, Verdict::Refused));
     let looks_alone = (2, Verdict::Accepted);
     assert_eq!(review(1, 9), looks_alone, "fewer than half are whole");
 }
@@ -230,6 +234,7 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
             picture: vec![value; 4],
             vector: vec![0.0],
             motion: None,
+            slope: None,
             earned: None,
         };
         (0..count).map(account).collect()
@@ -272,6 +277,98 @@ fn memory_is_bounded_and_survives_a_file() {
         .unwrap_err()
         .to_string();
     assert_eq!(message, "policy 7 was named, 2 are known");
+}
+
+/// Pictures that an album holds are not described again, and the accounts are the same.
+#[test]
+fn an_album_changes_no_account() {
+    let spec = [Irrep::X, Irrep::Y];
+    let accountant = Accountant::new([48, 48, 6], &spec, &spec, 32).unwrap();
+    let courses = common::courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
+    let mut album = Album::default();
+    let first = accountant.accounts_with(&courses, &mut album).unwrap();
+    let again = accountant.accounts_with(&courses, &mut album).unwrap();
+    assert_eq!(first, accountant.accounts(&courses).unwrap());
+    assert_eq!(first, again);
+    let mut other = courses[0].clone();
+    other.image[0] ^= 255;
+    let changed = accountant.accounts_with(&[other], &mut album).unwrap();
+    assert_ne!(changed[0].picture, first[0].picture);
+}
+
+/// Two policies that learnt on one group become one, and two that did not stay two; what is gone is
+/// not asked again.
+#[test]
+fn policies_that_serve_one_group_are_merged() {
+    let kind = Kind::Target;
+    let mut recogniser = knowing(kind, 1000, 2);
+    let twin = accounts(stream(kind, 1000, &[(0, 16)], 5), 16, None)[40..].to_vec();
+    let mut beginning = twin[..20].to_vec();
+    beginning.iter_mut().for_each(|a| a.earned = Some(0.0));
+    recogniser.learn(2, &beginning, &mut rng()).unwrap();
+    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
+    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
+    let seen = rollout(kind, 1000, 0, 0);
+    let finding = recogniser.assign(&seen, 0, &mut rng()).unwrap();
+    assert_eq!(recogniser.twin(0, &finding), Some(1), "it looks alike");
+    let of_other = rollout(kind, 1000, 0, 1);
+    assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
+    assert_eq!(recogniser.twin(0, &finding), Some(2));
+    assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
+    let merge = recogniser
+        .merge(0, 2, &seen[5..10], &mut rng())
+        .unwrap()
+        .unwrap();
+    let ends = [merge.kept.min(merge.gone), merge.kept.max(merge.gone)];
+    assert_eq!(ends, [0, 2]);
+    let finding = recogniser.assign(&seen, merge.kept, &mut rng()).unwrap();
+    assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
+    assert_eq!(recogniser.twin(merge.kept, &finding), None);
+    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
+    assert_eq!(found.policies[merge.gone], 0.0);
+}
+
+/// Colours stray while a policy is away: it is heard before a new one is opened, and what it
+/// remembers is renewed.
+#[test]
+fn a_policy_whose_group_drifted_meanwhile_is_heard() {
+    let kind = Kind::Drift;
+    let mut heard = 0;
+    for seed in 1000..1006 {
+        let mut recogniser = knowing(kind, seed, 2);
+        let visits = [(1, 8), (0, 242), (1, 8)];
+        let late = accounts(stream(kind, seed, &visits, 5), 258, None)[1250..].to_vec();
+        let finding = recogniser.settle(&late, 0, &mut rng()).unwrap();
+        if recogniser.settle(&late, 0, &mut rng()).unwrap().opinions[1].verdict()
+            == Verdict::Accepted
+        {
+            continue;
+        }
+        assert_ne!(finding.decision, Decision::Existing(0), "seed {seed}");
+        if finding.decision == Decision::New {
+            continue;
+        }
+        heard += 1;
+        assert!(finding.is_contested && !finding.refused.contains(&1));
+        let situation = Situation {
+            collector: 1,
+            refused: &finding.refused,
+        };
+        let own = recogniser
+            .review(&late[..20], situation, &mut rng())
+            .unwrap();
+        assert_eq!(
+            own.decision,
+            Decision::Existing(1),
+            "seed {seed}: {:#?}",
+            said(&own)
+        );
+        recogniser.learn(1, &late[..20], &mut rng()).unwrap();
+        let next = recogniser.assign(&late[20..], 1, &mut rng()).unwrap();
+        assert_ne!(next.decision, Decision::Existing(0));
+        assert_eq!(next.opinions[1].verdict(), Verdict::Accepted, "seed {seed}");
+    }
+    assert!(heard > 0);
 }
 
 /// Nothing is learnt and nothing taken back that no comparison could use.

@@ -107,14 +107,11 @@ impl Map {
     }
 
     /// The same, less what it takes from the deviations: what moved can have the most part in them.
-    fn of_means(self) -> Self {
-        match self.correction {
-            ColorCorrection::MeanAndDeviation => Self {
-                gain: DVec3::ONE,
-                ..self
-            },
-            ColorCorrection::None | ColorCorrection::GreyWorld => self,
+    fn of_means(mut self) -> Self {
+        if self.correction == ColorCorrection::MeanAndDeviation {
+            self.gain = DVec3::ONE;
         }
+        self
     }
 
     fn apply(&self, rgb: DVec3) -> DVec3 {

@@ -11,12 +11,39 @@ use crate::fields::model::{
     JNT_LIMITED, JNT_QPOSADR, JNT_RANGE,
 };
 use crate::ids::{
-    Actuator, ActuatorId, Body, BodyId, Camera, CameraId, Geom, GeomId, Id, Joint, JointId, Lookup,
-    MocapId, Named, Site, SiteId,
+    Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
+    Named, Site,
 };
 use crate::load::{check, load};
 use crate::raw;
 use crate::shape::Shape;
+
+/// Declares the methods that return sizes of the C struct.
+macro_rules! sizes {
+    ($($(#[$doc:meta])* $size:ident,)+) => {
+        $(
+            $(#[$doc])*
+            pub fn $size(&self) -> usize {
+                self.as_raw().$size as usize
+            }
+        )+
+    };
+}
+
+/// Declares the methods that find objects of a kind.
+macro_rules! finders {
+    ($($(#[$doc:meta])* $find:ident: $kind:ident,)+) => {
+        $(
+            $(#[$doc])*
+            ///
+            /// # Errors
+            /// [`ModelError::UnknownName`] lists the names that exist.
+            pub fn $find(&self, name: &str) -> Result<Id<$kind>, ModelError> {
+                self.find::<$kind>(name)
+            }
+        )+
+    };
+}
 
 /// A compiled model. Immutable; share it through `Arc`, between [`Data`](crate::Data) and
 /// [`Renderer`](crate::Renderer) of any number of threads.
@@ -64,8 +91,8 @@ impl Model {
     /// part of [`Model::from_files`] that reads XML itself.
     ///
     /// # Errors
-    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside the
-    /// XML, as [`Model::from_files`].
+    /// [`ModelError::NoMainFile`], and [`ModelError::FileName`] for `main` and for a path inside
+    /// the XML, as [`Model::from_files`].
     pub fn check_files(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
         check(main, files).map(|_| ())
     }
@@ -75,34 +102,19 @@ impl Model {
         self.warning.as_deref()
     }
 
-    /// Number of generalised positions, the length of `qpos`.
-    pub fn nq(&self) -> usize {
-        self.as_raw().nq as usize
-    }
-
-    /// Number of degrees of freedom, the length of `qvel`.
-    pub fn nv(&self) -> usize {
-        self.as_raw().nv as usize
-    }
-
-    /// Number of actuators, the length of `ctrl`.
-    pub fn nu(&self) -> usize {
-        self.as_raw().nu as usize
-    }
-
-    /// Number of mocap bodies.
-    pub fn nmocap(&self) -> usize {
-        self.as_raw().nmocap as usize
-    }
-
-    /// Number of bodies, the world included.
-    pub fn nbody(&self) -> usize {
-        self.as_raw().nbody as usize
-    }
-
-    /// Number of geoms.
-    pub fn ngeom(&self) -> usize {
-        self.as_raw().ngeom as usize
+    sizes! {
+        /// Number of generalised positions, the length of `qpos`.
+        nq,
+        /// Number of degrees of freedom, the length of `qvel`.
+        nv,
+        /// Number of actuators, the length of `ctrl`.
+        nu,
+        /// Number of mocap bodies.
+        nmocap,
+        /// Number of bodies, the world included.
+        nbody,
+        /// Number of geoms.
+        ngeom,
     }
 
     /// Physics step, in seconds.
@@ -110,52 +122,19 @@ impl Model {
         self.as_raw().opt.timestep
     }
 
-    /// Finds a body by name.
-    ///
-    /// # Errors
-    /// [`ModelError::UnknownName`] lists the names that exist.
-    pub fn body(&self, name: &str) -> Result<BodyId, ModelError> {
-        self.find::<Body>(name)
-    }
-
-    /// Finds a joint by name.
-    ///
-    /// # Errors
-    /// As [`Model::body`].
-    pub fn joint(&self, name: &str) -> Result<JointId, ModelError> {
-        self.find::<Joint>(name)
-    }
-
-    /// Finds a geom by name.
-    ///
-    /// # Errors
-    /// As [`Model::body`].
-    pub fn geom(&self, name: &str) -> Result<GeomId, ModelError> {
-        self.find::<Geom>(name)
-    }
-
-    /// Finds a site by name.
-    ///
-    /// # Errors
-    /// As [`Model::body`].
-    pub fn site(&self, name: &str) -> Result<SiteId, ModelError> {
-        self.find::<Site>(name)
-    }
-
-    /// Finds a camera by name.
-    ///
-    /// # Errors
-    /// As [`Model::body`].
-    pub fn camera(&self, name: &str) -> Result<CameraId, ModelError> {
-        self.find::<Camera>(name)
-    }
-
-    /// Finds an actuator by name.
-    ///
-    /// # Errors
-    /// As [`Model::body`].
-    pub fn actuator(&self, name: &str) -> Result<ActuatorId, ModelError> {
-        self.find::<Actuator>(name)
+    finders! {
+        /// Finds a body by name.
+        body: Body,
+        /// Finds a joint by name.
+        joint: Joint,
+        /// Finds a geom by name.
+        geom: Geom,
+        /// Finds a site by name.
+        site: Site,
+        /// Finds a camera by name.
+        camera: Camera,
+        /// Finds an actuator by name.
+        actuator: Actuator,
     }
 
     /// Finds a mocap body by name.

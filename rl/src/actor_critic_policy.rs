@@ -5,26 +5,20 @@ use std::sync::Arc;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::activity::{Activity, Units};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
 use crate::gaussian::log_prob;
-use crate::inference::{Chunk, Inference, check_saved};
 use crate::network::ActorCritic;
+use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
 use crate::pass::Workspace;
-use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
+use crate::policy::{Actor, Assess, Decisions, OnPolicy, Values};
+use crate::trunk::OnTrunkPass;
 
 /// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
 /// under the group of its settings. It decides from the observation alone.
-///
-/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
-/// chunks on the current rayon pool; actions, values and features have the same bits for any number
-/// of threads.
-#[derive(Clone, Debug)]
-pub struct ActorCriticPolicy {
-    /// Its outputs are rows `[A + 1]` of means and values.
-    inference: Inference<ActorCritic<f32>, Workspace<f32>>,
-}
+pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, Workspace<f32>>;
 
 impl ActorCriticPolicy {
     /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
@@ -34,7 +28,7 @@ impl ActorCriticPolicy {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::of(network, params))
+        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as
@@ -50,28 +44,7 @@ impl ActorCriticPolicy {
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         check_saved(&params, network.num_params())?;
-        Ok(Self::of(network, params))
-    }
-
-    fn of(network: ActorCritic<f32>, params: Vec<f32>) -> Self {
-        Self {
-            inference: Inference::new(Arc::new(network), params, ActorCritic::workspace),
-        }
-    }
-
-    /// The network.
-    pub fn network(&self) -> &Arc<ActorCritic<f32>> {
-        &self.inference.network
-    }
-
-    /// All parameters, in the network's layout.
-    pub fn params(&self) -> &[f32] {
-        &self.inference.params
-    }
-
-    /// All parameters, for an optimiser or a checkpoint to write.
-    pub fn params_mut(&mut self) -> &mut [f32] {
-        &mut self.inference.params
+        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
     }
 
     /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every
@@ -91,12 +64,7 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// A, the number of action components.
-    fn width(&self) -> usize {
-        self.inference.width()
-    }
-
-    /// Fills the outputs; returns N.
+    /// Fills the outputs with rows `[A + 1]` of means and values; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         let width = self.width();
         let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
@@ -107,11 +75,9 @@ impl ActorCriticPolicy {
                 row[width] = value;
             }
         };
-        self.inference.run(observations, width + 1, forward)
+        self.infer(observations, width + 1, forward)
     }
-}
 
-impl ActorCriticPolicy {
     fn log_std_f64(&self) -> Vec<f64> {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
     }
@@ -119,25 +85,25 @@ impl ActorCriticPolicy {
     /// Draws actions `[N, A]` around the means of the last run.
     fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
         let width = self.width();
-        self.inference.draw_noise(actions.len(), rng);
+        self.draw_noise(actions.len(), rng);
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
         let rows = actions
             .chunks_exact_mut(width)
-            .zip(self.inference.noise.chunks_exact(width));
-        for ((actions, noise), output) in rows.zip(self.inference.outputs.chunks_exact(width + 1)) {
+            .zip(self.noise.chunks_exact(width));
+        for ((actions, noise), output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
             for j in 0..width {
                 actions[j] = (output[j] + std[j] * f64::from(noise[j])) as f32;
             }
         }
     }
 
-    /// Writes log-probabilities and values from the last run. The density belongs to the numbers that
-    /// are executed, so actions are rounded before.
+    /// Writes log-probabilities and values from the last run. The density belongs to the numbers
+    /// that are executed, so actions are rounded before.
     fn weigh(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();
         let mut taken = vec![0.0; width];
-        for (i, output) in self.inference.outputs.chunks_exact(width + 1).enumerate() {
+        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
             for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
                 *taken = f64::from(action);
             }
@@ -176,7 +142,7 @@ impl Actor for ActorCriticPolicy {
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         for (mean, output) in out
             .chunks_exact_mut(width)
-            .zip(self.inference.outputs.chunks_exact(width + 1))
+            .zip(self.outputs.chunks_exact(width + 1))
         {
             mean.iter_mut()
                 .zip(output)
@@ -195,7 +161,7 @@ impl OnPolicy for ActorCriticPolicy {
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        out.check(self.inference.network.spec(), samples)?;
+        out.check(self.network().spec(), samples)?;
         self.sample(rng, &mut out.actions);
         self.weigh(out);
         Ok(())
@@ -209,7 +175,7 @@ impl Assess for ActorCriticPolicy {
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        decisions.check(self.inference.network.spec(), samples)?;
+        decisions.check(self.network().spec(), samples)?;
         self.weigh(decisions);
         Ok(())
     }
@@ -220,22 +186,20 @@ impl Values for ActorCriticPolicy {
         let width = self.width();
         let samples = self.run(observations)?;
         check_len("values", "[N]", out.len(), samples)?;
-        for (value, output) in out
-            .iter_mut()
-            .zip(self.inference.outputs.chunks_exact(width + 1))
-        {
+        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
             *value = output[width] as f32;
         }
         Ok(())
     }
 }
 
-impl Features for ActorCriticPolicy {
-    fn feature_dim(&self) -> usize {
-        self.inference.feature_dim()
-    }
-
-    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        self.inference.features(observations, out)
+impl Units for ActorCriticPolicy {
+    fn activity(&self, observations: &Observations, (): &()) -> Result<Activity, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let samples = observations.samples(network.spec())?;
+        let mut w = network.workspace(samples);
+        network.trunk.load_all(observations, 0..samples, w.trunk());
+        network.forward(params, samples, &mut w);
+        Ok(network.activity(params, samples, &w))
     }
 }

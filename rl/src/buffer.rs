@@ -1,5 +1,7 @@
 //! The rollout buffer: T steps of N environments, time-major.
 
+mod truncation;
+
 use std::fmt;
 
 use rand::RngExt;
@@ -17,6 +19,8 @@ use crate::policy::{Assess, Decisions, OnPolicy, Values};
 #[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
+    /// Steps that fit, and those of them that count: fewer after a truncation.
+    capacity: usize,
     steps: usize,
     pushed: usize,
     finished: bool,
@@ -49,6 +53,7 @@ impl RolloutBuffer {
         };
         Ok(Self {
             spec: spec.clone(),
+            capacity: steps,
             steps,
             pushed: 0,
             finished: false,
@@ -190,6 +195,7 @@ impl RolloutBuffer {
         self.truncated.clear();
         self.finals.images.clear();
         self.finals.vectors.clear();
+        self.resize(self.capacity);
     }
 
     /// Writes advantages and returns `[T, N]` by [`gae`]; `gamma` and `lambda` in [0, 1].
@@ -292,6 +298,11 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         Ok(())
     }
 
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        (&mut self.step_decisions.actions, false)
+    }
+
+    /// With the log-probabilities and the values.
     fn decide(
         &mut self,
         policy: &mut P,
@@ -306,14 +317,14 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
     fn record(
         &mut self,
         policy: &mut P,
-        observations: &Observations,
-        transition: &Transition,
+        from: &Observations,
+        to: &Transition,
     ) -> Result<(), RlError> {
-        value_truncated(policy, transition, &mut self.step_final_values)?;
+        value_truncated(policy, to, &mut self.step_final_values)?;
         // lent out, since a push borrows all of the buffer
         let decisions = std::mem::take(&mut self.step_decisions);
         let final_values = std::mem::take(&mut self.step_final_values);
-        let result = self.push(observations, &decisions, transition, &final_values);
+        let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
         result
     }

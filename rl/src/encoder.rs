@@ -77,8 +77,8 @@ pub enum Encoder {
 }
 
 impl Encoder {
-    /// Every width with the name of its setting. An encoder that must halve and does not has a width
-    /// of zero.
+    /// Every width with the name of its setting. An encoder that must halve and does not has a
+    /// width of zero.
     pub(crate) fn widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
             if fields.is_empty() {

@@ -20,6 +20,20 @@ pub fn evaluate<A: Actor>(
     actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
+    watch(env, actor, rounds, |_, _| Ok(()))
+}
+
+/// Evaluates as [`evaluate`] does. Before every decision `look` sees the actor and where the
+/// environments stand.
+///
+/// # Errors
+/// As there, and what `look` says.
+pub fn watch<A: Actor>(
+    env: &mut dyn VectorEnv,
+    actor: &mut A,
+    rounds: usize,
+    mut look: impl FnMut(&A, &RolloutState<A::Memory>) -> Result<(), RlError>,
+) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
     let mut state = RolloutState::reset(env, actor)?;
     let mut transition = Transition::new(&spec);
@@ -27,6 +41,7 @@ pub fn evaluate<A: Actor>(
     let mut left = vec![rounds; spec.num_envs];
     let mut stats = RolloutStats::default();
     while left.iter().any(|&rounds| rounds > 0) {
+        look(actor, &state)?;
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
         step(env, &actions, &mut transition)?;
         state.remember(&actions, &transition.rewards);

@@ -1,9 +1,13 @@
 //! Small networks and replays of random steps, for the unit tests.
 
+use std::ops::Range;
+
+use equivariant::{Layer, Sequential};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};
 
+use crate::activity::Activity;
 use crate::encoder::Encoder;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::network_settings::{Critic, NetworkSettings};
@@ -81,4 +85,61 @@ pub fn marked(newest: usize) -> Replay {
         now.clone_from(&transition.observations);
     }
     replay
+}
+
+/// Random observations of as many environments.
+pub fn observations(samples: usize) -> Observations {
+    let (spec, mut rng) = (spec(), ChaCha8Rng::seed_from_u64(5));
+    let mut out = Observations {
+        images: vec![0; samples * spec.image_len()],
+        vectors: vec![0.0; samples * spec.vector.len()],
+    };
+    see(&mut rng, &mut out);
+    out
+}
+
+/// Sets the bias of a field of the first layer of `head`, whose parameters these are; without
+/// its weights it puts out the same for every input.
+fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weights: bool) {
+    let first = &head.layers()[0];
+    let (from, to) = (first.in_shape().fields, first.out_shape().fields);
+    let fields = to.regular_fields().unwrap();
+    let mut start = 0;
+    for irrep in to.group().irreps() {
+        let width = from.multiplicity(*irrep);
+        if !weights {
+            params[start + field * width..start + (field + 1) * width].fill(0.0);
+        }
+        start += fields * width;
+    }
+    params[start + field] = bias;
+}
+
+/// Wakes all units of the hidden layer of `head`, whose parameters these are.
+pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
+    let hidden = head.layers()[0].out_shape().fields;
+    for field in 0..hidden.regular_fields().unwrap() {
+        set(head, params, field, 100.0, true);
+    }
+}
+
+/// Wakes all units of the hidden layer of `head` by large biases, then kills one field after the
+/// other by hand: as many units more must be dormant each time.
+pub fn kills(
+    head: &Sequential<f32>,
+    mut params: Vec<f32>,
+    own: Range<usize>,
+    activity: impl Fn(&[f32]) -> Activity,
+) {
+    let hidden = head.layers()[0].out_shape().fields;
+    let fields = hidden.regular_fields().unwrap();
+    wake(head, &mut params[own.clone()]);
+    let awake = activity(&params);
+    for killed in 1..=fields {
+        set(head, &mut params[own.clone()], killed - 1, -1.0, false);
+        let found = activity(&params);
+        assert_eq!(found.units(), awake.units());
+        let expected = awake.dormant(0.025) + killed * hidden.group().order();
+        assert_eq!(found.dormant(0.025), expected, "{head}");
+    }
 }

@@ -92,6 +92,7 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+mod activity;
 mod actor_critic_policy;
 mod adam;
 mod algorithm;
@@ -101,14 +102,15 @@ mod env;
 mod error;
 mod evaluation;
 mod experience;
+mod figures;
 #[cfg(test)]
 mod fixtures;
 mod gae;
 mod gaussian;
-mod inference;
 mod loss;
 mod minibatch;
 mod network;
+mod network_policy;
 mod network_settings;
 mod pass;
 mod policy;
@@ -122,6 +124,7 @@ mod sac;
 mod stage;
 mod trunk;
 
+pub use activity::{Activity, Units};
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
@@ -129,10 +132,11 @@ pub use buffer::RolloutBuffer;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, RlError};
-pub use evaluation::evaluate;
+pub use evaluation::{evaluate, watch};
 pub use experience::Experience;
 pub use gae::{GaeInputs, gae};
 pub use network::ActorCritic;
+pub use network_policy::NetworkPolicy;
 pub use network_settings::{Critic, NetworkSettings};
 pub use pass::Workspace;
 pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};

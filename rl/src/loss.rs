@@ -1,6 +1,7 @@
 //! The loss of proximal policy optimisation for one decision, and its gradient with respect to what
 //! the network put out.
 
+use crate::figures::sums;
 use crate::gaussian::{entropy, log_prob};
 
 /// Weights of the terms of the loss.
@@ -38,33 +39,9 @@ pub(crate) struct Output<'a> {
     pub value: f64,
 }
 
-/// Sums over decisions of the loss's terms and of the diagnostics.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct LossSums {
-    pub samples: f64,
-    pub policy: f64,
-    pub value: f64,
-    pub entropy: f64,
-    pub kl: f64,
-    pub clipped: f64,
-}
-
-impl LossSums {
-    /// Adds the sums of other decisions.
-    pub fn add(&mut self, other: &Self) {
-        self.samples += other.samples;
-        self.policy += other.policy;
-        self.value += other.value;
-        self.entropy += other.entropy;
-        self.kl += other.kl;
-        self.clipped += other.clipped;
-    }
-
-    /// The sum that is minimised.
-    #[cfg(test)]
-    pub fn total(&self, weights: &LossWeights) -> f64 {
-        self.policy + weights.value * self.value - weights.entropy * self.entropy
-    }
+sums! {
+    /// Sums over decisions of the loss's terms and of the diagnostics.
+    LossSums: samples, policy, value, entropy, kl, clipped
 }
 
 /// Loss terms of one decision. Writes the gradient with respect to the mean to `d_mean`, adds the
@@ -111,6 +88,14 @@ pub(crate) fn sample_loss(
 }
 
 #[cfg(test)]
+impl LossSums {
+    /// The sum that is minimised.
+    pub fn total(&self, weights: &LossWeights) -> f64 {
+        self.policy + weights.value * self.value - weights.entropy * self.entropy
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -120,27 +105,17 @@ mod tests {
         entropy: 0.01,
     };
 
-    /// Parameters are mean (2), log_std (2), value.
-    fn loss(p: &[f64; 5], sample: &Sample) -> f64 {
-        let output = Output {
-            mean: &p[..2],
-            log_std: &p[2..4],
-            value: p[4],
-        };
-        sample_loss(&WEIGHTS, sample, &output, 1.0, &mut [0.0; 2], &mut [0.0; 2])
-            .0
-            .total(&WEIGHTS)
-    }
-
-    fn gradient(p: &[f64; 5], sample: &Sample) -> [f64; 5] {
+    /// What is minimised, and its gradient; parameters are mean (2), log_std (2), value.
+    fn loss(p: &[f64; 5], sample: &Sample) -> (f64, [f64; 5]) {
         let output = Output {
             mean: &p[..2],
             log_std: &p[2..4],
             value: p[4],
         };
         let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
-        let (_, value) = sample_loss(&WEIGHTS, sample, &output, 1.0, &mut mean, &mut log_std);
-        [mean[0], mean[1], log_std[0], log_std[1], value]
+        let (sums, value) = sample_loss(&WEIGHTS, sample, &output, 1.0, &mut mean, &mut log_std);
+        let gradient = [mean[0], mean[1], log_std[0], log_std[1], value];
+        (sums.total(&WEIGHTS), gradient)
     }
 
     #[test]
@@ -157,12 +132,11 @@ mod tests {
                     advantage,
                     target: 0.4,
                 };
-                for (i, g) in gradient(&p, &sample).into_iter().enumerate() {
+                for (i, g) in loss(&p, &sample).1.into_iter().enumerate() {
                     let at = |h: f64| {
-                        loss(
-                            &std::array::from_fn(|j| p[j] + if i == j { h } else { 0.0 }),
-                            &sample,
-                        )
+                        let mut moved = p;
+                        moved[i] += h;
+                        loss(&moved, &sample).0
                     };
                     let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
                     assert!(
@@ -185,12 +159,12 @@ mod tests {
             advantage: 1.0,
             target: 0.0,
         };
-        assert_eq!(gradient(&p, &sample)[..2], [0.0, 0.0]);
+        assert_eq!(loss(&p, &sample).1[..2], [0.0, 0.0]);
         let worse = Sample {
             advantage: -1.0,
             ..sample
         };
-        assert_ne!(gradient(&p, &worse)[0], 0.0);
+        assert_ne!(loss(&p, &worse).1[0], 0.0);
     }
 
     /// By hand: the ratio is e^0.5, so k3 is e^0.5 - 1 - 0.5.

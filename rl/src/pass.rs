@@ -2,6 +2,7 @@
 
 use equivariant::Scalar;
 
+use crate::activity::Activity;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 use crate::stage::Stage;
@@ -93,6 +94,16 @@ impl<T: Scalar> ActorCritic<T> {
         }
         to_f64(&w.critic.y[..n], &mut w.value);
         to_f64(&params[parts.log_std], &mut w.log_std);
+    }
+
+    /// What the units put out for the n samples of the last forward pass.
+    pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> Activity {
+        let parts = self.parts();
+        let own = &params[self.trunk.params()];
+        let mut sums = self.trunk.unit_sums(own, n, &w.trunk);
+        sums.extend(w.actor.unit_sums(&self.actor, &params[parts.actor], n));
+        sums.extend(w.critic.unit_sums(&self.critic, &params[parts.critic], n));
+        Activity::of(sums)
     }
 
     /// Runs the samples in slots 0..n up to the features.

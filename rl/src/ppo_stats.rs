@@ -1,6 +1,7 @@
 //! What an update of proximal policy optimisation reports.
 
 use crate::algorithm::Metrics;
+use crate::figures::named;
 use crate::loss::LossSums;
 
 /// What an update did. Losses and diagnostics are means over all decisions of all minibatches that
@@ -33,21 +34,13 @@ pub struct UpdateStats {
 impl Metrics for UpdateStats {
     /// The fields in their order; the components of `log_std` are `log_std_0`, `log_std_1`, ...
     fn metrics(&self) -> Vec<(String, f64)> {
-        let scalars = [
-            ("policy_loss", self.policy_loss),
-            ("value_loss", self.value_loss),
-            ("entropy", self.entropy),
-            ("approx_kl", self.approx_kl),
-            ("clip_fraction", self.clip_fraction),
-            ("explained_variance", self.explained_variance),
-            ("grad_norm", self.grad_norm),
-            ("steps", self.steps as f64),
-            ("epochs", self.epochs as f64),
-        ];
-        let scalars = scalars.map(|(name, value)| (name.to_owned(), value));
+        let mut all = named!(
+            self: policy_loss, value_loss, entropy, approx_kl, clip_fraction, explained_variance,
+            grad_norm, steps, epochs
+        );
         let components = self.log_std.iter().enumerate();
-        let components = components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s)));
-        scalars.into_iter().chain(components).collect()
+        all.extend(components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s))));
+        all
     }
 }
 

@@ -9,5 +9,6 @@ mod reader;
 pub(crate) mod settings;
 mod squashed;
 pub(crate) mod stats;
+mod units;
 pub(crate) mod update;
 mod workspace;

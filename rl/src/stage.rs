@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Layer, Scalar, Scratch};
+use equivariant::{Layer, Scalar, Scratch, unit_sums};
 
 /// Buffers of one layer for up to a fixed number of samples: input and output with their gradients,
 /// and the layer's scratch.
@@ -35,6 +35,11 @@ impl<T: Scalar> Stage<T> {
     pub fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) {
         let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
         layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
+    }
+
+    /// Sums of what each unit puts out for the first n samples, a list for each ReLU.
+    pub fn unit_sums(&self, layer: &impl Layer<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+        unit_sums(layer, params, &self.x[..n * layer.in_shape().len()])
     }
 
     /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.

@@ -22,7 +22,7 @@ use crate::stage::Stage;
 ///
 /// Its parameters are those of the image encoder, then those of the vector's layer. A network that
 /// is [`Encoder::Blind`](crate::Encoder::Blind) has no image encoder, and h is the vector's fields.
-pub(crate) struct Trunk<T> {
+pub struct Trunk<T> {
     /// Those that the network was built with and for.
     pub settings: NetworkSettings,
     pub spec: EnvSpec,
@@ -43,19 +43,19 @@ struct Sight<T> {
 
 /// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
 #[derive(Clone, Debug)]
-pub(crate) struct TrunkPass<T> {
+pub struct TrunkPass<T> {
     image: Option<Stage<T>>,
     vector: Stage<T>,
     pool: Stage<T>,
 }
 
 /// A network that begins with a trunk.
-pub(crate) trait OnTrunk<T> {
+pub trait OnTrunk<T> {
     fn trunk(&self) -> &Trunk<T>;
 }
 
 /// The buffers of such a network.
-pub(crate) trait OnTrunkPass<T> {
+pub trait OnTrunkPass<T> {
     fn trunk(&mut self) -> &mut TrunkPass<T>;
 }
 
@@ -178,6 +178,19 @@ impl<T: Scalar> Trunk<T> {
             }
             _ => out.copy_from_slice(&pass.vector.y[..vector]),
         }
+    }
+
+    /// Sums of what each unit puts out for the samples in slots 0..n.
+    pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
+        let mut sums = match (&self.sight, &pass.image) {
+            (Some(sight), Some(stage)) => {
+                stage.unit_sums(&sight.encoder, &params[self.encoder()], n)
+            }
+            _ => Vec::new(),
+        };
+        let own = &params[self.vector_params()];
+        sums.extend(pass.vector.unit_sums(&self.vector, own, n));
+        sums
     }
 
     /// h of the samples in slots 0..n.

@@ -70,6 +70,10 @@ impl Experience<Acting<Constant>> for Sieve {
         Ok(())
     }
 
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        (&mut self.actions, false)
+    }
+
     fn decide(
         &mut self,
         _: &mut Acting<Constant>,
@@ -86,10 +90,6 @@ impl Experience<Acting<Constant>> for Sieve {
         _: &Observations,
         _: &Transition,
     ) -> Result<(), RlError> {
-        Ok(())
-    }
-
-    fn end(&mut self, _: &mut Acting<Constant>, _: &Observations) -> Result<(), RlError> {
         Ok(())
     }
 }

@@ -108,3 +108,39 @@ fn a_rollout_that_no_memory_holds_is_refused() {
         assert!(error.to_string().contains("GiB"), "{error}");
     }
 }
+
+/// What is left is a rollout of its own that bootstraps from the next step, and the memory comes
+/// back with `clear`.
+#[test]
+fn a_rollout_may_lose_its_end() {
+    let mut buffer = RolloutBuffer::new(&spec(), 3).unwrap();
+    for mark in 1..=3 {
+        let outcome = if mark == 3 {
+            Outcome::Truncated
+        } else {
+            Outcome::Running
+        };
+        push(&mut buffer, mark, outcome).unwrap();
+    }
+    assert!(buffer.truncate(2).is_err(), "before it is finished");
+    buffer
+        .finish(&Observations::new(&spec()), &[0.0; 2])
+        .unwrap();
+    assert!(buffer.truncate(0).is_err());
+    buffer.truncate(2).unwrap();
+    assert_eq!(
+        (buffer.steps(), buffer.samples(), buffer.rewards().len()),
+        (2, 4, 4)
+    );
+    let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
+    buffer
+        .advantages(1.0, 1.0, &mut advantages, &mut returns)
+        .unwrap();
+    // pay of 1 and 2, and the value 3 of the step that was cut off
+    assert_eq!(returns, [6.0, 6.0, 5.0, 5.0]);
+    buffer.clear();
+    for mark in 4..=6 {
+        push(&mut buffer, mark, Outcome::Running).unwrap();
+    }
+    assert_eq!(buffer.rewards(), [4.0, 4.0, 5.0, 5.0, 6.0, 6.0]);
+}

@@ -12,9 +12,9 @@ use largest::largest;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
-    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, UpdateStats, Values,
-    VectorEnv, collect,
+    ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
+    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats,
+    Values, VectorEnv, collect,
 };
 
 const ENVS: usize = 5;
@@ -29,63 +29,46 @@ fn policy(seed: u64) -> ActorCriticPolicy {
 }
 
 /// Episodes end in the middle, and run on at the end.
-fn rollout<P: OnPolicy<Memory = ()>>(policy: &mut P) -> RolloutBuffer {
+const STEPS: usize = 2 * EPISODE + 3;
+
+/// Fills a buffer from the first step of the same environment on.
+fn fill(buffer: &mut RolloutBuffer, policy: &mut ActorCriticPolicy) {
     let mut env = PointReach::new(ENVS, 1);
-    let mut buffer = RolloutBuffer::new(env.spec(), 2 * EPISODE + 3).unwrap();
     let mut state = RolloutState::reset(&mut env, policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    collect(&mut env, policy, &mut buffer, &mut state, &mut rng).unwrap();
+    collect(&mut env, policy, buffer, &mut state, &mut rng).unwrap();
+}
+
+fn rollout(policy: &mut ActorCriticPolicy) -> RolloutBuffer {
+    let mut buffer = RolloutBuffer::new(PointReach::new(ENVS, 1).spec(), STEPS).unwrap();
+    fill(&mut buffer, policy);
     buffer
 }
 
 /// The slow twin: acts as one policy and says at every step what another one thinks of it.
-struct Commented {
-    actor: ActorCriticPolicy,
-    critic: ActorCriticPolicy,
-}
-
-impl Actor for Commented {
-    type Memory = ();
-
-    fn memory(&self, _: usize) {}
-
-    fn act(
-        &mut self,
-        observations: &Observations,
-        memory: &mut (),
-        rng: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.actor.act(observations, memory, rng, out)
+fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> RolloutBuffer {
+    let mut env = PointReach::new(ENVS, 1);
+    let spec = env.spec().clone();
+    let mut buffer = RolloutBuffer::new(&spec, STEPS).unwrap();
+    let (mut now, mut next) = (Observations::new(&spec), Transition::new(&spec));
+    let (mut decisions, mut values) = (Decisions::new(&spec), [0.0; ENVS]);
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    env.reset(&mut now).unwrap();
+    for _ in 0..STEPS {
+        actor
+            .decide(&now, &mut (), &mut rng, &mut decisions)
+            .unwrap();
+        critic.assess(&now, &mut decisions).unwrap();
+        env.step(&decisions.actions, &mut next).unwrap();
+        critic
+            .values(&next.final_observations, &mut values)
+            .unwrap();
+        buffer.push(&now, &decisions, &next, &values).unwrap();
+        now.clone_from(&next.observations);
     }
-
-    fn mean_actions(
-        &mut self,
-        observations: &Observations,
-        memory: &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        self.actor.mean_actions(observations, memory, out)
-    }
-}
-
-impl Values for Commented {
-    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        self.critic.values(observations, out)
-    }
-}
-
-impl OnPolicy for Commented {
-    fn decide(
-        &mut self,
-        observations: &Observations,
-        memory: &mut (),
-        rng: &mut ChaCha8Rng,
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        self.actor.decide(observations, memory, rng, out)?;
-        self.critic.assess(observations, out)
-    }
+    critic.values(&now, &mut values).unwrap();
+    buffer.finish(&now, &values).unwrap();
+    buffer
 }
 
 /// Log-probabilities, values, advantages and returns.
@@ -108,19 +91,16 @@ fn largest_difference(a: &RolloutBuffer, b: &RolloutBuffer) -> f32 {
 
 #[test]
 fn another_policys_rollout_is_valued_as_if_it_had_been_commented_at_every_step() {
-    let mut twin = Commented {
-        actor: policy(2),
-        critic: policy(7),
-    };
-    let expected = rollout(&mut twin);
-    let mut buffer = rollout(&mut twin.actor);
+    let (mut actor, mut critic) = (policy(2), policy(7));
+    let expected = commented(&mut actor, &mut critic);
+    let mut buffer = rollout(&mut actor);
     assert!(largest_difference(&buffer, &expected) > 0.1);
-    buffer.revalue(&mut twin.critic).unwrap();
+    buffer.revalue(&mut critic).unwrap();
     assert!(largest_difference(&buffer, &expected) < 1e-5);
     assert_eq!(buffer.decisions().actions, expected.decisions().actions);
     // and back
-    buffer.revalue(&mut twin.actor).unwrap();
-    assert!(largest_difference(&buffer, &rollout(&mut twin.actor)) < 1e-5);
+    buffer.revalue(&mut actor).unwrap();
+    assert!(largest_difference(&buffer, &rollout(&mut actor)) < 1e-5);
 }
 
 /// An update with steps of size almost zero.
@@ -149,21 +129,11 @@ fn the_ratio_starts_at_one_only_after_revaluation() {
 
 #[test]
 fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
-    let mut env = PointReach::new(ENVS, 1);
-    let mut buffer = rollout(&mut policy(2));
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy(2)).unwrap();
-    let mut twin = Commented {
-        actor: policy(2),
-        critic: policy(7),
-    };
-    collect(&mut env, &mut twin.actor, &mut buffer, &mut state, &mut rng).unwrap();
-    buffer.revalue(&mut twin.critic).unwrap();
-    let mut env = PointReach::new(ENVS, 1);
-    let mut expected = rollout(&mut twin);
-    let mut state = RolloutState::reset(&mut env, &policy(2)).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    collect(&mut env, &mut twin, &mut expected, &mut state, &mut rng).unwrap();
+    let (mut actor, mut critic) = (policy(2), policy(7));
+    let mut buffer = rollout(&mut policy(3));
+    fill(&mut buffer, &mut actor);
+    buffer.revalue(&mut critic).unwrap();
+    let expected = commented(&mut actor, &mut critic);
     assert!(largest_difference(&buffer, &expected) < 1e-5);
 }
 

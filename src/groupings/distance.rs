@@ -34,6 +34,10 @@ impl Grouping for Distance {
         Ok(self.0.assign(&candidates.clouds()?, rng)?)
     }
 
+    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
+        Ok(self.0.recognise(&candidates.clouds()?, rng)?)
+    }
+
     fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         Ok(self.0.settle(&candidates.clouds()?, rng)?)
     }

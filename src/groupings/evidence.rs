@@ -1,7 +1,11 @@
 //! Grouping by evidence that no policy owns: pictures, motion and earnings of whole episodes.
 
+use std::cell::RefCell;
+
 use cluster::{Assignment, Decision};
-use evidence::{Account, Accountant, Finding, Look, Recogniser, RecogniserSettings, Situation};
+use evidence::{
+    Account, Accountant, Album, Finding, Look, Merge, Recogniser, RecogniserSettings, Situation,
+};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
@@ -11,8 +15,14 @@ use super::grouping::{Candidates, Episodes, Grouping};
 
 /// Compares accounts of episodes with those on which each policy learnt ([`evidence::Recogniser`]);
 /// a policy that is proposed must act itself before it is believed.
-#[derive(Clone, Debug)]
-pub struct Evident(Recogniser);
+#[derive(Debug)]
+pub struct Evident {
+    recogniser: Recogniser,
+    /// Pictures that were described lately.
+    album: RefCell<Album>,
+    /// What was said last.
+    last: RefCell<Option<Finding>>,
+}
 
 impl Evident {
     /// Knows no policy yet.
@@ -20,15 +30,19 @@ impl Evident {
     /// # Errors
     /// A setting out of range.
     pub fn new(settings: RecogniserSettings) -> Result<Self, CoversError> {
-        Ok(Self(Recogniser::new(settings)?))
+        Ok(Self {
+            recogniser: Recogniser::new(settings)?,
+            album: RefCell::default(),
+            last: RefCell::new(None),
+        })
     }
 
     /// The accounts of episodes. What another policy did says nothing of `policy`.
     fn accounts(&self, episodes: Episodes<'_>, policy: usize) -> Result<Vec<Account>, CoversError> {
         let Episodes { spec, courses, .. } = episodes;
-        let filters = self.0.settings().filters;
+        let filters = self.recogniser.settings().filters;
         let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
-        let mut accounts = accountant.accounts(courses)?;
+        let mut accounts = accountant.accounts_with(courses, &mut self.album.borrow_mut())?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);
         }
@@ -45,26 +59,28 @@ impl Evident {
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
         let finding = match look {
-            Look::First => self.0.assign(&accounts, collector, rng)?,
-            Look::Second => self.0.settle(&accounts, collector, rng)?,
+            Look::First => self.recogniser.assign(&accounts, collector, rng)?,
+            Look::Second => self.recogniser.settle(&accounts, collector, rng)?,
         };
-        Ok(self.assignment(&finding, look))
+        Ok(self.assignment(finding, look))
     }
 
-    fn assignment(&self, finding: &Finding, look: Look) -> Assignment {
+    fn assignment(&self, finding: Finding, look: Look) -> Assignment {
         let opinions = finding.opinions.iter();
-        Assignment {
+        let assignment = Assignment {
             decision: finding.decision,
             evidence: opinions
-                .map(|opinion| opinion.evidence(self.0.settings(), look))
+                .map(|opinion| opinion.evidence(self.recogniser.settings(), look))
                 .collect(),
-        }
+        };
+        self.last.replace(Some(finding));
+        assignment
     }
 }
 
 impl Grouping for Evident {
     fn min_episodes(&self) -> usize {
-        self.0.settings().min_episodes
+        self.recogniser.settings().min_episodes
     }
 
     fn assign(
@@ -83,6 +99,25 @@ impl Grouping for Evident {
         self.look(candidates, Look::Second, rng)
     }
 
+    /// Fewer episodes than the tests need are weighed by probabilities.
+    fn recognise(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        let episodes = candidates.episodes();
+        if episodes.courses.len() >= self.min_episodes() {
+            return self.look(candidates, Look::First, rng);
+        }
+        let collector = episodes.collector;
+        let accounts = self.accounts(episodes, collector)?;
+        let likeliest = self.recogniser.recognise(&accounts, rng)?.likeliest();
+        Ok(Assignment {
+            decision: likeliest.map_or(Decision::New, Decision::Existing),
+            evidence: Vec::new(),
+        })
+    }
+
     fn review(
         &self,
         candidates: &mut dyn Candidates,
@@ -93,12 +128,13 @@ impl Grouping for Evident {
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
         let situation = Situation { collector, refused };
-        let finding = self.0.review(&accounts, situation, rng)?;
-        if finding.decision == Decision::Existing(collector) {
-            return Ok(None);
+        let finding = self.recogniser.review(&accounts, situation, rng)?;
+        let stays = finding.decision == Decision::Existing(collector);
+        if !stays {
+            refused.clone_from(&finding.refused);
         }
-        refused.clone_from(&finding.refused);
-        Ok(Some(self.assignment(&finding, Look::Second)))
+        let assignment = self.assignment(finding, Look::Second);
+        Ok((!stays).then_some(assignment))
     }
 
     fn remember(
@@ -106,21 +142,60 @@ impl Grouping for Evident {
         index: usize,
         episodes: Episodes<'_>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<(), CoversError> {
+    ) -> Result<Option<usize>, CoversError> {
         let accounts = self.accounts(episodes, index)?;
-        Ok(self.0.learn(index, &accounts, rng)?)
+        Ok(self.recogniser.learn(index, &accounts, rng)?)
+    }
+
+    fn is_contested(&self) -> bool {
+        self.last
+            .borrow()
+            .as_ref()
+            .is_some_and(|finding| finding.is_contested)
+    }
+
+    fn twin(&self, index: usize) -> Option<usize> {
+        let last = self.last.borrow();
+        let finding = last
+            .as_ref()
+            .filter(|f| f.decision == Decision::Existing(index));
+        self.recogniser.twin(index, finding?)
+    }
+
+    fn compare(
+        &mut self,
+        index: usize,
+        twin: usize,
+        episodes: Episodes<'_>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<bool, CoversError> {
+        let accounts = self.accounts(episodes, twin)?;
+        Ok(self.recogniser.compare(index, twin, &accounts, rng)?)
+    }
+
+    fn merge(
+        &mut self,
+        index: usize,
+        twin: usize,
+        episodes: Episodes<'_>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Option<Merge>, CoversError> {
+        let accounts = self.accounts(episodes, index)?;
+        Ok(self.recogniser.merge(index, twin, &accounts, rng)?)
     }
 
     fn state(&self) -> Value {
         // lists of numbers have no value that fails; if one did, `restore` would refuse this text
         // and show it
-        let state = self.0.state(serde_json::value::Serializer);
+        let state = self.recogniser.state(serde_json::value::Serializer);
         state.unwrap_or_else(|error| Value::String(format!("accounts were not saved: {error}")))
     }
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
-        self.0.restore(state).map_err(|error| error.to_string())?;
-        let known = self.0.policies();
+        self.recogniser
+            .restore(state)
+            .map_err(|error| error.to_string())?;
+        let known = self.recogniser.policies();
         // a policy that was opened last may not have learnt anything
         match known == policies || (known == 0 && policies == 1) {
             true => Ok(()),

@@ -1,7 +1,7 @@
 //! What every grouping can do.
 
 use cluster::{Assignment, Candidate};
-use evidence::Course;
+use evidence::{Course, Merge};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
@@ -57,6 +57,16 @@ pub trait Grouping: Send {
         self.assign(candidates, rng)
     }
 
+    /// Names the policy of episodes that nothing is learnt from, one or more: fewer than
+    /// [`Grouping::min_episodes`] must do, too. Where the decision names none, no policy is known
+    /// to fit.
+    ///
+    /// # Errors
+    /// Frames that cannot be compared.
+    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
+        self.assign(candidates, rng)
+    }
+
     /// Judges the policy that a decision named, by a rollout that it collected itself: names another
     /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
     /// and those that this call adds.
@@ -72,7 +82,15 @@ pub trait Grouping: Send {
         Ok(None)
     }
 
-    /// Learns which episodes policy `index` is about to learn from.
+    /// Whether the policy that the last decision named is one of several that might be meant: it is
+    /// worth while to let it act for one episode in each environment, and to review that, before it
+    /// collects a rollout.
+    fn is_contested(&self) -> bool {
+        false
+    }
+
+    /// Learns which episodes policy `index` is about to learn from. Where their end shows another
+    /// group, returns the number of decisions before it: what follows is not to be learnt from.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -81,8 +99,45 @@ pub trait Grouping: Send {
         _index: usize,
         _episodes: Episodes<'_>,
         _rng: &mut ChaCha8Rng,
-    ) -> Result<(), CoversError> {
-        Ok(())
+    ) -> Result<Option<usize>, CoversError> {
+        Ok(None)
+    }
+
+    /// A policy that may serve the same group as policy `index`, which the last decision accepted:
+    /// it is to act for one episode in each environment, and [`Grouping::compare`] is to judge it.
+    fn twin(&self, _index: usize) -> Option<usize> {
+        None
+    }
+
+    /// Whether `twin`, which collected these episodes where policy `index` is at home, serves there
+    /// as well. Policy `index` then acts, too, for [`Grouping::merge`].
+    ///
+    /// # Errors
+    /// Episodes that cannot be compared.
+    fn compare(
+        &mut self,
+        _index: usize,
+        _twin: usize,
+        _episodes: Episodes<'_>,
+        _rng: &mut ChaCha8Rng,
+    ) -> Result<bool, CoversError> {
+        Ok(false)
+    }
+
+    /// Makes one of two policies that serve one group, unless the episodes that policy `index`
+    /// collected last say otherwise: returns the one that goes on, and the one that is not asked
+    /// again.
+    ///
+    /// # Errors
+    /// Episodes that cannot be compared.
+    fn merge(
+        &mut self,
+        _index: usize,
+        _twin: usize,
+        _episodes: Episodes<'_>,
+        _rng: &mut ChaCha8Rng,
+    ) -> Result<Option<Merge>, CoversError> {
+        Ok(None)
     }
 
     /// Learns that policy `index` took the last rollout.

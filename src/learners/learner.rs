@@ -4,7 +4,7 @@ use std::path::Path;
 
 use cluster::Evidence;
 use rand_chacha::ChaCha8Rng;
-use rl::{RolloutStats, VectorEnv};
+use rl::{Activity, RolloutStats, VectorEnv};
 
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
@@ -19,7 +19,8 @@ pub trait Learner: Send {
     /// What the environment, a policy or a grouping says.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError>;
 
-    /// Finds the policy for what `env` runs; learns nothing.
+    /// Finds the policy for what `env` runs from the first frames of this many episodes, or, without
+    /// a number, of as many as it needs; learns nothing.
     ///
     /// All draws come from `rng`, so that looking does not change what is learnt next.
     ///
@@ -28,8 +29,9 @@ pub trait Learner: Send {
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
+        episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<usize, CoversError>;
+    ) -> Result<Recognised, CoversError>;
 
     /// Runs `rounds` episodes in every environment with the mean actions of policy `index`; learns
     /// nothing.
@@ -41,7 +43,7 @@ pub trait Learner: Send {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<RolloutStats, CoversError>;
+    ) -> Result<Performance, CoversError>;
 
     /// The number of policies, at least 1.
     fn policies(&self) -> usize;
@@ -50,8 +52,8 @@ pub trait Learner: Send {
     /// equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
-    /// [`CoversError::NotFinite`] for a learner with a number that is not finite; [`CoversError::Setting`]
-    /// for an extent of too few episodes.
+    /// [`CoversError::NotFinite`] for a learner with a number that is not finite;
+    /// [`CoversError::Setting`] for an extent of too few episodes.
     fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError>;
 
     /// Writes that file. It appears whole or not at all, also after a power cut;
@@ -62,6 +64,32 @@ pub trait Learner: Send {
     fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
         replace(&LocalDisk, path, &self.encode(path, extent, note)?)
     }
+}
+
+/// The answer of [`Learner::recognise`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Recognised {
+    /// The policy that fits best.
+    pub policy: usize,
+    /// Whether it may be the right one; otherwise none of the policies is known to fit.
+    pub fits: bool,
+}
+
+impl Recognised {
+    /// The policy that is taken for the right one.
+    pub fn named(self) -> Option<usize> {
+        self.fits.then_some(self.policy)
+    }
+}
+
+/// What one call of [`Learner::perform`] showed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Performance {
+    /// Returns and successes of the episodes.
+    pub stats: RolloutStats,
+    /// What the units of the policy's network put out along the way; none seen where a learner has
+    /// no such units.
+    pub activity: Activity,
 }
 
 /// What one call of [`Learner::learn`] did.

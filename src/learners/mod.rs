@@ -11,9 +11,9 @@ mod settings;
 mod tensor_file;
 
 pub(crate) use collection::read_note;
-pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
-pub use learner::{Extent, Learner, Seconds, Turn};
+pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 pub use metrics::{Metric, Metrics};
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

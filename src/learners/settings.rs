@@ -9,13 +9,23 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::{GroupingSettings, Labels};
 
-use super::collection::{Collection, CollectionSettings, Shared, Training};
-use super::covers::{CoversSettings, PpoTraining};
+use super::collection::{Collection, CollectionSettings};
+use super::covers::CoversSettings;
 use super::learner::Learner;
-use super::off_policy::{OffPolicySettings, SacTraining};
+use super::off_policy::OffPolicySettings;
 
 /// A learner from a file, and the file's note.
 type Loaded = Result<(Box<dyn Learner>, String), CoversError>;
+
+/// Evaluates an expression for the settings, of whichever learner they are.
+macro_rules! each {
+    ($learner:expr, $settings:ident => $result:expr) => {
+        match $learner {
+            LearnerSettings::Covers($settings) => $result,
+            LearnerSettings::OffPolicy($settings) => $result,
+        }
+    };
+}
 
 /// What learns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,17 +50,14 @@ impl LearnerSettings {
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
     pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, CoversError> {
-        match self {
-            Self::Covers(settings) => start::<PpoTraining>(settings, spec, labels),
-            Self::OffPolicy(settings) => start::<SacTraining>(settings, spec, labels),
-        }
+        each!(self, settings => start(settings, spec, labels))
     }
 
     /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings, or
-    /// of other environments.
+    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings,
+    /// or of other environments.
     pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
     }
@@ -65,68 +72,102 @@ impl LearnerSettings {
     }
 
     fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
-        let place = (path, spec, labels);
-        match self {
-            Self::Covers(settings) => read::<PpoTraining>(settings, place, whole),
-            Self::OffPolicy(settings) => read::<SacTraining>(settings, place, whole),
-        }
-    }
-
-    /// What every learner's settings say.
-    fn shared(&self) -> Shared {
-        match self {
-            Self::Covers(settings) => settings.shared(),
-            Self::OffPolicy(settings) => settings.shared(),
-        }
+        each!(self, settings => read(settings, (path, spec, labels), whole))
     }
 
     /// Seed of everything that the learner draws.
     pub fn seed(&self) -> u64 {
-        self.shared().seed
+        each!(self, settings => settings.seed)
     }
 
     /// Changes the seed.
     pub fn set_seed(&mut self, seed: u64) {
-        match self {
-            Self::Covers(settings) => settings.seed = seed,
-            Self::OffPolicy(settings) => settings.seed = seed,
-        }
+        each!(self, settings => settings.seed = seed);
     }
 
     /// Changes the group that networks are equivariant under, at equal width.
     pub fn set_group(&mut self, group: Group) {
-        match self {
-            Self::Covers(settings) => settings.network.group = group,
-            Self::OffPolicy(settings) => settings.network.group = group,
-        }
+        each!(self, settings => settings.network.group = group);
     }
 
     /// Whether it may keep more than one policy.
     pub fn tells_groups_apart(&self) -> bool {
-        self.shared().grouping != GroupingSettings::Single
+        each!(self, settings => settings.grouping != GroupingSettings::Single)
+    }
+
+    /// Why it makes no sense to ask it which policy a group belongs to, where that makes none.
+    pub(crate) fn cannot_be_asked(&self) -> Option<&'static str> {
+        match each!(self, settings => settings.grouping) {
+            GroupingSettings::Single => Some("there is one policy for everything"),
+            GroupingSettings::Oracle => Some("the learner is told the group"),
+            _ => None,
+        }
     }
 
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
-        self.shared().rollout_steps
+        each!(self, settings => settings.rollout_steps)
     }
 }
 
-fn start<T: Training>(
-    settings: &T::Settings,
+fn start<S: CollectionSettings>(
+    settings: &S,
     spec: &EnvSpec,
     labels: &Labels,
 ) -> Result<Box<dyn Learner>, CoversError> {
-    let grouping = settings.shared().grouping.build_with(labels)?;
-    let learner = Collection::<T>::with_grouping(settings.clone(), spec, grouping)?;
+    let grouping = settings.grouping().build_with(labels)?;
+    let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
     Ok(Box::new(learner))
 }
 
-fn read<T: Training>(
-    settings: &T::Settings,
+fn read<S: CollectionSettings>(
+    settings: &S,
     (path, spec, labels): (&Path, &EnvSpec, &Labels),
     whole: bool,
 ) -> Loaded {
-    let (learner, note) = Collection::<T>::read(path, spec, settings, labels, whole)?;
+    let (learner, note) = Collection::read(path, spec, settings, labels, whole)?;
     Ok((Box::new(learner), note))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::de::DeserializeOwned;
+
+    use super::*;
+    use crate::learners::{Embedding, NewPolicy};
+    use crate::presets::Method;
+
+    fn read<S: DeserializeOwned>(text: &str) -> serde_json::Result<S> {
+        serde_json::from_str(text)
+    }
+
+    #[test]
+    fn settings_survive_a_file() {
+        let other = CoversSettings {
+            embedding: Embedding::AtArrival,
+            new_policy: NewPolicy::Copy,
+            seed: u64::MAX,
+            ..CoversSettings::paper()
+        };
+        let all = Method::ALL.map(Method::learner).into_iter();
+        for settings in all.chain([LearnerSettings::Covers(other)]) {
+            let text = serde_json::to_string(&settings).unwrap();
+            assert_eq!(read::<LearnerSettings>(&text).unwrap(), settings);
+        }
+    }
+
+    #[test]
+    fn what_is_missing_has_its_default_and_what_does_not_exist_is_refused() {
+        assert_eq!(
+            read::<CoversSettings>("{}").unwrap(),
+            CoversSettings::default()
+        );
+        assert_eq!(
+            read::<OffPolicySettings>("{}").unwrap(),
+            OffPolicySettings::clear()
+        );
+        assert!(read::<CoversSettings>(r#"{"hand_over": "reuse"}"#).is_err());
+        assert!(read::<CoversSettings>(r#"{"handover": "keep"}"#).is_err());
+        assert!(read::<OffPolicySettings>(r#"{"handover": "reuse"}"#).is_err());
+    }
 }

@@ -78,20 +78,13 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
 
 /// Decisions and mean success over all variants of each evaluation.
 fn averages(run: &RunData) -> Vec<(f64, f64)> {
-    evaluated(run)
+    run.evaluated()
         .map(|rollouts| {
             let rows: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
             let successes: Vec<f64> = rows.iter().map(|row| row.success).collect();
             (rows[0].decisions as f64, mean(&successes))
         })
         .collect()
-}
-
-/// After how many rollouts evaluations came.
-fn evaluated(run: &RunData) -> impl Iterator<Item = usize> {
-    let mut moments: Vec<usize> = run.scores.iter().map(|row| row.rollouts).collect();
-    moments.dedup();
-    moments.into_iter()
 }
 
 fn end(run: &RunData) -> f64 {
@@ -136,7 +129,7 @@ fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Opt
 }
 
 fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f64) {
-    for rollouts in evaluated(run) {
+    for rollouts in run.evaluated() {
         for group in run.groups() {
             let rows = run
                 .evaluation(Some(rollouts))

@@ -14,6 +14,7 @@ const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rou
 const FIRST: Undefined = "nothing was learnt before the group's first visit";
 const NO_RETURN: Undefined = "no group came back";
 const ONE_POLICY: Undefined = "there is one policy for everything";
+const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
 
 /// The figures of one run.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +25,8 @@ pub struct Figures {
     pub accuracy: Result<f64, Undefined>,
     /// That share among rollouts of groups that came back.
     pub return_accuracy: Result<f64, Undefined>,
+    /// Share of dormant units after the stream, all policies that were scored together.
+    pub dormant: Result<f64, Undefined>,
     /// Policies opened.
     pub policies: usize,
     /// Rollouts, and those of them within which the group changed.
@@ -64,6 +67,7 @@ impl Figures {
             groups: groups.map(|group| GroupFigures::new(run, group)).collect(),
             accuracy: told(ledger.accuracy()),
             return_accuracy: told(ledger.return_accuracy()),
+            dormant: dormant(run),
             policies: ledger.opened_for.len(),
             rollouts: [ledger.rollouts, ledger.straddled],
             decisions: run.rollouts.last().map_or(0, |row| row.decisions),
@@ -104,6 +108,16 @@ impl GroupFigures {
             }),
         }
     }
+}
+
+/// The share of dormant units in the last evaluation.
+fn dormant(run: &RunData) -> Result<f64, Undefined> {
+    let last = run.units.last().ok_or(UNSEEN)?.rollouts;
+    let rows = run.units.iter().filter(|row| row.rollouts == last);
+    let [dormant, units] = rows.fold([0, 0], |[dormant, units], row| {
+        [dormant + row.dormant, units + row.units]
+    });
+    Ok(dormant as f64 / units as f64)
 }
 
 /// How many rollouts had been learnt from when the group had run for the last time.
@@ -175,7 +189,7 @@ fn ledger(run: &RunData) -> Ledger {
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::run_data::RolloutRow;
+    use crate::report::run_data::{RolloutRow, UnitsRow};
 
     /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
     /// marks one that ends in the next rollout's group.
@@ -195,6 +209,8 @@ mod tests {
             experiment: Budget::Smoke.experiment(method),
             rollouts: (0..rollouts.len()).map(row).collect(),
             scores: Vec::new(),
+            units: Vec::new(),
+            recognition: Vec::new(),
             seconds: 1.0,
             commits: Vec::new(),
         }
@@ -273,6 +289,20 @@ mod tests {
             (figures.accuracy, figures.return_accuracy),
             (Ok(0.75), Ok(0.0))
         );
+    }
+
+    #[test]
+    fn dormant_units_are_those_of_the_last_evaluation_over_all_policies() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
+        assert_eq!(Figures::of(&run).dormant, Err(UNSEEN));
+        let row = |(rollouts, policy, dormant)| UnitsRow {
+            rollouts,
+            policy,
+            units: 40,
+            dormant,
+        };
+        run.units = [(0, 0, 39), (2, 0, 1), (2, 1, 3)].map(row).to_vec();
+        assert!(near(Figures::of(&run).dormant, 0.05));
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::learners::LearnerSettings;
 use crate::overrides::differences;
 
 use super::figures::{Figures, GroupFigures};
+use super::identity::Identity;
 use super::run_data::RunData;
 use super::statistics::Scores;
 
@@ -19,6 +20,8 @@ const SEED: &str = "-seed";
 pub struct MethodRuns {
     /// The method: the name of the runs' folders up to their seeds.
     pub name: String,
+    /// What the settings say, which all runs share.
+    pub identity: Identity,
     /// The runs.
     pub runs: Vec<RunData>,
     /// The figures of each.
@@ -43,6 +46,7 @@ impl MethodRuns {
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
                 None => methods.push(Self {
+                    identity: Identity::of(&name, &run.experiment)?,
                     name,
                     figures: vec![Figures::of(&run)],
                     runs: vec![run],

@@ -23,6 +23,10 @@ pub struct RunData {
     pub rollouts: Vec<RolloutRow>,
     /// One row a variant and evaluation, in the order in which they were scored.
     pub scores: Vec<ScoreRow>,
+    /// One row a policy and evaluation; none of a run that did not look at units.
+    pub units: Vec<UnitsRow>,
+    /// One row an answer; none of a run that did not ask.
+    pub recognition: Vec<RecognitionRow>,
     /// Seconds of learning of the rollouts whose seconds are known.
     pub seconds: f64,
     /// Commits that worked on the run, the first one first; empty where none is known.
@@ -73,6 +77,32 @@ pub struct ScoreRow {
     pub reward: f64,
 }
 
+/// A row of `units.csv`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub struct UnitsRow {
+    /// Rollouts learnt from before the evaluation.
+    pub rollouts: usize,
+    /// The policy.
+    pub policy: usize,
+    /// Rectified units of its network.
+    pub units: usize,
+    /// Those that are dormant.
+    pub dormant: usize,
+}
+
+/// A row of `recognition.csv`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub struct RecognitionRow {
+    /// The group that was shown.
+    pub group: String,
+    /// Episodes that were shown each time.
+    pub episodes: usize,
+    /// The policy that was named; none where none of them was.
+    pub policy: Option<usize>,
+    /// How often.
+    pub times: usize,
+}
+
 #[derive(Deserialize)]
 struct TimingRow {
     total: f64,
@@ -89,12 +119,14 @@ impl RunData {
         let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
         let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;
-        let timings = folder.file("timings.csv");
-        let timings: Vec<TimingRow> = match timings.exists() {
-            true => rows(&timings)?,
-            false => Vec::new(),
-        };
+        let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?;
+        if units.iter().any(|row| row.dormant > row.units) {
+            return Err(unfit(path, "units.csv holds a row that cannot be"));
+        }
+        let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
         Ok(Self {
+            recognition: rows_if_there(&folder.file("recognition.csv"))?,
+            units,
             name: name_of(path)?,
             experiment: folder.experiment()?,
             rollouts,
@@ -116,6 +148,13 @@ impl RunData {
         rows.filter(move |row| Some(row.rollouts) == rollouts)
     }
 
+    /// After how many rollouts evaluations came.
+    pub fn evaluated(&self) -> impl Iterator<Item = usize> {
+        let mut moments: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
+        moments.dedup();
+        moments.into_iter()
+    }
+
     /// The groups, in the order in which they are scored.
     pub fn groups(&self) -> Vec<&str> {
         let mut groups: Vec<&str> = self.last_scores().map(|row| row.group.as_str()).collect();
@@ -131,10 +170,7 @@ fn check(
     rollouts: &[RolloutRow],
     scores: &[ScoreRow],
 ) -> Result<(), CoversError> {
-    let unfit = |problem: &str| CoversError::UnfitRun {
-        folder: path.to_owned(),
-        problem: problem.to_owned(),
-    };
+    let unfit = |problem| unfit(path, problem);
     if !folder.is_finished() {
         return Err(unfit("it is not finished; go on with `covers resume`"));
     }
@@ -162,6 +198,13 @@ fn check(
     Ok(())
 }
 
+fn unfit(folder: &Path, problem: &str) -> CoversError {
+    CoversError::UnfitRun {
+        folder: folder.to_owned(),
+        problem: problem.to_owned(),
+    }
+}
+
 /// The last part of a path, also of `.`.
 fn name_of(path: &Path) -> Result<String, CoversError> {
     let whole = path.canonicalize();
@@ -175,6 +218,14 @@ fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
     let mut reader = reader.map_err(|error| CoversError::read(path, error))?;
     let rows = reader.deserialize().collect::<Result<_, _>>();
     rows.map_err(|error| CoversError::read(path, error))
+}
+
+/// The rows of a file that not every run has.
+fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
+    match path.exists() {
+        true => rows(path),
+        false => Ok(Vec::new()),
+    }
 }
 
 /// The commits that a run was made by, each once, those of changed trees marked.

@@ -36,6 +36,32 @@ pub fn iqm(values: &[f64]) -> f64 {
     mean(&sorted[cut..sorted.len() - cut])
 }
 
+/// The median; NaN of nothing.
+pub fn median(values: &[f64]) -> f64 {
+    quantile(values.to_vec(), 0.5)
+}
+
+/// The value below which a share of them lies, interpolated between neighbours as NumPy does it;
+/// NaN of nothing. Values may be infinite.
+pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    quantile_of_sorted(&values, share)
+}
+
+fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else {
+        return f64::NAN;
+    };
+    let place = share * last as f64;
+    let (below, part) = (place.floor() as usize, place.fract());
+    let (low, high) = (values[below], values[(below + 1).min(last)]);
+    // two infinite neighbours have no difference
+    if part == 0.0 || low == high {
+        return low;
+    }
+    low + part * (high - low)
+}
+
 impl Scores {
     /// A statistic of all scores together.
     pub fn of(&self, statistic: fn(&[f64]) -> f64) -> f64 {
@@ -118,16 +144,8 @@ fn probability(one: &Scores, other: &Scores) -> f64 {
 /// The percentiles of [`BOUNDS`], interpolated between neighbours.
 fn percentiles(mut values: Vec<f64>) -> Interval {
     values.sort_by(f64::total_cmp);
-    let at = |share: f64| {
-        let place = share * (values.len() - 1) as f64;
-        let (below, part) = (place.floor() as usize, place.fract());
-        let above = (below + 1).min(values.len() - 1);
-        values[below] + part * (values[above] - values[below])
-    };
-    Interval {
-        low: at(BOUNDS[0]),
-        high: at(BOUNDS[1]),
-    }
+    let [low, high] = BOUNDS.map(|share| quantile_of_sorted(&values, share));
+    Interval { low, high }
 }
 
 #[cfg(test)]
@@ -148,6 +166,18 @@ mod tests {
         // numpy.percentile(range(101), [2.5, 97.5])
         let interval = percentiles((0..101).map(f64::from).rev().collect());
         assert_eq!((interval.low, interval.high), (2.5, 97.5));
+    }
+
+    #[test]
+    fn quantiles_are_numpys_and_know_infinity() {
+        // numpy.quantile([3, 1, 2, 10], [0.5, 0.9])
+        assert_eq!(median(&[3.0, 1.0, 2.0, 10.0]), 2.5);
+        assert!((quantile(vec![3.0, 1.0, 2.0, 10.0], 0.9) - 7.9).abs() < 1e-12);
+        let never = f64::INFINITY;
+        assert_eq!(median(&[1.0, never, 5.0]), 5.0);
+        assert_eq!(median(&[1.0, never, never]), never);
+        assert_eq!(median(&[1.0, 2.0, never, never]), never);
+        assert!(median(&[]).is_nan());
     }
 
     #[test]

@@ -1,11 +1,16 @@
 //! The tables of a report.
 
+use crate::evaluation::TAU;
+
+use super::cells::{brackets, cell, dash, title};
 use super::comparison::Comparison;
+use super::efficiency;
 use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
+use super::recognition;
 use super::run_data::RunData;
-use super::statistics::{Interval, iqm, mean};
+use super::statistics::{iqm, mean};
 use super::table::Table;
 
 /// The remark that stands beside the paper's figures.
@@ -23,7 +28,11 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
+    if let Some(table) = efficiency::table(methods, &groups) {
+        tables.push(("efficiency", table));
+    }
     tables.push(("variants", variants(methods, &groups)));
+    tables.push(("recognition", recognition::table(methods, &groups)));
     tables.push(("runs", runs(methods)));
     tables
 }
@@ -57,15 +66,15 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
             let interval = brackets(success.interval(mean), 2);
             format!("{:.3}{interval} / {reward:.0}", success.of(mean))
         };
-        let mut row = vec![method.name.clone()];
+        let mut row = vec![title(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
         row.push(of(groups));
         table.rows.push(row);
-        if let Some(paper) = paper::row(&method.name) {
+        if let Some(paper) = method.identity.method.and_then(paper::row) {
             let sign = table.note(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
             let of = |group: &String| paper.group(group).map_or_else(dash, cell);
-            let mut row = vec![format!("{} in the paper {sign}", method.name)];
+            let mut row = vec![format!("{} in the paper {sign}", paper.method.name())];
             row.extend(groups.iter().map(of));
             row.push(cell(paper.average));
             table.rows.push(row);
@@ -75,7 +84,7 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
 }
 
 /// Columns of [`over_seeds`].
-const OVER_SEEDS: [&str; 13] = [
+const OVER_SEEDS: [&str; 14] = [
     "method",
     "seeds",
     "decisions",
@@ -88,14 +97,18 @@ const OVER_SEEDS: [&str; 13] = [
     "when groups come back",
     "policies",
     "rollouts of two groups",
+    "dormant units",
     "seconds of learning",
 ];
 
 /// What each method is like over seeds and the whole stream.
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
-    let caption = "Over seeds: mean and interquartile mean of success with stratified bootstrap \
-        intervals of 95 %; forgetting, transfer and accuracy are means over groups and seeds.";
-    let mut table = Table::new(caption, &OVER_SEEDS);
+    let caption = format!(
+        "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
+         95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
+         out at most {TAU} of their layer's mean."
+    );
+    let mut table = Table::new(&caption, &OVER_SEEDS);
     for method in methods {
         let row = over_seeds_row(&mut table, method, groups);
         table.rows.push(row);
@@ -104,6 +117,7 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
 }
 
 fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
+    let title = title(table, method);
     let success = method.scores(groups, |group| group.success);
     let at_end = method.scores(groups, |group| group.success_at_end);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
@@ -116,7 +130,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     };
     let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
     vec![
-        method.name.clone(),
+        title,
         method.runs.len().to_string(),
         range(figures().map(|figures| figures.decisions)),
         with_interval(mean),
@@ -128,6 +142,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
         mean_of(|figures| figures.return_accuracy),
         range(figures().map(|figures| figures.policies)),
         share(figures().map(|figures| figures.rollouts)),
+        mean_of(|figures| figures.dormant),
         format!("{:.0}", mean(&seconds)),
     ]
 }
@@ -146,11 +161,14 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     ];
     let mut table = Table::new(&caption, &header);
     table.note(NOT_ONE_TO_ONE);
-    let printed = |name: &str| paper::row(name).map(|row| row.average.0);
+    let printed = |method: &MethodRuns| {
+        let row = method.identity.method.and_then(paper::row);
+        row.map(|row| row.average.0)
+    };
     for other in &methods[1..] {
         let comparison = Comparison::new(&success(first), &success(other));
         let (improvement, interval) = comparison.improvement;
-        let paper = printed(&first.name).zip(printed(&other.name));
+        let paper = printed(first).zip(printed(other));
         table.rows.push(vec![
             other.name.clone(),
             format!(
@@ -230,22 +248,6 @@ fn runs(methods: &[MethodRuns]) -> Table {
     table
 }
 
-/// The mean over seeds of a figure that some of them may not have; why, where none has it.
-fn cell(table: &mut Table, figures: &[Result<f64, Undefined>]) -> String {
-    let known: Vec<f64> = figures.iter().filter_map(|figure| figure.ok()).collect();
-    match (known.is_empty(), figures.first()) {
-        (true, Some(Err(reason))) => format!("- {}", table.note(reason)),
-        (true, _) => dash(),
-        (false, _) => format!("{:.3}", mean(&known)),
-    }
-}
-
-fn brackets(interval: Option<Interval>, digits: usize) -> String {
-    interval.map_or_else(String::new, |Interval { low, high }| {
-        format!(" [{low:.digits$}, {high:.digits$}]")
-    })
-}
-
 /// The least and the largest of some counts.
 fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
     match (counts.clone().min(), counts.max()) {
@@ -258,8 +260,4 @@ fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
 fn share(rollouts: impl Iterator<Item = [usize; 2]>) -> String {
     let [all, straddled] = rollouts.fold([0, 0], |sum, run| [sum[0] + run[0], sum[1] + run[1]]);
     format!("{straddled} of {all}")
-}
-
-fn dash() -> String {
-    "-".to_owned()
 }

@@ -23,8 +23,8 @@ pub(crate) struct Found<T> {
     pub problems: Vec<String>,
 }
 
-/// Writes the checkpoint of a run with this many rollouts; of it and those before it, removes all but
-/// the `keep` newest.
+/// Writes the checkpoint of a run with this many rollouts; of it and those before it, removes all
+/// but the `keep` newest.
 pub(crate) fn save(
     disk: &dyn Disk,
     folder: &Path,
@@ -82,8 +82,8 @@ fn rollouts_of(path: &Path) -> Option<usize> {
     plain.then(|| digits.parse().ok())?
 }
 
-/// Reads the newest checkpoint that can be read; none where there are no checkpoints. One of a newer
-/// version of this crate is an error: its work would be lost.
+/// Reads the newest checkpoint that can be read; none where there are no checkpoints. One of a
+/// newer version of this crate is an error: its work would be lost.
 pub(crate) fn newest<T>(
     folder: &Path,
     read: impl Fn(&Path) -> Result<T, CoversError>,

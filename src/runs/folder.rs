@@ -24,14 +24,16 @@ const EXPERIMENT: &str = "experiment.json";
 /// The file that a finished run leaves.
 pub(crate) const SUMMARY: &str = "summary.json";
 /// The files of a run beside its settings and checkpoints.
-const FILES: [&str; 7] = [
+const FILES: [&str; 9] = [
     "contact_sheet.png",
     "evaluation.csv",
     "log.txt",
     "metrics.csv",
     "provenance.jsonl",
+    "recognition.csv",
     SUMMARY,
     "timings.csv",
+    "units.csv",
 ];
 
 /// A folder that one run alone writes to.

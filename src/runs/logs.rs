@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::error::CoversError;
-use crate::evaluation::Score;
+use crate::evaluation::{Dormancy, Recognition, Score};
 
 use super::folder::RunFolder;
 use super::progress::{Evaluation, Progress};
@@ -18,12 +18,15 @@ const TIMINGS: &str = "timings.csv";
 pub(super) struct Logs {
     metrics: Table,
     scores: Table,
+    units: Table,
+    recognition: Table,
     timings: Table,
 }
 
 impl Logs {
-    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, and `evaluation.csv`, one row a
-    /// variant, hold what they held after this many rollouts.
+    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, `evaluation.csv`, one row a variant,
+    /// `units.csv`, one row a policy, and `recognition.csv`, one row an answer, hold what they held
+    /// after this many rollouts.
     pub fn open(folder: &RunFolder, rollouts: usize, rows: Rows) -> Result<Self, CoversError> {
         let open = |name: &str, text: String| {
             Table::open(folder.file(name), folder.shared_disk(), text.into_bytes())
@@ -32,6 +35,8 @@ impl Logs {
         Ok(Self {
             metrics: open("metrics.csv", rows.metrics)?,
             scores: open("evaluation.csv", rows.scores)?,
+            units: open("units.csv", rows.units)?,
+            recognition: open("recognition.csv", rows.recognition)?,
             timings: open(TIMINGS, first_rows(&timings, rollouts))?,
         })
     }
@@ -42,6 +47,8 @@ impl Logs {
         Rows {
             metrics: text(&self.metrics),
             scores: text(&self.scores),
+            units: text(&self.units),
+            recognition: text(&self.recognition),
         }
     }
 
@@ -52,9 +59,9 @@ impl Logs {
 
     /// Brings all rows to the disk.
     pub fn sync(&self) -> Result<(), CoversError> {
-        [&self.metrics, &self.scores, &self.timings]
-            .into_iter()
-            .try_for_each(Table::sync)
+        let tables = [&self.metrics, &self.scores, &self.units, &self.recognition];
+        let mut tables = tables.into_iter().chain([&self.timings]);
+        tables.try_for_each(Table::sync)
     }
 
     /// Adds the row of a rollout.
@@ -66,7 +73,11 @@ impl Logs {
     /// Adds the rows of an evaluation.
     pub fn write_scores(&mut self, evaluation: &Evaluation) -> Result<(), CoversError> {
         let row = |score| ScoreRow::new(evaluation, score);
-        self.scores.write(evaluation.scores.iter().map(row))
+        self.scores.write(evaluation.scores.iter().map(row))?;
+        let row = |dormancy| UnitsRow::new(evaluation, dormancy);
+        self.units.write(evaluation.dormancies.iter().map(row))?;
+        self.recognition
+            .write(evaluation.recognition.iter().map(RecognitionRow::new))
     }
 }
 
@@ -116,6 +127,50 @@ impl<'a> ScoreRow<'a> {
     }
 }
 
+/// The units of one policy's network.
+#[derive(Serialize)]
+struct UnitsRow {
+    rollouts: usize,
+    decisions: usize,
+    policy: usize,
+    units: usize,
+    dormant: usize,
+}
+
+impl UnitsRow {
+    fn new(evaluation: &Evaluation, dormancy: &Dormancy) -> Self {
+        Self {
+            rollouts: evaluation.rollouts,
+            decisions: evaluation.decisions,
+            policy: dormancy.policy,
+            units: dormancy.units,
+            dormant: dormancy.dormant,
+        }
+    }
+}
+
+/// How often the learner gave one answer.
+#[derive(Serialize)]
+struct RecognitionRow<'a> {
+    group: &'a str,
+    element: String,
+    episodes: usize,
+    policy: Option<usize>,
+    times: usize,
+}
+
+impl<'a> RecognitionRow<'a> {
+    fn new(recognition: &'a Recognition) -> Self {
+        Self {
+            group: recognition.group.name(),
+            element: recognition.element.to_string(),
+            episodes: recognition.episodes,
+            policy: recognition.policy,
+            times: recognition.times,
+        }
+    }
+}
+
 /// The row of one rollout: what a run knows of every learner, then what this learner logs.
 fn row(progress: &Progress) -> Vec<(String, String)> {
     let turn = &progress.turn;
@@ -128,8 +183,8 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
         ("straddles", progress.straddles.to_string()),
         ("policy", turn.policy.to_string()),
         ("created", turn.created.to_string()),
-        ("reward", number(progress.reward)),
-        ("success", number(progress.success)),
+        ("reward", number(progress.reward())),
+        ("success", number(progress.success())),
         ("success_at_end", number(turn.rollout.success_at_end_rate())),
     ];
     let known = known.map(|(name, cell)| (name.to_owned(), cell));

@@ -11,6 +11,7 @@ mod progress;
 mod provenance;
 mod rows;
 mod run;
+mod scoring;
 mod stop;
 mod summary;
 mod table;

@@ -89,7 +89,8 @@ fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, CoversError>
     })
 }
 
-/// Goes on from the newest intact checkpoint in `folder`, or from the beginning where there is none.
+/// Goes on from the newest intact checkpoint in `folder`, or from the beginning where there is
+/// none.
 pub(super) fn resume(
     folder: RunFolder,
     threads: Option<usize>,

@@ -2,7 +2,7 @@
 
 use envs::TaskGroup;
 
-use crate::evaluation::Score;
+use crate::evaluation::{Dormancy, Recognition, Score};
 use crate::learners::Turn;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
@@ -19,17 +19,28 @@ pub struct Progress {
     pub last_group: TaskGroup,
     /// Whether the group changed within the turn.
     pub straddles: bool,
-    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`;
-    /// none where none ended.
-    pub reward: Option<f64>,
-    /// Share of those episodes that succeeded at any step, in `[0, 1]`.
-    pub success: Option<f64>,
     /// What the learner did.
     pub turn: Turn,
+    /// Factor from a return to the paper's scale, on which a perfect episode earns 500.
+    pub reward_scale: f64,
     /// Wall-clock seconds of all that the learner did, without the evaluation.
     pub seconds: f64,
     /// Those of them in which the environments worked (physics and pictures).
     pub environment_seconds: f64,
+}
+
+impl Progress {
+    /// Mean return of the episodes that ended in the rollout, on the paper's scale, in `[0, 500]`;
+    /// none where none ended.
+    pub fn reward(&self) -> Option<f64> {
+        let sum = self.turn.rollout.mean_return()?;
+        Some(sum * self.reward_scale)
+    }
+
+    /// Share of those episodes that succeeded at any step, in `[0, 1]`.
+    pub fn success(&self) -> Option<f64> {
+        self.turn.rollout.success_rate()
+    }
 }
 
 /// An evaluation as it is logged.
@@ -41,6 +52,10 @@ pub struct Evaluation {
     pub decisions: usize,
     /// Scores of all variants.
     pub scores: Vec<Score>,
+    /// Dormant units of the policies that were scored.
+    pub dormancies: Vec<Dormancy>,
+    /// What the learner answered when it was asked for its policies, after the stream alone.
+    pub recognition: Vec<Recognition>,
 }
 
 /// One step of a run.

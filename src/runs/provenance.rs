@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 
-/// The program, its libraries and the machine of one process that worked on a run. A line of JSON in
-/// the folder's `provenance.jsonl`; nothing that is computed depends on it.
+/// The program, its libraries and the machine of one process that worked on a run. A line of JSON
+/// in the folder's `provenance.jsonl`; nothing that is computed depends on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// Rollouts that the run had behind it when the process began.

@@ -11,6 +11,12 @@ pub(super) struct Rows {
     pub metrics: String,
     /// Those of `evaluation.csv`, a row a variant.
     pub scores: String,
+    /// Those of `units.csv`, a row a policy; older checkpoints have none.
+    #[serde(default)]
+    pub units: String,
+    /// Those of `recognition.csv`, a row an answer; older checkpoints have none.
+    #[serde(default)]
+    pub recognition: String,
 }
 
 impl Rows {

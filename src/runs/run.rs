@@ -22,6 +22,7 @@ use super::note::Note;
 use super::opening::{self, Claim, Opened};
 use super::progress::{Evaluation, Event, Progress};
 use super::provenance::Provenance;
+use super::scoring::{Scoring, looks};
 use super::stop::Stop;
 use super::summary::Summary;
 use super::workers::{guarded, thread_pool};
@@ -110,8 +111,6 @@ impl Run {
             folder,
             lock,
         } = claim;
-        let (envs, schedule) = (experiment.envs, experiment.schedule.clone());
-        let seed = experiment.evaluation_seed();
         let Note {
             mut ledger,
             due,
@@ -119,8 +118,8 @@ impl Run {
         } = note;
         // environments before threads: the first model of a process tunes software rendering
         let world = World::new(&experiment, &tasks, labels.clone(), ledger.decisions)?;
-        let evaluator = Evaluator::new(envs, &tasks, schedule, seed, labels)?;
-        let pool = thread_pool(envs.threads)?;
+        let evaluator = Evaluator::of(&experiment, &tasks, labels)?;
+        let pool = thread_pool(experiment.envs.threads)?;
         // last: where anything else fails, no rows are cut off
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
@@ -243,8 +242,8 @@ impl Run {
         Ok(Some(event))
     }
 
-    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index; 0
-    /// for none.
+    /// Rounds of the evaluation that is due after a rollout that began in the visit of this index;
+    /// 0 for none.
     fn evaluation_rounds(&self, index: usize) -> usize {
         let plan = &self.experiment.evaluation;
         match self.visit() {
@@ -276,16 +275,14 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
-        let reward = turn.rollout.mean_return();
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
             group,
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
-            reward: reward.map(|sum| sum * world.stream().reward_scale()),
-            success: turn.rollout.success_rate(),
             turn,
+            reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - environment_seconds,
         };
@@ -295,13 +292,21 @@ impl Run {
 
     /// The evaluation that is due; none where a stop was wished for.
     fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, CoversError> {
-        let Some(scores) = self.evaluate_until(&self.stop.clone(), rounds)? else {
+        let stop = self.stop.clone();
+        let looks = self.visit().map_or_else(|| looks(&self.experiment), |_| 0);
+        let mut scoring = self.scoring(&stop);
+        let Some(findings) = scoring.score(rounds)? else {
+            return Ok(None);
+        };
+        let Some(recognition) = scoring.recognise(looks)? else {
             return Ok(None);
         };
         let evaluation = Evaluation {
             rollouts: self.ledger.rollouts,
             decisions: self.ledger.decisions,
-            scores,
+            dormancies: findings.dormancies(),
+            scores: findings.scores,
+            recognition,
         };
         self.logs.write_scores(&evaluation)?;
         self.last_scores.clone_from(&evaluation.scores);
@@ -314,33 +319,20 @@ impl Run {
     /// # Errors
     /// What the evaluation says.
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
-        let scores = self.evaluate_until(&Stop::default(), rounds)?;
-        Ok(scores.unwrap_or_default())
+        let findings = self.scoring(&Stop::default()).score(rounds)?;
+        Ok(findings.unwrap_or_default().scores)
     }
 
-    fn evaluate_until(
-        &mut self,
-        stop: &Stop,
-        rounds: usize,
-    ) -> Result<Option<Vec<Score>>, CoversError> {
+    fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        let mut scores = Vec::new();
-        for variant in evaluator.variants() {
-            if stop.requested() {
-                return Ok(None);
-            }
-            scores.push(guarded(&self.pool, || {
-                evaluator.variant(learner, variant, rounds)
-            })?);
-        }
-        Ok(Some(scores))
+        Scoring::new(&self.pool, learner, evaluator, stop)
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.
     ///
     /// # Errors
-    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older checkpoints
-    /// are then still there.
+    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older
+    /// checkpoints are then still there.
     pub fn save(&mut self) -> Result<(), CoversError> {
         if self.broken {
             return Err(CoversError::Broken);
@@ -368,18 +360,19 @@ impl Run {
 
     /// The figures of the run. Scores are those of the last evaluation; where there was none since
     /// the start or the resumption, all variants are scored now, unless a [stop](Run::stop_at) is
-    /// wished for before they are: then there are no figures. Those of a finished run are written to
-    /// `summary.json`, too.
+    /// wished for before they are: then there are no figures. Those of a finished run are written
+    /// to `summary.json`, too.
     ///
     /// # Errors
     /// What the evaluation says.
     pub fn summary(&mut self) -> Result<Option<Summary>, CoversError> {
         if self.last_scores.is_empty() {
             let rounds = self.experiment.evaluation.rounds;
-            let Some(scores) = self.evaluate_until(&self.stop.clone(), rounds)? else {
+            let stop = self.stop.clone();
+            let Some(findings) = self.scoring(&stop).score(rounds)? else {
                 return Ok(None);
             };
-            self.last_scores = scores;
+            self.last_scores = findings.scores;
         }
         let ledger = &self.ledger;
         let summary = Summary {

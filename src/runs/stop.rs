@@ -14,8 +14,8 @@ use crate::error::CoversError;
 pub struct Stop(Arc<AtomicBool>);
 
 impl Stop {
-    /// A wish that Ctrl-C and SIGTERM express. The second of these signals ends the process at once,
-    /// with 128 and the signal's number as its exit code.
+    /// A wish that Ctrl-C and SIGTERM express. The second of these signals ends the process at
+    /// once, with 128 and the signal's number as its exit code.
     ///
     /// # Errors
     /// [`CoversError::Signals`].

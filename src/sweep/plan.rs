@@ -11,7 +11,7 @@ use crate::experiment::Experiment;
 use crate::overrides::{self, Override, parse};
 use crate::presets::{Budget, Method};
 
-/// Methods times seeds, as a JSON file holds them.
+/// Methods times variants times seeds, as a JSON file holds them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -24,6 +24,20 @@ pub struct Plan {
     pub budget: Budget,
     /// Settings that differ from the preset's in every run, as `--set` takes them. The seed is none
     /// of them. The number of threads is each worker's own, whatever stands here.
+    #[serde(default)]
+    pub set: Vec<String>,
+    /// Variants of every method, for a study of settings; without any, each method runs as it is.
+    #[serde(default)]
+    pub variants: Vec<Variant>,
+}
+
+/// Settings of one arm of a study.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variant {
+    /// What the folders of its runs are called, behind the method.
+    pub name: String,
+    /// What it sets after the plan's own `set`, likewise.
     #[serde(default)]
     pub set: Vec<String>,
 }
@@ -58,8 +72,9 @@ impl Plan {
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them twice, or
-    /// with a seed in `set`; what [`Experiment::check`] says.
+    /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them or a variant
+    /// twice, with a variant that makes no name of a folder, or with a seed in `set`; what
+    /// [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
         let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
         let mut experiments = jobs.iter().map(|job| &job.experiment);
@@ -75,32 +90,80 @@ impl Plan {
         let methods: Vec<&str> = self.methods.iter().map(|method| method.name()).collect();
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
-        let set = self.set.iter().map(|text| text.parse());
-        let set: Vec<Override> = set.collect::<Result<_, _>>()?;
-        let mut jobs = Vec::with_capacity(self.seeds.len() * self.methods.len());
+        let arms = self.arms()?;
+        let mut jobs = Vec::with_capacity(self.seeds.len() * arms.len() * self.methods.len());
         for &seed in &self.seeds {
-            for &method in &self.methods {
-                jobs.push(self.job(method, seed, &set)?);
+            for arm in &arms {
+                for &method in &self.methods {
+                    jobs.push(self.job(method, seed, arm)?);
+                }
             }
         }
         Ok(jobs)
     }
 
-    fn job(&self, method: Method, seed: u64, set: &[Override]) -> Result<Job, CoversError> {
+    /// The variants with all that they set; one without a name where there are none.
+    fn arms(&self) -> Result<Vec<Arm<'_>>, CoversError> {
+        if self.variants.is_empty() {
+            return Ok(vec![Arm::new(None, &self.set, &[])?]);
+        }
+        let names: Vec<&str> = self.variants.iter().map(|own| own.name.as_str()).collect();
+        distinct("variants", &names)?;
+        let variants = self.variants.iter();
+        let arms = variants.map(|own| Arm::new(Some(&own.name), &self.set, &own.set));
+        arms.collect()
+    }
+
+    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<Job, CoversError> {
         let preset = self.budget.experiment(method);
         // with a seed of another job, so that one that happens to be this job's is found, too
-        let other = overrides::apply(set, preset.clone().with_seed(!seed))?;
+        let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
         if other.learner.seed() != !seed {
             return Err(CoversError::Setting {
                 name: "set",
-                value: format!("{:?}", self.set),
+                value: format!("{:?}", arm.text),
                 expected: "no seed: `seeds` lists them",
             });
         }
-        let experiment = overrides::apply(set, preset.with_seed(seed))?.with_threads(1);
-        let name = format!("{}-seed{seed}", method.name());
+        let experiment = overrides::apply(&arm.set, preset.with_seed(seed))?.with_threads(1);
+        let name = format!("{}{}-seed{seed}", method.name(), arm.suffix);
         Ok(Job { name, experiment })
     }
+}
+
+/// A variant, ready to be set.
+struct Arm<'a> {
+    suffix: String,
+    text: Vec<&'a str>,
+    set: Vec<Override>,
+}
+
+impl<'a> Arm<'a> {
+    fn new(name: Option<&str>, all: &'a [String], own: &'a [String]) -> Result<Self, CoversError> {
+        let text: Vec<&str> = all.iter().chain(own).map(String::as_str).collect();
+        let set = text
+            .iter()
+            .map(|text| text.parse())
+            .collect::<Result<_, _>>()?;
+        let suffix = match name {
+            None => String::new(),
+            Some(name) => format!("-{}", folder_part(name)?),
+        };
+        Ok(Self { suffix, text, set })
+    }
+}
+
+/// Refuses what could not be read back from a folder's name.
+fn folder_part(name: &str) -> Result<&str, CoversError> {
+    let plain = |sign: char| sign.is_ascii_alphanumeric() || sign == '-' || sign == '.';
+    if !name.is_empty() && name.chars().all(plain) && !name.contains("-seed") {
+        return Ok(name);
+    }
+    Err(CoversError::Setting {
+        name: "variants",
+        value: format!("{name:?}"),
+        expected: "a name of letters, digits, dots and hyphens, without `-seed`",
+    })
 }
 
 impl Job {
@@ -132,6 +195,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::learners::LearnerSettings;
 
     const TEXT: &str = r#"{"methods": ["covers", "covers-gt"], "seeds": [20, 21],
         "budget": "smoke", "set": ["covers.ppo.gamma=0.9"]}"#;
@@ -195,6 +259,89 @@ mod tests {
         let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
         let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
         assert!(message.contains("`seeds` lists them"), "{message}");
+    }
+
+    /// The plans that come with the project, by their names.
+    fn plans() -> Vec<(String, Plan)> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results/plans");
+        let files = std::fs::read_dir(folder).unwrap();
+        let paths = files.map(|file| file.unwrap().path());
+        let name = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
+        paths
+            .map(|path| (name(&path), Plan::read(&path).unwrap()))
+            .collect()
+    }
+
+    #[test]
+    fn the_plans_of_the_project_have_jobs_that_can_be_finished() {
+        for (name, plan) in plans() {
+            let variants = plan.variants.len().max(1);
+            let runs = plan.methods.len() * plan.seeds.len() * variants;
+            assert_eq!(plan.jobs().unwrap().len(), runs, "{name}");
+            let budget = Budget::Smoke;
+            assert_eq!(
+                Plan { budget, ..plan }.jobs().unwrap().len(),
+                runs,
+                "{name}"
+            );
+        }
+    }
+
+    /// Reported seeds for the table alone; five for each method that learns by PPO, three for each
+    /// other.
+    #[test]
+    fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
+        let (tables, others): (Vec<_>, Vec<_>) = plans()
+            .into_iter()
+            .partition(|(name, _)| name.starts_with("table-"));
+        for (name, plan) in others {
+            assert!(plan.seeds.iter().all(|&seed| seed >= 1000), "{name}");
+        }
+        let mut methods = Vec::new();
+        for (name, plan) in tables {
+            let seeds = if name == "table-sac" { 20..23 } else { 20..25 };
+            assert!(plan.seeds.iter().copied().eq(seeds), "{name}");
+            assert_eq!(plan.budget, Budget::Table, "{name}");
+            assert!(plan.set.is_empty(), "{name}: presets and nothing else");
+            for &method in &plan.methods {
+                let sac = matches!(method.learner(), LearnerSettings::OffPolicy(_));
+                assert_eq!(sac, name == "table-sac", "{method:?}");
+                methods.push(method);
+            }
+        }
+        let all = Method::ALL.into_iter();
+        let missing: Vec<Method> = all.filter(|method| !methods.contains(method)).collect();
+        assert_eq!(missing, [Method::Paper]);
+    }
+
+    const STUDY: &str = r#"{"methods": ["covers"], "seeds": [1000], "budget": "smoke",
+        "set": ["covers.ppo.gamma=0.9", "covers.ppo.epochs=3"],
+        "variants": [{"name": "base"}, {"name": "far", "set": ["covers.ppo.gamma=0.99"]}]}"#;
+
+    #[test]
+    fn a_variant_sets_after_the_plan() {
+        let jobs = Plan::parse(STUDY).unwrap().jobs().unwrap();
+        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        assert_eq!(names, ["covers-base-seed1000", "covers-far-seed1000"]);
+        let ppo = jobs.iter().map(|job| match &job.experiment.learner {
+            LearnerSettings::Covers(settings) => (settings.ppo.gamma, settings.ppo.epochs),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(ppo.collect::<Vec<_>>(), [(0.9, 3), (0.99, 3)]);
+    }
+
+    #[test]
+    fn variants_that_make_no_folders_are_refused_by_name() {
+        for (name, named) in [
+            ("base", "`variants` is a list that holds base twice"),
+            ("a/b", "`variants` is \"a/b\""),
+            ("", "`variants` is \"\""),
+            ("x-seed1", "`variants` is \"x-seed1\""),
+        ] {
+            let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
+            let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+            assert!(message.contains(named), "{message}");
+        }
     }
 
     #[test]

@@ -1,8 +1,9 @@
-//! A toy environment whose hidden group changes.
+//! A toy environment whose hidden group changes, and what learners do in it.
 
+use covers::{Learner, Metric, Turn};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Transition, VectorEnv};
 use symmetry::{D2, Irrep};
 
 const SIZE: usize = 8;
@@ -37,6 +38,26 @@ impl Bars {
         }
     }
 
+    /// Lets `learner` take a turn in each of these groups.
+    pub fn teach(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Turn> {
+        let turns = groups.iter().map(|&group| {
+            self.group = group;
+            learner.learn(self).unwrap()
+        });
+        turns.collect()
+    }
+
+    /// The policies that `learner` finds for the two groups.
+    pub fn recognised(&mut self, learner: &mut dyn Learner) -> [usize; 2] {
+        [0, 1].map(|group| {
+            self.group = group;
+            let mut rng = ChaCha8Rng::seed_from_u64(9);
+            let recognised = learner.recognise(self, None, &mut rng).unwrap();
+            assert!(recognised.fits);
+            recognised.policy
+        })
+    }
+
     fn draw(&mut self, out: &mut Observations) {
         for (image, vector) in out
             .images
@@ -54,6 +75,26 @@ impl Bars {
             image.copy_from_slice(&element.transform_image(&bar, SIZE, SIZE, 1));
             vector.fill_with(|| self.rng.random_range(-0.1..0.1));
         }
+    }
+}
+
+/// A small network for such pictures.
+pub fn network(critic: Critic) -> NetworkSettings {
+    NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![4, 8] },
+        top_fields: 8,
+        vector_fields: 4,
+        actor_fields: 4,
+        critic,
+        ..NetworkSettings::default()
+    }
+}
+
+/// A metric of a turn that is one number.
+pub fn number(turn: &Turn, name: &str) -> f64 {
+    match turn.metrics.get(name) {
+        Some(Metric::Number(value)) => *value,
+        other => panic!("{name} is {other:?}"),
     }
 }
 

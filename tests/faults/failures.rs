@@ -1,5 +1,5 @@
-//! Numbers that are not finite and threads that panic: a named error before a checkpoint is poisoned,
-//! or a failure of one environment alone.
+//! Numbers that are not finite and threads that panic: a named error before a checkpoint is
+//! poisoned, or a failure of one environment alone.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 

@@ -1,10 +1,10 @@
 //! Power cuts: whatever was not synced may be lost. The operations of a run are recorded, and the
 //! folder is rebuilt as a cut after any of them could have left it.
 //!
-//! The model is the loosest that POSIX allows. Bytes that were not synced are missing, cut anywhere,
-//! or zeros. A change of a name (a new file or folder, a rename, a removal) that no sync of its
-//! folder followed may have happened or not, each by itself, but for one name in order. With a
-//! folder's name all goes that is in it.
+//! The model is the loosest that POSIX allows. Bytes that were not synced are missing, cut
+//! anywhere, or zeros. A change of a name (a new file or folder, a rename, a removal) that no sync
+//! of its folder followed may have happened or not, each by itself, but for one name in order. With
+//! a folder's name all goes that is in it.
 //!
 //! What is promised is what a caller sees: the checkpoints that are there when `Run::advance`
 //! returns.

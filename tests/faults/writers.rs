@@ -123,8 +123,8 @@ fn provenance_says_who_worked_on_a_run() {
     assert_eq!(first.commit.is_some(), first.clean.is_some());
 }
 
-/// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that is
-/// set back changes nothing but the date in the provenance.
+/// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that
+/// is set back changes nothing but the date in the provenance.
 #[test]
 fn the_machines_clock_is_read_in_one_place_alone() {
     fn sources(folder: &Path, found: &mut Vec<PathBuf>) {

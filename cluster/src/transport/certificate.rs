@@ -2,7 +2,7 @@
 
 use super::plan::{Certificate, TransportPlan};
 use super::problem::{Weights, check};
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// Rounding allowance of a certificate, as a fraction of the largest cost or potential in
 /// magnitude, whichever is less (of one, for masses).
@@ -42,7 +42,7 @@ pub fn certify(
     sources: Weights,
     sinks: Weights,
     plan: &TransportPlan,
-) -> Result<Certificate, ClusterError> {
+) -> Result<Certificate> {
     check(cost, sources, sinks)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
@@ -54,7 +54,7 @@ pub(crate) fn certify_into(
     sources: Weights,
     sinks: Weights,
     plan: &TransportPlan,
-) -> Result<Certificate, ClusterError> {
+) -> Result<Certificate> {
     check_lengths(plan, sources.len(), sinks.len())?;
     let marginal_error = check_marginals(scratch, sources, sinks, plan)?;
     let largest = |values: &[f64]| values.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
@@ -72,7 +72,7 @@ pub(crate) fn certify_into(
     })
 }
 
-fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<(), ClusterError> {
+fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {
     let parts = [
         ("source_potentials", plan.source_potentials.len(), n),
         ("sink_potentials", plan.sink_potentials.len(), m),
@@ -92,7 +92,7 @@ fn check_marginals(
     sources: Weights,
     sinks: Weights,
     plan: &TransportPlan,
-) -> Result<f64, ClusterError> {
+) -> Result<f64> {
     let Scratch { sent, received } = scratch;
     for (sums, weights) in [(&mut *sent, sources), (&mut *received, sinks)] {
         sums.clear();
@@ -120,7 +120,7 @@ fn check_marginals(
     Ok(rows.max(columns))
 }
 
-fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f64, ClusterError> {
+fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f64> {
     let sum = weights.sum();
     let mut largest = 0.0_f64;
     for (index, &got) in carried.iter().enumerate() {
@@ -139,11 +139,7 @@ fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f
     Ok(largest)
 }
 
-fn check_reduced_costs(
-    cost: &[f64],
-    plan: &TransportPlan,
-    tolerance: f64,
-) -> Result<f64, ClusterError> {
+fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Result<f64> {
     let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
     let finite = u.iter().chain(v).all(|p| p.is_finite());
     let mut least = 0.0_f64;
@@ -173,13 +169,7 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
 }
 
 /// Refuses the first pair of a row whose slack is too small or not a number, if there is one.
-fn refuse(
-    source_index: usize,
-    row: &[f64],
-    v: &[f64],
-    u: f64,
-    tolerance: f64,
-) -> Result<(), ClusterError> {
+fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -> Result<()> {
     let slacks = row.iter().zip(v).map(|(c, v)| c - v - u);
     match slacks
         .enumerate()
@@ -201,7 +191,7 @@ fn check_gap(
     sinks: Weights,
     plan: &TransportPlan,
     tolerance: f64,
-) -> Result<f64, ClusterError> {
+) -> Result<f64> {
     let primal = plan.priced(cost);
     let dual = value(sources, &plan.source_potentials) + value(sinks, &plan.sink_potentials);
     for value in [primal, plan.cost] {

@@ -1,7 +1,7 @@
 //! A transport problem: costs, weights, and what is refused.
 
-use crate::check::positive;
-use crate::error::ClusterError;
+use crate::check::{positive, within};
+use crate::error::{ClusterError, Result};
 
 /// Largest magnitude accepted in a cost matrix: sums of costs along any path stay far from
 /// overflow.
@@ -48,7 +48,7 @@ impl Weights<'_> {
     }
 }
 
-pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<(), ClusterError> {
+pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<()> {
     check_weights("sources", sources)?;
     check_weights("sinks", sinks)?;
     check_shape(cost, sources.len(), sinks.len())?;
@@ -57,19 +57,15 @@ pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<()
 }
 
 /// Checks that a basis can number the points of both sides.
-fn check_nodes(sources: usize, sinks: usize) -> Result<(), ClusterError> {
-    match sources.checked_add(sinks) {
-        Some(nodes) if nodes < u32::MAX as usize => Ok(()),
-        _ => Err(ClusterError::OutOfRange {
-            name: "sources + sinks",
-            value: sources as f64 + sinks as f64,
-            expected: "fewer than 2^32 - 1",
-        }),
-    }
+fn check_nodes(sources: usize, sinks: usize) -> Result<()> {
+    let nodes = sources.checked_add(sinks);
+    let few = nodes.is_some_and(|nodes| nodes < u32::MAX as usize);
+    let value = sources as f64 + sinks as f64;
+    within("sources + sinks", value, few, "fewer than 2^32 - 1")
 }
 
 /// Checks that `cost` is a matrix `[sources, sinks]`.
-fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<(), ClusterError> {
+fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<()> {
     match sources.checked_mul(sinks) == Some(cost.len()) {
         true => Ok(()),
         false => Err(ClusterError::CostShape {
@@ -81,7 +77,7 @@ fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<(), Cluster
 }
 
 /// Checks that all costs are finite and within [`MAX_COST`].
-fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
+fn check_costs(cost: &[f64]) -> Result<()> {
     let accepted = |c: &f64| c.abs() <= MAX_COST;
     // the whole matrix, without a way out: such a loop compiles to vector code
     if cost.iter().fold(true, |all, c| all & accepted(c)) {
@@ -104,7 +100,7 @@ fn check_costs(cost: &[f64]) -> Result<(), ClusterError> {
 }
 
 /// Checks one side's weights: some, finite, none negative, of sum one.
-fn check_weights(side: &'static str, weights: Weights) -> Result<(), ClusterError> {
+fn check_weights(side: &'static str, weights: Weights) -> Result<()> {
     positive(side, weights.len())?;
     let Weights::Given(given) = weights else {
         return Ok(());
@@ -121,11 +117,7 @@ fn check_weights(side: &'static str, weights: Weights) -> Result<(), ClusterErro
 }
 
 /// Checks the weights of a cloud of this many points.
-pub(crate) fn check_weights_of(
-    side: &'static str,
-    weights: Weights,
-    points: usize,
-) -> Result<(), ClusterError> {
+pub(crate) fn check_weights_of(side: &'static str, weights: Weights, points: usize) -> Result<()> {
     check_weights(side, weights)?;
     match weights.len() {
         len if len == points => Ok(()),

@@ -7,7 +7,7 @@ use super::plan::{Entry, TransportPlan};
 use super::pricing::Pricing;
 use super::problem::{Weights, check};
 use super::start::Start;
-use crate::error::ClusterError;
+use crate::error::{ClusterError, Result};
 
 /// Factor by which the tolerance of an optimum may exceed the one that its own potentials ask for.
 const COARSER: f64 = 16.0;
@@ -37,11 +37,7 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// assert_eq!(plan.cost, 0.5 * 1.0 + 0.25 * 4.0 + 0.25 * 3.0);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
-pub fn transport(
-    cost: &[f64],
-    sources: Weights,
-    sinks: Weights,
-) -> Result<TransportPlan, ClusterError> {
+pub fn transport(cost: &[f64], sources: Weights, sinks: Weights) -> Result<TransportPlan> {
     let mut solver = Solver::default();
     solver.solve(cost, sources, sinks)?;
     Ok(solver.plan)
@@ -79,7 +75,7 @@ impl Solver {
         cost: &[f64],
         sources: Weights,
         sinks: Weights,
-    ) -> Result<&TransportPlan, ClusterError> {
+    ) -> Result<&TransportPlan> {
         check(cost, sources, sinks)?;
         self.balance.fill(sources, sinks);
         let masses = &self.balance.masses;
@@ -100,7 +96,7 @@ impl Solver {
         cost: &[f64],
         sources: Weights,
         sinks: Weights,
-    ) -> Result<&TransportPlan, ClusterError> {
+    ) -> Result<&TransportPlan> {
         if self.basis.nodes() == 0 {
             return self.solve(cost, sources, sinks);
         }
@@ -111,12 +107,7 @@ impl Solver {
         self.finish(cost, sources, sinks)
     }
 
-    fn finish(
-        &mut self,
-        cost: &[f64],
-        sources: Weights,
-        sinks: Weights,
-    ) -> Result<&TransportPlan, ClusterError> {
+    fn finish(&mut self, cost: &[f64], sources: Weights, sinks: Weights) -> Result<&TransportPlan> {
         self.plan.pivots = self.improve(cost)?;
         self.read_plan(cost);
         self.plan.certificate = certify_into(&mut self.scratch, cost, sources, sinks, &self.plan)?;
@@ -124,7 +115,7 @@ impl Solver {
     }
 
     /// Pivots until no arc has a negative reduced cost; returns the number of pivots.
-    fn improve(&mut self, cost: &[f64]) -> Result<usize, ClusterError> {
+    fn improve(&mut self, cost: &[f64]) -> Result<usize> {
         let mut pivots = 0;
         loop {
             self.pricing
@@ -139,7 +130,7 @@ impl Solver {
         }
     }
 
-    fn descend(&mut self, cost: &[f64], pivots: &mut usize) -> Result<(), ClusterError> {
+    fn descend(&mut self, cost: &[f64], pivots: &mut usize) -> Result<()> {
         let nodes = self.basis.nodes();
         while let Some(entering) = self.pricing.next(cost, &self.basis) {
             if *pivots == PIVOTS_PER_NODE * nodes {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, stock, uniform};
+use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
@@ -73,12 +73,7 @@ impl Task for ButtonPress {
     }
 
     fn parts(&self) -> Parts<'_> {
-        Parts {
-            mjcf: Some(part!("button_press.xml").1),
-            object_body: Some("button"),
-            object_offset: CAP,
-            ..Parts::default()
-        }
+        scene(part!("button_press.xml").1, "button", CAP)
     }
 
     fn stock(&self) -> Option<Stock<'_>> {

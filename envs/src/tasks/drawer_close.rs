@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, stock, uniform};
+use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian, hamacher, long_tail};
 use crate::task::{
@@ -87,11 +87,8 @@ impl Task for DrawerClose {
 
     fn parts(&self) -> Parts<'_> {
         Parts {
-            mjcf: Some(part!("drawer_close.xml").1),
-            object_body: Some("drawer"),
-            object_offset: HANDLE,
             start_joints: &[("slide", OPEN)],
-            ..Parts::default()
+            ..scene(part!("drawer_close.xml").1, "drawer", HANDLE)
         }
     }
 

@@ -17,7 +17,7 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::{Placement, Stock};
+use crate::task::{Parts, Placement, Stock};
 
 /// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives
 /// a different task.
@@ -27,6 +27,16 @@ const CANONICAL_X: Range<f64> = 0.08..0.20;
 const STOCK_X: Range<f64> = -0.1..0.1;
 /// Where Meta-World's hand starts (metres), but for the button.
 const STOCK_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
+
+/// The parts of a task about a body of its scene, of which it reads the point at `offset`.
+fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> Parts<'static> {
+    Parts {
+        mjcf: Some(mjcf),
+        object_body: Some(body),
+        object_offset: offset,
+        ..Parts::default()
+    }
+}
 
 /// Meta-World's figures of a task whose scene has no addition.
 fn stock(name: &'static str, place: fn(&mut ChaCha8Rng) -> Placement) -> Stock<'static> {

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, STOCK_X, stock, uniform};
+use super::{CANONICAL_X, STOCK_X, scene, stock, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher, long_tail};
 use crate::task::{
@@ -86,11 +86,7 @@ impl Task for PlateSlide {
     }
 
     fn parts(&self) -> Parts<'_> {
-        Parts {
-            mjcf: Some(part!("plate_slide.xml").1),
-            object_body: Some("puck"),
-            ..Parts::default()
-        }
+        scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 
     fn stock(&self) -> Option<Stock<'_>> {

@@ -64,16 +64,9 @@ impl Concat {
     /// When the lengths of the slices do not agree.
     pub fn forward<T: Copy>(&self, first: &[T], second: &[T], y: &mut [T]) {
         self.check([first.len(), second.len()], ("y", y.len()));
-        let ranges = self.ranges();
-        let pixels = first
-            .chunks_exact(self.first.fields.dim())
-            .zip(second.chunks_exact(self.second.fields.dim()));
-        for ((a, b), y) in pixels.zip(y.chunks_exact_mut(self.sum.fields.dim())) {
-            for [from_a, from_b, to] in &ranges {
-                let (to_a, to_b) = y[to.clone()].split_at_mut(from_a.len());
-                to_a.copy_from_slice(&a[from_a.clone()]);
-                to_b.copy_from_slice(&b[from_b.clone()]);
-            }
+        for [a, b, to_a, to_b] in self.pieces(y.len()) {
+            y[to_a].copy_from_slice(&first[a]);
+            y[to_b].copy_from_slice(&second[b]);
         }
     }
 
@@ -83,23 +76,32 @@ impl Concat {
     /// When the lengths of the slices do not agree.
     pub fn backward<T: Copy>(&self, dy: &[T], first: &mut [T], second: &mut [T]) {
         self.check([first.len(), second.len()], ("dy", dy.len()));
-        let ranges = self.ranges();
-        let pixels = first
-            .chunks_exact_mut(self.first.fields.dim())
-            .zip(second.chunks_exact_mut(self.second.fields.dim()));
-        for ((a, b), dy) in pixels.zip(dy.chunks_exact(self.sum.fields.dim())) {
-            for [to_a, to_b, from] in &ranges {
-                let (from_a, from_b) = dy[from.clone()].split_at(to_a.len());
-                a[to_a.clone()].copy_from_slice(from_a);
-                b[to_b.clone()].copy_from_slice(from_b);
-            }
+        for [a, b, from_a, from_b] in self.pieces(dy.len()) {
+            first[a].copy_from_slice(&dy[from_a]);
+            second[b].copy_from_slice(&dy[from_b]);
         }
     }
 
-    /// The channels of every irrep in the first map, the second and the sum.
-    fn ranges(&self) -> [[Range<usize>; 3]; 4] {
+    /// For every pixel of a sum of `len` values and every irrep: where its channels lie in the
+    /// first map, in the second, and, of either, in the sum.
+    fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
-        Irrep::ALL.map(|irrep| fields.map(|fields| fields.range(irrep)))
+        let dims = fields.map(|fields| fields.dim());
+        let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.range(irrep)));
+        let pixels = 0..len / self.sum.fields.dim();
+        pixels.flat_map(move |pixel| {
+            ranges.clone().map(|ranges| {
+                let starts = [0, 1, 2].map(|map| pixel * dims[map] + ranges[map].start);
+                let [first, second] = [ranges[0].len(), ranges[1].len()];
+                let middle = starts[2] + first;
+                [
+                    starts[0]..starts[0] + first,
+                    starts[1]..starts[1] + second,
+                    starts[2]..middle,
+                    middle..middle + second,
+                ]
+            })
+        })
     }
 
     /// Refuses slices that do not hold equally many samples, as the sum does.

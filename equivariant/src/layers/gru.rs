@@ -106,13 +106,37 @@ impl Gru {
         lengths: &[usize],
         pass: &mut GruPass<T>,
     ) {
-        self.begin(params, x.len(), lengths, pass);
+        let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
+        let steps = x.len().checked_div(row).unwrap_or(0);
+        self.check("x", x.len(), steps * row);
+        let reads: Vec<usize> = (0..steps * samples).collect();
+        self.forward_shared(params, x, (&reads, lengths), pass);
+    }
+
+    /// Reads sequences that share what they read: step l of sample i is row `reads[l, i]` of `x`
+    /// `[M, in]`, for `reads` `[L, N]`, where sample i has its `lengths[i]` steps at the end and
+    /// reads nothing before. The matrix of the input is applied to each of the M rows once. In all
+    /// else this is [`Gru::forward`].
+    ///
+    /// # Panics
+    /// As there, and for a row that is read and that `x` has not.
+    pub fn forward_shared<T: Scalar>(
+        &self,
+        params: &[T],
+        x: &[T],
+        (reads, lengths): (&[usize], &[usize]),
+        pass: &mut GruPass<T>,
+    ) {
+        self.begin(params, x.len(), (reads, lengths), pass);
         let [steps, samples] = pass.sizes;
         let (input, hidden) = params.split_at(self.input.num_params());
-        let gates = steps * samples * 3 * self.width();
-        let in_gates = &mut pass.gates[..gates];
-        self.input.forward(input, x, in_gates, &mut pass.scratch);
-        self.change_basis(3, in_gates);
+        let gates = 3 * self.width();
+        let rows = x.len() / self.in_type().dim();
+        pass.row_gates.resize(rows * gates, T::ZERO);
+        self.input
+            .forward(input, x, &mut pass.row_gates, &mut pass.scratch);
+        self.change_basis(3, &mut pass.row_gates);
+        pass.spread_rows(gates);
         pass.holds_values = true;
         pass.states[..samples * self.width()].fill(T::ZERO);
         pass.coefficients[..samples * self.width()].fill(T::ZERO);
@@ -122,8 +146,8 @@ impl Gru {
     }
 
     /// Adds the gradient in the parameters to `dparams` from `d_out` `[N, H]`, that in the last
-    /// states, and writes the gradient in the input where it is asked for. `x` is that of the last
-    /// forward pass.
+    /// states, and writes the gradient in the input, of its shape, where it is asked for. `x` is
+    /// that of the last forward pass.
     ///
     /// # Panics
     /// When a slice has a wrong length, the pass is of a unit of other sizes, or no forward pass
@@ -152,9 +176,9 @@ impl Gru {
         for step in (0..steps).rev() {
             self.step_backward(&params[at..], step, d_hidden, pass);
         }
-        let gates = &mut pass.gates[..steps * samples * 3 * self.width()];
-        self.change_basis(3, gates);
-        let (input, gates) = (&params[..at], &*gates);
+        pass.gather_rows(3 * self.width());
+        self.change_basis(3, &mut pass.row_gates);
+        let (input, gates) = (&params[..at], &pass.row_gates[..]);
         // the values of the output are not looked at
         let scratch = &mut pass.scratch;
         self.input
@@ -173,13 +197,20 @@ impl Gru {
         }
     }
 
-    /// Checks the slices and notes where the sequences begin.
-    fn begin<T>(&self, params: &[T], x: usize, lengths: &[usize], pass: &mut GruPass<T>) {
-        let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
-        let steps = x.checked_div(row).unwrap_or(0);
+    /// Checks the slices and notes where the sequences begin and what they read.
+    fn begin<T>(
+        &self,
+        params: &[T],
+        x: usize,
+        (reads, lengths): (&[usize], &[usize]),
+        pass: &mut GruPass<T>,
+    ) {
+        let (samples, rows) = (lengths.len(), x / self.in_type().dim());
+        let steps = reads.len().checked_div(samples).unwrap_or(0);
         self.check_pass(pass);
         self.check("params", params.len(), self.num_params());
-        self.check("x", x, steps * row);
+        self.check("x", x, rows * self.in_type().dim());
+        self.check("reads", reads.len(), steps * samples);
         let longest = lengths.iter().max().copied().unwrap_or(0);
         let [most_steps, most] = pass.room;
         assert!(
@@ -190,6 +221,15 @@ impl Gru {
         pass.sizes = [steps, samples];
         pass.begins.clear();
         pass.begins.extend(lengths.iter().map(|len| steps - len));
+        pass.reads.clear();
+        for (at, &row) in reads.iter().enumerate() {
+            let counts = at / samples >= pass.begins[at % samples];
+            assert!(
+                row < rows || !counts,
+                "{self}: got row {row} to read, expected one of {rows}"
+            );
+            pass.reads.push(counts.then_some(row));
+        }
     }
 
     fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruPass<T>) {

@@ -3,8 +3,8 @@
 use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
 
-/// What the forward pass of a [`Gru`](crate::Gru) leaves for the backward pass, over up to a fixed number of
-/// sequences.
+/// What the forward pass of a [`Gru`](crate::Gru) leaves for the backward pass, over up to a fixed
+/// number of sequences.
 #[derive(Clone, Debug)]
 pub struct GruPass<T> {
     /// Channels of the input and of the state.
@@ -17,6 +17,10 @@ pub struct GruPass<T> {
     pub(super) holds_values: bool,
     /// Steps that each sample begins after, `[N]`.
     pub(super) begins: Vec<usize>,
+    /// The row of the input that each step reads, `[L, N]`; none before a sequence begins.
+    pub(super) reads: Vec<Option<usize>>,
+    /// The part in the gates of each row of the input, then the gradient in it, `[M, 3 H]`.
+    pub(super) row_gates: Vec<T>,
     /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
     pub(super) states: Vec<T>,
     pub(super) coefficients: Vec<T>,
@@ -44,6 +48,8 @@ impl<T: Scalar> GruPass<T> {
             sizes: [0; 2],
             holds_values: false,
             begins: Vec::with_capacity(samples),
+            reads: Vec::with_capacity(steps * samples),
+            row_gates: zeros(steps * 3 * state),
             states: zeros((steps + 1) * state),
             coefficients: zeros((steps + 1) * state),
             gates: zeros(steps * 3 * state),
@@ -60,5 +66,25 @@ impl<T: Scalar> GruPass<T> {
         let [steps, samples] = self.sizes;
         let len = samples * self.dims[1];
         &self.coefficients[steps * len..(steps + 1) * len]
+    }
+
+    /// Copies the part of each row to the gates, `width` of them, of the steps that read it.
+    pub(super) fn spread_rows(&mut self, width: usize) {
+        for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
+            if let Some(row) = read {
+                to.copy_from_slice(&self.row_gates[row * width..(row + 1) * width]);
+            }
+        }
+    }
+
+    /// Adds up the gradients in the gates of all steps that read the same row.
+    pub(super) fn gather_rows(&mut self, width: usize) {
+        self.row_gates.fill(T::ZERO);
+        for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {
+            if let Some(row) = read {
+                let sums = &mut self.row_gates[row * width..(row + 1) * width];
+                sums.iter_mut().zip(from).for_each(|(sum, &d)| *sum += d);
+            }
+        }
     }
 }

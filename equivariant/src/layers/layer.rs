@@ -54,8 +54,8 @@ pub trait Signature: fmt::Display + Send + Sync {
     }
 
     /// What tells layers apart whose scratches are kept. By default that is their type, shapes and
-    /// number of parameters; a layer whose kept scratch depends on more says so. Every pass asks for
-    /// it, so nothing is printed here: that allocates.
+    /// number of parameters; a layer whose kept scratch depends on more says so. Every pass asks
+    /// for it, so nothing is printed here: that allocates.
     #[doc(hidden)]
     fn mark(&self) -> u64 {
         let shapes = (self.in_shape(), self.out_shape());

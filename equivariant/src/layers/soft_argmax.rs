@@ -39,8 +39,8 @@ impl SpatialSoftArgmax {
     ///
     /// # Errors
     /// When the map is empty, its type is neither regular fields only nor trivial channels only, it
-    /// has more than 2^23 channels, or the temperature or its reciprocal is not a positive, finite and normal number in single
-    /// precision.
+    /// has more than 2^23 channels, or the temperature or its reciprocal is not a positive, finite
+    /// and normal number in single precision.
     pub fn new(shape: Shape, temperature: f64) -> Result<SpatialSoftArgmax, LayerError> {
         let (order, fields) = permuted_fields("SpatialSoftArgmax", shape)?;
         check_channels("SpatialSoftArgmax", 2 * shape.fields.dim())?;

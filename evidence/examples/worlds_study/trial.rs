@@ -1,30 +1,32 @@
 //! One world: a stream of visits, and a learner without networks that assigns them.
 
+use std::time::{Duration, Instant};
+
 use cluster::Decision;
 use evidence::{
-    Account, Accountant, Course, EvidenceError, Finding, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, EvidenceError, Finding, Merge, Recogniser, RecogniserSettings, Situation,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, Observations, Transition, VectorEnv};
+use rl::{BoxError, Observations, VectorEnv};
 use worlds::{Stream, Visit, World, WorldError};
 
+use crate::arguments::Plan;
+use crate::rollout::roll_out;
 use crate::stand_in::StandIn;
 
-const ENVS: usize = 5;
+pub const ENVS: usize = 5;
 /// Rounds of a rollout: 20 episodes.
-const ROUNDS: usize = 4;
-const HORIZON: usize = 20;
-/// Visits of each group.
+pub const ROUNDS: usize = 4;
+pub const HORIZON: usize = 20;
+/// Visits of each group, where nobody says how many there are in all.
 const VISITS: usize = 2;
-/// Rounds that a visit lasts: three rollouts to ten, with switches in the middle of some.
-const STAY: std::ops::RangeInclusive<usize> = 12..=40;
 
 /// What can go wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum TrialError {
-    #[error("`{0}` is no number")]
+    #[error("`{0}` is none of: a number, a kind of worlds, --visits N, --stay A-B, --csv FILE")]
     Argument(String),
     #[error(transparent)]
     Evidence(#[from] EvidenceError),
@@ -32,54 +34,85 @@ pub enum TrialError {
     World(#[from] WorldError),
     #[error("the environments: {0}")]
     Environment(BoxError),
+    #[error("the results: {0}")]
+    Results(#[from] std::io::Error),
 }
 
 /// What came of one turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
-    /// The group that ran at the end.
+    /// The group of the last round that was learnt from.
     pub group: usize,
     pub policy: usize,
-    pub rollouts: usize,
+    pub rounds: usize,
     /// Whether the group was met in an earlier visit.
     pub is_known: bool,
     /// Whether the first rollout was cut at the round in which its group changed, if it did.
     pub is_cut: Option<bool>,
+    /// The group of each round that was learnt from.
+    pub learnt: [Option<usize>; ROUNDS],
 }
 
 /// What came of one world.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Outcome {
     pub distinct: usize,
     pub policies: usize,
     pub turns: Vec<Turn>,
+    pub merges: Vec<Merge>,
+    /// Time of the decisions of one turn.
+    pub slowest: Duration,
+    /// Size of the recogniser's state as text.
+    pub state: usize,
+    pub log: Vec<String>,
+}
+
+impl Outcome {
+    /// The policy that a policy is since merges.
+    pub fn now(&self, policy: usize) -> usize {
+        let merges = self.merges.iter();
+        merges.fold(policy, |policy, merge| match policy == merge.gone {
+            true => merge.kept,
+            false => policy,
+        })
+    }
+
+    /// The number of policies that are left.
+    pub fn left(&self) -> usize {
+        self.policies - self.merges.len()
+    }
 }
 
 /// A world under way.
 pub struct Trial {
     stream: Stream,
     rounds: usize,
+    alarms: bool,
     recogniser: Recogniser,
     accountant: Accountant,
     policies: Vec<StandIn>,
     current: usize,
     rng: ChaCha8Rng,
     now: Observations,
+    deciding: Duration,
+    outcome: Outcome,
 }
 
 impl Trial {
     /// Draws visits and starts.
-    pub fn of(world: World) -> Result<Self, TrialError> {
+    pub fn of(world: World, plan: &Plan) -> Result<Self, TrialError> {
         let mut rng = ChaCha8Rng::seed_from_u64(world.seed ^ 0xdeca);
+        let number = plan.visits.unwrap_or(VISITS * world.groups.len());
         let mut visits = Vec::new();
-        for _ in 0..VISITS {
+        while visits.len() < number {
             let mut groups: Vec<usize> = (0..world.groups.len()).collect();
             groups.shuffle(&mut rng);
             visits.extend(groups.into_iter().map(|group| Visit {
                 group,
-                rounds: rng.random_range(STAY),
+                rounds: rng.random_range(plan.stay.clone()),
             }));
         }
+        visits.truncate(number);
         let rounds = visits.iter().map(|visit| visit.rounds).sum();
         let mut stream = Stream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
@@ -89,32 +122,37 @@ impl Trial {
         Ok(Self {
             stream,
             rounds,
+            alarms: plan.alarms,
             recogniser: Recogniser::new(settings)?,
             accountant: Accountant::new(spec.image, &spec.vector, &spec.action, settings.filters)?,
             policies: vec![StandIn::default()],
             current: 0,
             rng,
             now,
+            deciding: Duration::ZERO,
+            outcome: Outcome::default(),
         })
     }
 
     /// Runs the stream to its end.
     pub fn run(mut self) -> Result<Outcome, TrialError> {
-        let mut turns = Vec::new();
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
         while self.stream.rounds() < self.rounds {
             let turn = self.turn()?;
-            let last = self.stream.rounds() - 1;
+            let learnt = turn.learnt.iter().flatten().count();
+            let last = self.stream.rounds() - 1 - (ROUNDS - learnt);
             let since = *met[turn.group].get_or_insert(last);
-            turns.push(Turn {
+            self.outcome.turns.push(Turn {
                 is_known: has_returned((since..=last).map(|round| self.group_at(round))),
                 ..turn
             });
         }
+        let state = self.recogniser.state(serde_json::value::Serializer);
         Ok(Outcome {
             distinct: self.stream.world().distinct(),
             policies: self.policies.len(),
-            turns,
+            state: state.map_or(0, |state| state.to_string().len()),
+            ..self.outcome
         })
     }
 
@@ -126,111 +164,175 @@ impl Trial {
     /// One turn of the learner.
     fn turn(&mut self) -> Result<Turn, TrialError> {
         let begins = self.stream.rounds();
-        let mut accounts = self.roll_out(self.current)?;
-        let mut rollouts = 1;
+        self.deciding = Duration::ZERO;
+        let mut accounts = self.roll_out(ROUNDS)?;
         let mut cut = None;
+        let mut last = None;
         if self.recogniser.policies() > 0 {
-            let rng = &mut self.rng;
-            let mut finding = self.recogniser.assign(&accounts, self.current, rng)?;
+            let mut finding =
+                self.ask(|recogniser, current, rng| recogniser.assign(&accounts, current, rng))?;
             cut = finding.cut;
             if finding.decision == Decision::Undecided {
                 let first = accounts;
-                accounts = self.roll_out(self.current)?;
-                rollouts += 1;
+                accounts = self.roll_out(ROUNDS)?;
                 let both = [first, accounts.clone()].concat();
-                finding = self.recogniser.settle(&both, self.current, &mut self.rng)?;
+                finding =
+                    self.ask(|recogniser, current, rng| recogniser.settle(&both, current, rng))?;
                 cut = finding.cut.or(cut);
             }
-            (accounts, rollouts) = self.follow(finding, accounts, rollouts)?;
+            if self.is_forced() {
+                finding.decision = Decision::New;
+            }
+            (accounts, last) = self.follow(finding, accounts)?;
         }
-        self.recogniser
-            .learn(self.current, &accounts, &mut self.rng)?;
-        let group = self.group_at(self.stream.rounds() - 1);
-        // of a mixed rollout the policy learns the half that began it
-        let half = self.group_at(self.stream.rounds() - ROUNDS / 2 - 1);
-        self.policies[self.current].learn(half);
+        let learnt = self.learn(&accounts)?;
+        let policy = self.current;
+        if let Some(finding) = last {
+            self.look_for_twin(&finding)?;
+        }
+        self.outcome.slowest = self.outcome.slowest.max(self.deciding);
         let changed =
             (begins + 1..begins + ROUNDS).find(|&r| self.group_at(r) != self.group_at(r - 1));
         let cut = cut.map(|cut| cut / (ENVS * HORIZON));
         Ok(Turn {
-            group,
-            policy: self.current,
-            rollouts,
+            group: learnt.iter().flatten().last().copied().unwrap_or(0),
+            policy,
+            rounds: self.stream.rounds() - begins,
             is_known: false,
             is_cut: changed.map(|changed| cut == Some(changed)),
+            learnt,
         })
     }
 
+    /// Whether a superfluous policy is opened by force; there must be time to merge it.
+    fn is_forced(&self) -> bool {
+        let group = self.group_at(self.stream.rounds() - 1);
+        let turns = self.outcome.turns.iter().filter(|turn| turn.group == group);
+        let is_early = 3 * self.stream.rounds() < self.rounds;
+        self.alarms && is_early && turns.count() == 3
+    }
+
+    /// Lets the current policy learn from its last rollout; returns the groups that it learnt from.
+    fn learn(&mut self, accounts: &[Account]) -> Result<[Option<usize>; ROUNDS], TrialError> {
+        let clock = Instant::now();
+        let end = self
+            .recogniser
+            .learn(self.current, accounts, &mut self.rng)?;
+        self.deciding += clock.elapsed();
+        let ends = self.stream.rounds();
+        let learnt = std::array::from_fn(|index| {
+            let round = ends + index - ROUNDS;
+            let is_own = end.is_none_or(|end| round * ENVS * HORIZON < end);
+            is_own.then(|| self.group_at(round))
+        });
+        let of = |group| learnt.iter().flatten().filter(|&&g| g == group).count();
+        if let Some(&most) = learnt.iter().flatten().max_by_key(|&&group| of(group)) {
+            self.policies[self.current].learn(most);
+        }
+        Ok(learnt)
+    }
+
+    /// Asks the recogniser, and notes what it said and how long that took.
+    fn ask(
+        &mut self,
+        question: impl FnOnce(&Recogniser, usize, &mut ChaCha8Rng) -> Result<Finding, EvidenceError>,
+    ) -> Result<Finding, TrialError> {
+        let clock = Instant::now();
+        let finding = question(&self.recogniser, self.current, &mut self.rng)?;
+        self.deciding += clock.elapsed();
+        self.note(&finding);
+        Ok(finding)
+    }
+
+    /// Lets a policy act that may serve the same group as the current one; if it does, one goes.
+    fn look_for_twin(&mut self, finding: &Finding) -> Result<(), TrialError> {
+        let policy = self.current;
+        let Some(twin) = self.recogniser.twin(policy, finding) else {
+            return Ok(());
+        };
+        self.current = twin;
+        let heard = self.roll_out(1)?;
+        let is_twin = self
+            .recogniser
+            .compare(policy, twin, &heard, &mut self.rng)?;
+        self.current = policy;
+        if is_twin {
+            let again = self.roll_out(1)?;
+            let merge = self.recogniser.merge(policy, twin, &again, &mut self.rng)?;
+            self.current = merge.map_or(policy, |merge| merge.kept);
+            self.outcome.merges.extend(merge);
+        }
+        let merges = &self.outcome.merges;
+        let line = format!("{twin} was compared with {policy}: {is_twin}, {merges:?}");
+        self.outcome.log.push(line);
+        Ok(())
+    }
+
     /// Lets proposed policies act until one is accepted or all are refused; returns the accounts of
-    /// the last rollout.
+    /// the last rollout, and what was said of it.
     fn follow(
         &mut self,
         mut finding: Finding,
         mut accounts: Vec<Account>,
-        mut rollouts: usize,
-    ) -> Result<(Vec<Account>, usize), TrialError> {
+    ) -> Result<(Vec<Account>, Option<Finding>), TrialError> {
         while finding.decision != Decision::Existing(self.current) {
-            rollouts += 1;
             let Decision::Existing(policy) = finding.decision else {
                 self.current = self.policies.len();
                 self.policies.push(StandIn::default());
-                return Ok((self.roll_out(self.current)?, rollouts));
+                return Ok((self.roll_out(ROUNDS)?, None));
             };
             self.current = policy;
-            accounts = self.roll_out(policy)?;
-            let situation = Situation {
-                collector: policy,
-                refused: &finding.refused,
-            };
-            finding = self
-                .recogniser
-                .review(&accounts, situation, &mut self.rng)?;
+            let refused = finding.refused.clone();
+            if finding.is_contested {
+                let heard = self.roll_out(1)?;
+                finding = self.review(&heard, &refused)?;
+                if finding.decision != Decision::Existing(policy) {
+                    continue;
+                }
+            }
+            accounts = self.roll_out(ROUNDS)?;
+            finding = self.review(&accounts, &refused)?;
         }
-        Ok((accounts, rollouts))
+        Ok((accounts, Some(finding)))
     }
 
-    /// Lets a policy act for some rounds.
-    fn roll_out(&mut self, policy: usize) -> Result<Vec<Account>, TrialError> {
-        let mut accounts = Vec::new();
-        for _ in 0..ROUNDS {
-            let courses = self.round(policy)?;
-            accounts.extend(self.accountant.accounts(&courses)?);
-        }
-        Ok(accounts)
+    fn review(&mut self, accounts: &[Account], refused: &[usize]) -> Result<Finding, TrialError> {
+        self.ask(|recogniser, collector, rng| {
+            recogniser.review(accounts, Situation { collector, refused }, rng)
+        })
     }
 
-    fn round(&mut self, policy: usize) -> Result<Vec<Course>, TrialError> {
-        let began = self.stream.rounds() * ENVS * HORIZON;
-        let spec = self.stream.spec().clone();
-        let images = self.now.images.chunks(spec.image_len());
-        let mut courses: Vec<Course> = images
-            .map(|image| Course {
-                began,
-                image: image.to_vec(),
-                is_whole: true,
-                ..Course::default()
-            })
+    /// Lets the current policy act for some rounds.
+    fn roll_out(&mut self, rounds: usize) -> Result<Vec<Account>, TrialError> {
+        let actor = &self.policies[self.current];
+        let (stream, now) = (&mut self.stream, &mut self.now);
+        roll_out(
+            stream,
+            now,
+            actor,
+            (&self.accountant, rounds),
+            &mut self.rng,
+        )
+    }
+
+    /// One line for a finding.
+    fn note(&mut self, finding: &Finding) {
+        let ends = self.stream.rounds();
+        let groups: Vec<usize> = (ends.saturating_sub(ROUNDS)..ends)
+            .map(|r| self.group_at(r))
             .collect();
-        let mut transition = Transition::new(&spec);
-        for _ in 0..HORIZON {
-            let actor = &self.policies[policy];
-            let mut actions = Vec::with_capacity(2 * ENVS);
-            for env in 0..ENVS {
-                actions.extend(actor.act(&self.stream, env, &mut self.rng));
-            }
-            self.stream
-                .step(&actions, &mut transition)
-                .map_err(TrialError::Environment)?;
-            for (env, course) in courses.iter_mut().enumerate() {
-                course
-                    .vectors
-                    .extend(&self.now.vectors[2 * env..2 * env + 2]);
-                course.actions.extend(&actions[2 * env..2 * env + 2]);
-                course.rewards.push(transition.rewards[env]);
-            }
-            self.now.clone_from(&transition.observations);
+        let mut line = format!(
+            "{ends}: groups {groups:?}, policy {} {:?}: {:?}, cut {:?}, refused {:?};",
+            self.current,
+            self.policies[self.current],
+            finding.decision,
+            finding.cut,
+            finding.refused,
+        );
+        for opinion in &finding.opinions {
+            line += &format!(" {opinion}");
         }
-        Ok(courses)
+        self.outcome.log.push(line);
     }
 }
 

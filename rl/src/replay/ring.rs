@@ -38,9 +38,9 @@ pub struct Replay {
     pub(super) running: Vec<Option<u32>>,
     pub(super) recorded: u64,
     pub(super) marked: u64,
-    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to the
-    /// allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory after
-    /// a few rounds.
+    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to
+    /// the allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory
+    /// after a few rounds.
     spare: Vec<Vec<u8>>,
     /// Of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,
@@ -265,19 +265,6 @@ impl Replay {
             self.first += 1;
         }
     }
-
-    /// Makes room for the running episodes of the environments of `spec`.
-    fn prepare(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.spec.check_same(spec)?;
-        let (got, expected) = (spec.num_envs, self.spec.num_envs);
-        if self.running.iter().any(Option::is_some) {
-            check_len("environments", "[N]", got, expected)?;
-        }
-        self.spec.num_envs = got;
-        self.running.resize(got, None);
-        self.actions.resize(got * self.sizes.action, 0.0);
-        Ok(())
-    }
 }
 
 impl fmt::Debug for Replay {
@@ -304,39 +291,29 @@ impl<A: Actor> Experience<A> for Replay {
         self.settings.steps
     }
 
+    /// Makes room for the running episodes of the environments of `spec`.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.prepare(spec)
-    }
-
-    /// The actor's actions; during the warm-up it is asked, too, and uniform actions are taken.
-    fn decide(
-        &mut self,
-        actor: &mut A,
-        observations: &Observations,
-        memory: &mut A::Memory,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<&[f32], RlError> {
-        actor.act(observations, memory, rng, &mut self.actions)?;
-        if self.recorded < self.settings.warm_up {
-            self.actions.fill_with(|| rng.random_range(-1.0..=1.0));
+        self.spec.check_same(spec)?;
+        let (got, expected) = (spec.num_envs, self.spec.num_envs);
+        if self.running.iter().any(Option::is_some) {
+            check_len("environments", "[N]", got, expected)?;
         }
-        Ok(&self.actions)
+        self.spec.num_envs = got;
+        self.running.resize(got, None);
+        self.actions.resize(got * self.sizes.action, 0.0);
+        Ok(())
     }
 
-    fn record(
-        &mut self,
-        _: &mut A,
-        observations: &Observations,
-        transition: &Transition,
-    ) -> Result<(), RlError> {
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        let warm_up = self.recorded < self.settings.warm_up;
+        (&mut self.actions, warm_up)
+    }
+
+    fn record(&mut self, _: &mut A, from: &Observations, to: &Transition) -> Result<(), RlError> {
         // lent out, since a push borrows all of the replay
         let actions = std::mem::take(&mut self.actions);
-        let result = self.push(observations, &actions, transition);
+        let result = self.push(from, &actions, to);
         self.actions = actions;
         result
-    }
-
-    fn end(&mut self, _: &mut A, _: &Observations) -> Result<(), RlError> {
-        Ok(())
     }
 }

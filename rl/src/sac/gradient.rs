@@ -60,9 +60,10 @@ impl<T: Scalar> Losses<'_, T> {
         let fields = &w.next_fields[..n * network.trunk.out_type().dim()];
         let own = &self.params[network.parts().actor_reader];
         let reader = &network.reader;
-        reader.forward(own, fields, &w.before[1], &mut w.actor_reader);
+        let read = (&w.items, &w.before[1]);
+        reader.forward(own, fields, read, &mut w.actor_reader);
         let own = &self.targets[parts.reader.clone()];
-        reader.forward(own, fields, &w.before[1], &mut w.critic_reader);
+        reader.forward(own, fields, read, &mut w.critic_reader);
         self.run_actor(range, self.batch.noise[1], w);
         self.run_critics(n, (self.targets, &parts), w);
         for (slot, position) in range.clone().enumerate() {
@@ -73,15 +74,15 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Returns the critics' loss and adds its gradient, but for that in the shared part, which is left
-    /// as the gradient in its fields.
+    /// Returns the critics' loss and adds its gradient, but for that in the shared part, which is
+    /// left as the gradient in its fields.
     fn critics(&self, range: &Range<usize>, w: &mut SacWorkspace<T>, grad: &mut [T]) -> SacSums {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
         let fields = network.trunk.fields(n, &w.here);
         let own = &self.params[parts.reader.clone()];
         let reader = &network.reader;
-        reader.forward(own, fields, &w.before[0], &mut w.critic_reader);
+        reader.forward(own, fields, (&w.items, &w.before[0]), &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
             let (step, g) = self.batch.step(position);
             let action = self.batch.done(network, step, g).0;
@@ -108,7 +109,7 @@ impl<T: Scalar> Losses<'_, T> {
         let d_state = &mut w.critic_reader.d_state;
         d_state.copy_from_slice(&w.d_state);
         let (own, dparams) = (&self.params[parts.reader.clone()], &mut grad[parts.reader]);
-        let d_fields = reader.backward(own, &w.before[0], n, dparams, &mut w.critic_reader);
+        let d_fields = reader.backward(own, &w.items, n, dparams, &mut w.critic_reader);
         w.here.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
         sums
     }
@@ -119,7 +120,7 @@ impl<T: Scalar> Losses<'_, T> {
         let (parts, reader) = (network.parts(), &network.reader);
         let fields = network.trunk.fields(n, &w.here);
         let own = &self.params[parts.actor_reader.clone()];
-        reader.forward(own, fields, &w.before[0], &mut w.actor_reader);
+        reader.forward(own, fields, (&w.items, &w.before[0]), &mut w.actor_reader);
         self.run_actor(range, self.batch.noise[0], w);
         self.run_critics(n, (self.params, &parts.critics), w);
         let mut sums = SacSums::default();
@@ -142,7 +143,7 @@ impl<T: Scalar> Losses<'_, T> {
         w.actor_reader.d_state.copy_from_slice(&w.actor.dx);
         let own = &self.params[parts.actor_reader.clone()];
         let dparams = &mut grad[parts.actor_reader];
-        reader.backward(own, &w.before[0], n, dparams, &mut w.actor_reader);
+        reader.backward(own, &w.items, n, dparams, &mut w.actor_reader);
         sums
     }
 
@@ -208,8 +209,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose loss
-    /// it returns.
+    /// Brings the gradient in the actions to the actor's output, and adds that of cloning, whose
+    /// loss it returns.
     fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) -> f64 {
         let network = self.network;
         let width = network.action_order.len();

@@ -101,32 +101,37 @@ impl<'a> Batch<'a> {
         let (reader, n) = (&network.reader, range.len());
         let width = network.trunk.out_type().dim();
         let [now, next] = &mut w.before;
-        reader.clear(n, now);
-        reader.clear(n, next);
+        now.clear(reader.length(), n);
+        next.clear(reader.length(), n);
+        reader.clear(w.shown.len(), &mut w.items);
         let (here, there) = (w.here.fields(), w.there.fields());
-        let mut sources = w.sources.iter().map(|&source| match source.checked_sub(n) {
+        let fields_of = |source: usize| match source.checked_sub(n) {
             Some(slot) => &there[slot * width..(slot + 1) * width],
             None => &here[source * width..(source + 1) * width],
-        });
+        };
+        let mut sources = w.sources.iter().copied();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
             let (step, g) = self.step(position);
-            let copied = w.next_fields[own.clone()].iter_mut();
+            let copied = w.next_fields[own].iter_mut();
             copied
-                .zip(sources.by_ref().next().unwrap_or_default())
+                .zip(fields_of(sources.next().unwrap_or_default()))
                 .for_each(|(to, &x)| *to = x);
             if reader.length() == 0 {
                 continue;
             }
             let (action, reward) = self.done(network, step, g);
-            reader.prepend(slot, &here[own], (&action, reward), next);
-            for (count, step) in before(network, step).enumerate() {
-                let fields = sources.by_ref().next().unwrap_or_default();
-                let (action, reward) = self.done(network, step, g);
-                reader.prepend(slot, fields, (&action, reward), now);
-                if count + 1 < reader.length() {
-                    reader.prepend(slot, fields, (&action, reward), next);
+            reader.write(slot, fields_of(slot), (&action, reward), &mut w.items);
+            next.prepend(slot, slot);
+            for step in before(network, step) {
+                let source = sources.next().unwrap_or_default();
+                // what is acted on here writes its own item
+                if source >= n {
+                    let (action, reward) = self.done(network, step, g);
+                    reader.write(source, fields_of(source), (&action, reward), &mut w.items);
                 }
+                now.prepend(slot, source);
+                next.prepend(slot, source);
             }
         }
     }

@@ -7,37 +7,29 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::inference::{Chunk, Inference, check_saved};
+use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
-use crate::policy::{Actor, Features};
+use crate::policy::Actor;
 use crate::sac::history::History;
 use crate::sac::network::SacNetwork;
-use crate::sac::reader::{ReaderPass, Steps};
+use crate::sac::reader::{Items, ReaderPass, Steps};
 use crate::sac::settings::ContextSettings;
 use crate::sac::squashed;
 use crate::stage::Stage;
 use crate::trunk::{OnTrunkPass, TrunkPass};
 
-/// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian, exactly
-/// equivariant under the group of its settings. With a context it remembers the last steps of each
-/// episode.
-///
-/// A clone has parameters of its own and shares the (immutable) network. Batches run in fixed
-/// chunks on the current rayon pool; actions and features have the same bits for any number of
-/// threads.
-#[derive(Clone, Debug)]
-pub struct SacPolicy {
-    /// Its outputs are, for each sample, mean and log_std `[2 A]`, then what a context remembers of
-    /// it.
-    inference: Inference<SacNetwork<f32>, Buffers>,
-}
+/// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian,
+/// exactly equivariant under the group of its settings. With a context it remembers the last steps
+/// of each episode.
+pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, Buffers>;
 
 /// Buffers of one chunk.
-struct Buffers {
-    trunk: TrunkPass<f32>,
-    before: Steps<f32>,
+pub struct Buffers {
+    pub(super) trunk: TrunkPass<f32>,
+    pub(super) items: Items<f32>,
+    pub(super) before: Steps,
     reader: ReaderPass<f32>,
-    actor: Stage<f32>,
+    pub(super) actor: Stage<f32>,
 }
 
 impl SacPolicy {
@@ -53,7 +45,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::of(network, params))
+        Ok(Self::of(Arc::new(network), params, Buffers::new))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as [`SacPolicy::params`]
@@ -70,38 +62,18 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         check_saved(&params, network.num_params())?;
-        Ok(Self::of(network, params))
+        Ok(Self::of(Arc::new(network), params, Buffers::new))
     }
 
-    fn of(network: SacNetwork<f32>, params: Vec<f32>) -> Self {
-        Self {
-            inference: Inference::new(Arc::new(network), params, Buffers::new),
-        }
-    }
-
-    /// The network.
-    pub fn network(&self) -> &Arc<SacNetwork<f32>> {
-        &self.inference.network
-    }
-
-    /// All parameters, in the network's layout.
-    pub fn params(&self) -> &[f32] {
-        &self.inference.params
-    }
-
-    /// All parameters, for an optimiser or a checkpoint to write.
-    pub fn params_mut(&mut self) -> &mut [f32] {
-        &mut self.inference.params
-    }
-
-    /// Fills the outputs and lets the memory keep what was seen; returns the length of a row.
+    /// Fills the outputs with rows of mean and log_std `[2 A]`, then what a context remembers of a
+    /// sample, and lets the memory keep what was seen; returns the length of a row.
     fn run(
         &mut self,
         observations: &Observations,
         memory: &mut History,
         (what, got): (&'static str, usize),
     ) -> Result<usize, RlError> {
-        let (network, width) = (self.network(), self.inference.width());
+        let (network, width) = (self.network(), self.width());
         let samples = observations.samples(network.spec())?;
         check_len(what, "[N, A]", got, samples * width)?;
         memory.check(network.remembered(), samples)?;
@@ -111,8 +83,8 @@ impl SacPolicy {
             w.decide(&chunk, remembered);
             w.write(chunk.network, row, rows);
         };
-        self.inference.run(observations, row, forward)?;
-        let outputs = self.inference.outputs.chunks_exact(row);
+        self.infer(observations, row, forward)?;
+        let outputs = self.outputs.chunks_exact(row);
         for (episode, output) in memory.envs.iter_mut().zip(outputs) {
             let seen = output[2 * width..].iter();
             episode.seen.clear();
@@ -123,9 +95,10 @@ impl SacPolicy {
 }
 
 impl Buffers {
-    fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
+    pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.pass(capacity),
+            items: Items::default(),
             before: Steps::default(),
             reader: network.reader.pass(capacity),
             actor: Stage::new(&network.actor, capacity),
@@ -134,26 +107,38 @@ impl Buffers {
 
     /// Runs the actor on what is shown to a range of environments and on what is remembered of
     /// them.
-    fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+    pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let Chunk { network, range, .. } = chunk;
         let (parts, n) = (network.parts(), range.len());
         let of = |part| &chunk.params[part];
         network
             .trunk
             .forward(of(network.trunk.params()), n, &mut self.trunk);
-        let reader = &network.reader;
-        reader.clear(n, &mut self.before);
-        for (slot, episode) in memory.envs.iter().skip(range.start).take(n).enumerate() {
-            for step in episode.past.iter().rev() {
-                let read = (&step.action[..], step.reward);
-                reader.prepend(slot, &step.fields, read, &mut self.before);
-            }
-        }
+        self.recall(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
         let own = of(parts.actor_reader);
-        reader.forward(own, fields, &self.before, &mut self.reader);
+        let read = (&self.items, &self.before);
+        network.reader.forward(own, fields, read, &mut self.reader);
         self.actor.x.copy_from_slice(&self.reader.state);
         self.actor.forward(&network.actor, of(parts.actor), n);
+    }
+
+    /// Hands what is remembered of a range of environments to the contexts.
+    fn recall(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+        let (reader, range) = (&chunk.network.reader, chunk.range.clone());
+        let episodes = || memory.envs.iter().skip(range.start).take(range.len());
+        let count = episodes().map(|episode| episode.past.len()).sum();
+        reader.clear(count, &mut self.items);
+        self.before.clear(reader.length(), range.len());
+        let mut index = 0;
+        for (slot, episode) in episodes().enumerate() {
+            for step in episode.past.iter().rev() {
+                let read = (&step.action[..], step.reward);
+                reader.write(index, &step.fields, read, &mut self.items);
+                self.before.prepend(slot, index);
+                index += 1;
+            }
+        }
     }
 
     /// Writes rows of means, log_std and, where rows are longer, fields.
@@ -192,13 +177,13 @@ impl Actor for SacPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, ("actions", out.len()))?;
-        self.inference.draw_noise(out.len(), rng);
-        let width = self.inference.width();
+        self.draw_noise(out.len(), rng);
+        let width = self.width();
         let mut action = vec![0.0; width];
-        let rows = self.inference.outputs.chunks_exact(row);
+        let rows = self.outputs.chunks_exact(row);
         let out = out
             .chunks_exact_mut(width)
-            .zip(self.inference.noise.chunks_exact(width));
+            .zip(self.noise.chunks_exact(width));
         for (output, (out, noise)) in rows.zip(out) {
             squashed::sample(&output[..2 * width], noise, &mut action);
             out.iter_mut()
@@ -216,25 +201,12 @@ impl Actor for SacPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, ("mean actions", out.len()))?;
-        let width = self.inference.width();
-        for (out, output) in out
-            .chunks_exact_mut(width)
-            .zip(self.inference.outputs.chunks(row))
-        {
+        let width = self.width();
+        for (out, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
             out.iter_mut()
                 .zip(output)
                 .for_each(|(o, mean)| *o = mean.tanh() as f32);
         }
         Ok(())
-    }
-}
-
-impl Features for SacPolicy {
-    fn feature_dim(&self) -> usize {
-        self.inference.feature_dim()
-    }
-
-    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        self.inference.features(observations, out)
     }
 }

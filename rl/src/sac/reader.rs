@@ -28,13 +28,38 @@ struct Context {
     length: usize,
 }
 
-/// The last steps before each of n samples.
+/// What is read of steps, each of them once: items `[M, I]`.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Steps<T> {
-    /// What is read of them, `[L, n, I]`; a sample's own are the last ones.
-    pub items: Vec<T>,
+pub(crate) struct Items<T>(Vec<T>);
+
+/// Which items are those of the last steps before each of n samples.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Steps {
+    /// Their numbers, `[L, n]`; a sample's own are the last ones.
+    reads: Vec<usize>,
     /// How many there are, `[n]`.
-    pub lengths: Vec<usize>,
+    lengths: Vec<usize>,
+}
+
+impl Steps {
+    /// Those before `samples` samples, at most `length` each; none are there yet.
+    pub fn clear(&mut self, length: usize, samples: usize) {
+        self.reads.clear();
+        self.reads.resize(length * samples, 0);
+        self.lengths.clear();
+        self.lengths.resize(samples, 0);
+    }
+
+    /// Adds a step before sample `slot`; the steps of a sample are added the last one first. What
+    /// goes further back than the sample's room is not read.
+    pub fn prepend(&mut self, slot: usize, item: usize) {
+        let samples = self.lengths.len();
+        let before = self.reads.len() / samples - self.lengths[slot];
+        if let Some(row) = before.checked_sub(1) {
+            self.lengths[slot] += 1;
+            self.reads[row * samples + slot] = item;
+        }
+    }
 }
 
 /// Buffers of a reader for up to a fixed number of samples.
@@ -96,32 +121,27 @@ impl Reader {
         }
     }
 
-    /// Makes room for the steps before `samples` samples; none are there.
-    pub fn clear<T: Scalar>(&self, samples: usize, steps: &mut Steps<T>) {
+    /// Makes room for `count` items, all zeros.
+    pub fn clear<T: Scalar>(&self, count: usize, items: &mut Items<T>) {
         let width = self.context.as_ref().map_or(0, Context::item_len);
-        steps.items.clear();
-        steps.items.resize(self.length() * samples * width, T::ZERO);
-        steps.lengths.clear();
-        steps.lengths.resize(samples, 0);
+        items.0.clear();
+        items.0.resize(count * width, T::ZERO);
     }
 
-    /// Appends a step before sample `slot`: fields, then action and reward in their natural order.
-    /// The steps of a sample are appended the last one first.
-    pub fn prepend<T: Scalar>(
+    /// Writes the item of a step: fields, then action and reward in their natural order.
+    pub fn write<T: Scalar>(
         &self,
-        slot: usize,
+        index: usize,
         fields: &[T],
         (action, reward): (&[f32], f32),
-        steps: &mut Steps<T>,
+        items: &mut Items<T>,
     ) {
         let Some(context) = &self.context else { return };
-        let (samples, width) = (steps.lengths.len(), context.item_len());
-        steps.lengths[slot] += 1;
-        let row = (context.length - steps.lengths[slot]) * samples + slot;
+        let width = context.item_len();
         let natural = |&i: &usize| f64::from(action.get(i).copied().unwrap_or(reward));
         let tail = context.order.iter().map(natural).map(T::from_f64);
         let tail: Vec<T> = tail.collect();
-        let item = &mut steps.items[row * width..(row + 1) * width];
+        let item = &mut items.0[index * width..(index + 1) * width];
         context.item.forward(fields, &tail, item);
     }
 
@@ -130,16 +150,15 @@ impl Reader {
         &self,
         params: &[T],
         fields: &[T],
-        steps: &Steps<T>,
+        (items, steps): (&Items<T>, &Steps),
         pass: &mut ReaderPass<T>,
     ) {
         let samples = fields.len() / self.fields.dim();
         let state = &mut pass.state[..samples * self.out_type().dim()];
         match (&self.context, &mut pass.gru) {
             (Some(context), Some(gru)) => {
-                context
-                    .gru
-                    .forward(params, &steps.items, &steps.lengths, gru);
+                let steps = (&steps.reads[..], &steps.lengths[..]);
+                context.gru.forward_shared(params, &items.0, steps, gru);
                 context.widened.forward(fields, gru.out(), state);
             }
             _ => state.copy_from_slice(fields),
@@ -151,7 +170,7 @@ impl Reader {
     pub fn backward<'a, T: Scalar>(
         &self,
         params: &[T],
-        steps: &Steps<T>,
+        items: &Items<T>,
         n: usize,
         dparams: &mut [T],
         pass: &'a mut ReaderPass<T>,
@@ -164,7 +183,7 @@ impl Reader {
                 context.widened.backward(d_state, d_fields, d_out);
                 context
                     .gru
-                    .backward(params, &steps.items, d_out, None, dparams, gru);
+                    .backward(params, &items.0, d_out, None, dparams, gru);
             }
             _ => d_fields.copy_from_slice(d_state),
         }

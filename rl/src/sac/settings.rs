@@ -49,12 +49,12 @@ pub struct SacSettings {
     pub tau: f32,
     /// What a nat of entropy is worth.
     pub temperature: Temperature,
-    /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since the
-    /// last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded to
-    /// whole windows: of 512 steps in windows of four, to a multiple of 1 / 128.
+    /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
+    /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded
+    /// to whole windows: of 512 steps in windows of four, to a multiple of 1 / 128.
     pub newest_share: f32,
-    /// Every window of a minibatch is moved by a random element of this group: pictures, vectors and
-    /// actions. C1 leaves them as they are.
+    /// Every window of a minibatch is moved by a random element of this group: pictures, vectors
+    /// and actions. C1 leaves them as they are.
     pub augmentation: Group,
     /// Weight of the squared distance between the actor's mean action and the stored one, at least
     /// 0: behavioural cloning of what was done (Fujimoto and Gu, NeurIPS 2021, equation 3).

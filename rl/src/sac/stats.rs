@@ -1,6 +1,7 @@
 //! What an update of soft actor-critic reports.
 
 use crate::algorithm::Metrics;
+use crate::figures::{named, sums};
 
 /// What an update did: means over all steps of all minibatches that were run. Where none was, as
 /// during the burn-in, `steps` is 0, and the means are zeros that say nothing: every row of a table
@@ -32,43 +33,16 @@ pub struct SacStats {
 impl Metrics for SacStats {
     /// The fields in their order.
     fn metrics(&self) -> Vec<(String, f64)> {
-        let all = [
-            ("critic_loss", self.critic_loss),
-            ("actor_loss", self.actor_loss),
-            ("cloning_loss", self.cloning_loss),
-            ("value", self.value),
-            ("entropy", self.entropy),
-            ("temperature", self.temperature),
-            ("grad_norm", self.grad_norm),
-            ("clip_fraction", self.clip_fraction),
-            ("steps", self.steps as f64),
-            ("replay", self.replay as f64),
-        ];
-        all.map(|(name, value)| (name.to_owned(), value)).to_vec()
+        named!(
+            self: critic_loss, actor_loss, cloning_loss, value, entropy, temperature, grad_norm,
+            clip_fraction, steps, replay
+        )
     }
 }
 
-/// Sums over steps of the losses' terms and of the diagnostics.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct SacSums {
-    pub samples: f64,
-    pub critic: f64,
-    pub actor: f64,
-    pub cloning: f64,
-    pub value: f64,
-    pub log_prob: f64,
-}
-
-impl SacSums {
-    /// Adds the sums of other steps.
-    pub fn add(&mut self, other: &Self) {
-        self.samples += other.samples;
-        self.critic += other.critic;
-        self.actor += other.actor;
-        self.cloning += other.cloning;
-        self.value += other.value;
-        self.log_prob += other.log_prob;
-    }
+sums! {
+    /// Sums over steps of the losses' terms and of the diagnostics.
+    SacSums: samples, critic, actor, cloning, value, log_prob
 }
 
 /// Running sums of an update.

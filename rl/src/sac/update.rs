@@ -106,10 +106,10 @@ impl Sac {
     }
 
     /// Gradient steps that are still to be taken when `recorded` steps have been recorded, counted
-    /// from the first one ever: for all of them after the burn-in, less the gradient steps that were
-    /// taken. So a fresh `Sac` on a replay of old steps catches up on all of them at its first
-    /// update. One that goes on where both were saved does not
-    /// ([`Algorithm::restore`] brings its count back).
+    /// from the first one ever: for all of them after the burn-in, less the gradient steps that
+    /// were taken. So a fresh `Sac` on a replay of old steps catches up on all of them at its first
+    /// update. One that goes on where both were saved does not ([`Algorithm::restore`] brings its
+    /// count back).
     pub fn due(&self, recorded: u64) -> u64 {
         let after = recorded.saturating_sub(self.settings.burn_in);
         let total = after as f64 * f64::from(self.settings.updates_per_step);

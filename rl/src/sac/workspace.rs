@@ -5,7 +5,7 @@ use symmetry::D2;
 
 use crate::replay::recorded::Place;
 use crate::sac::network::SacNetwork;
-use crate::sac::reader::{ReaderPass, Steps};
+use crate::sac::reader::{Items, ReaderPass, Steps};
 use crate::stage::Stage;
 use crate::trunk::TrunkPass;
 
@@ -24,8 +24,10 @@ pub(crate) struct SacWorkspace<T> {
     pub sources: Vec<usize>,
     /// Fields of the observations after the steps, `[K, h]`.
     pub next_fields: Vec<T>,
+    /// What contexts read: the step of each observation that is held, in their order.
+    pub items: Items<T>,
     /// The steps before, and those before the next observation.
-    pub before: [Steps<T>; 2],
+    pub before: [Steps; 2],
     pub actor_reader: ReaderPass<T>,
     pub critic_reader: ReaderPass<T>,
     pub actor: Stage<T>,
@@ -60,7 +62,8 @@ impl<T: Scalar> SacNetwork<T> {
             shown: Vec::new(),
             sources: Vec::new(),
             next_fields: reals(self.trunk.out_type().dim()),
-            before: <[Steps<T>; 2]>::default(),
+            items: Items::default(),
+            before: <[Steps; 2]>::default(),
             actor_reader: self.reader.pass(capacity),
             critic_reader: self.reader.pass(capacity),
             actor: Stage::new(&self.actor, capacity),

@@ -19,8 +19,8 @@ pub struct Guess {
 }
 
 impl Guess {
-    /// With `shown`, goals are any numbers and are the observation's vector. Without, they are -1 or
-    /// 1, and the vector is zero.
+    /// With `shown`, goals are any numbers and are the observation's vector. Without, they are -1
+    /// or 1, and the vector is zero.
     pub fn new(num_envs: usize, shown: bool, seed: u64) -> Self {
         Self {
             spec: EnvSpec {

@@ -6,24 +6,28 @@
 use std::path::Path;
 use std::time::Instant;
 
-use cluster::{Assignment, Decision, Evidence, PermutationTest, Verdict};
+use cluster::{Assignment, Decision, Evidence, PermutationTest};
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
-use rl::{Experience, RlError, RolloutState, RolloutStats, VectorEnv, collect};
+use rl::{Activity, Experience, RlError, RolloutState, RolloutStats, Units, VectorEnv, collect};
 
 use crate::error::CoversError;
 use crate::groupings::{Answer, Episodes, Grouping};
-use crate::learners::learner::{Extent, Learner, Seconds, Turn};
+use crate::learners::learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 use crate::learners::metrics::Metrics;
 
 use super::courses::courses;
-use super::first_frames::{FirstFrames, first_frames, keep_features};
+use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::policies::Collection;
-use super::settings::{Embedding, Handover, NewPolicy};
+use super::settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 use super::training::Training;
 
-impl<T: Training> Learner for Collection<T> {
+/// Decisions of an episode from one look at the units of a network to the next: a look costs about
+/// as much as a decision with its picture.
+const BETWEEN_LOOKS: usize = 10;
+
+impl<S: CollectionSettings> Learner for Collection<S> {
     /// One turn of Algorithm 1: roll out, assign, update.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
         self.seconds = Seconds::default();
@@ -46,28 +50,25 @@ impl<T: Training> Learner for Collection<T> {
         let mut created = self.adopt(&assignment, frames)?;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            match self.shared.handover {
+            match self.settings.handover() {
                 Handover::CollectAgain => {
-                    stats = self.roll_out(env)?;
-                    decisions += stats.decisions;
-                    let mut refused = refused(&assignment);
-                    while !created && let Some(other) = self.review(&mut refused)? {
-                        created = self.adopt(&other, self.first_frames()?)?;
-                        assignment = other;
-                        stats = self.roll_out(env)?;
-                        decisions += stats.decisions;
-                    }
+                    let collected = self.hand_over(env, assignment, created)?;
+                    decisions += collected.decisions;
+                    (assignment, stats, created) =
+                        (collected.assignment, collected.stats, collected.created);
                 }
                 Handover::Reuse => {
                     let policy = &mut self.members[self.current].policy;
-                    T::take_over(policy, &mut self.rollout)?;
+                    S::Training::take_over(policy, &mut self.rollout)?;
                 }
             }
         }
         self.remember(self.current_collector(collector))?;
         let update = self.update()?;
+        let policy = self.current;
+        decisions += self.look_for_twin(env)?;
         Ok(Turn {
-            policy: self.current,
+            policy,
             created,
             metrics: metrics(&assignment.evidence, first_look.is_some(), update),
             evidence: assignment.evidence,
@@ -78,30 +79,19 @@ impl<T: Training> Learner for Collection<T> {
         })
     }
 
-    /// Looks at the first frames of as many episodes as the grouping needs, at least one in each
-    /// environment. Where the grouping accepts no policy, the nearest one answers, or policy 0
-    /// where the grouping measures no distances.
+    /// Looks at the first frames of the episodes that are asked for, or of as many as the grouping
+    /// needs, at least one in each environment. Where the grouping accepts no policy, the nearest
+    /// one answers, or policy 0 where the grouping measures no distances.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
+        episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<usize, CoversError> {
-        let k = self.shared.first_frames;
-        let mut glimpse = T::rollout(env.spec(), k)?;
-        let (mut frames, mut episodes) = (Vec::new(), Vec::new());
-        while frames.len() < self.grouping.min_episodes() {
-            let policy = &mut self.members[self.current].policy;
-            let mut state = RolloutState::reset(env, policy)?;
-            collect(env, policy, &mut glimpse, &mut state, rng)?;
-            let seen = first_frames(&glimpse, k);
-            if seen.is_empty() {
-                return self.check_episodes(0).map(|()| self.current);
-            }
-            frames.extend(seen);
-            episodes.extend(courses(&glimpse, 0));
-        }
+    ) -> Result<Recognised, CoversError> {
+        let (frames, courses) = self.glimpse(env, episodes, rng)?;
+        let recognised = |policy, fits| Ok(Recognised { policy, fits });
         if !self.has_learnt() {
-            return Ok(0);
+            return recognised(0, true);
         }
         let mut clouds = Clouds {
             members: &mut self.members,
@@ -109,13 +99,15 @@ impl<T: Training> Learner for Collection<T> {
             episodes: Episodes {
                 spec: &self.spec,
                 collector: self.current,
-                courses: &episodes,
+                courses: &courses,
             },
         };
-        let assignment = self.grouping.assign(&mut clouds, rng)?;
+        let assignment = self.grouping.recognise(&mut clouds, rng)?;
         match assignment.decision {
-            Decision::Existing(index) => self.check_policy(index),
-            Decision::New | Decision::Undecided => Ok(assignment.nearest().unwrap_or(0)),
+            Decision::Existing(index) => recognised(self.check_policy(index)?, true),
+            Decision::New | Decision::Undecided => {
+                recognised(assignment.nearest().unwrap_or(0), false)
+            }
         }
     }
 
@@ -124,9 +116,18 @@ impl<T: Training> Learner for Collection<T> {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<RolloutStats, CoversError> {
+    ) -> Result<Performance, CoversError> {
         let index = self.check_policy(index)?;
-        Ok(rl::evaluate(env, &mut self.members[index].policy, rounds)?)
+        let mut activity = Activity::default();
+        let policy = &mut self.members[index].policy;
+        let stats = rl::watch(env, policy, rounds, |policy, state| {
+            let steps = state.episodes.first().map_or(0, |episode| episode.length);
+            if steps.is_multiple_of(BETWEEN_LOOKS) {
+                activity.add(&policy.activity(&state.observations, &state.memory)?);
+            }
+            Ok(())
+        })?;
+        Ok(Performance { stats, activity })
     }
 
     fn policies(&self) -> usize {
@@ -138,9 +139,12 @@ impl<T: Training> Learner for Collection<T> {
     }
 }
 
-impl<T: Training> Collection<T> {
+impl<S: CollectionSettings> Collection<S> {
     /// Collects `N_s` decisions with the current policy.
-    fn roll_out(&mut self, env: &mut dyn VectorEnv) -> Result<RolloutStats, CoversError> {
+    pub(super) fn roll_out(
+        &mut self,
+        env: &mut dyn VectorEnv,
+    ) -> Result<RolloutStats, CoversError> {
         let clock = Instant::now();
         self.check_horizon(env)?;
         let Member {
@@ -154,6 +158,35 @@ impl<T: Training> Collection<T> {
         Ok(stats)
     }
 
+    /// The first frames of new episodes, and the episodes as far as they ran: exactly this many, or
+    /// at least as many as the grouping needs.
+    fn glimpse(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        episodes: Option<usize>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<(Vec<FirstFrames>, Vec<Course>), CoversError> {
+        let (k, needed) = (self.settings.first_frames(), self.grouping.min_episodes());
+        let mut glimpse = S::rollout(env.spec(), k)?;
+        let (mut frames, mut courses) = (Vec::new(), Vec::new());
+        while frames.len() < episodes.unwrap_or(needed) {
+            let policy = &mut self.members[self.current].policy;
+            let mut state = RolloutState::reset(env, policy)?;
+            collect(env, policy, &mut glimpse, &mut state, rng)?;
+            let seen = first_frames(&glimpse, k);
+            if seen.is_empty() {
+                self.check_episodes(0)?;
+            }
+            frames.extend(seen);
+            courses.extend(self::courses(&glimpse, 0));
+        }
+        if let Some(episodes) = episodes {
+            frames.truncate(episodes);
+            courses.truncate(episodes);
+        }
+        Ok((frames, courses))
+    }
+
     /// Refuses rollouts that end before an episode does: nothing would be learnt of late states.
     fn check_horizon(&self, env: &dyn VectorEnv) -> Result<(), RlError> {
         let steps = self.rollout.steps();
@@ -164,8 +197,8 @@ impl<T: Training> Collection<T> {
     }
 
     /// The first frames of the rollout's episodes.
-    fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
-        let frames = first_frames(&self.rollout, self.shared.first_frames);
+    pub(super) fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
+        let frames = first_frames(&self.rollout, self.settings.first_frames());
         self.check_episodes(frames.len())?;
         Ok(frames)
     }
@@ -179,7 +212,7 @@ impl<T: Training> Collection<T> {
         Err(CoversError::TooFewEpisodes {
             got,
             needed,
-            first_frames: self.shared.first_frames,
+            first_frames: self.settings.first_frames(),
         })
     }
 
@@ -204,22 +237,13 @@ impl<T: Training> Collection<T> {
         })
     }
 
-    /// Asks it whether the current policy, which has acted since it was named, is the right one;
-    /// the answer is another one, or nothing.
-    fn review(&mut self, refused: &mut Vec<usize>) -> Result<Option<Assignment>, CoversError> {
-        let (frames, courses) = (self.first_frames()?, courses(&self.rollout, 0));
-        self.ask(&frames, &courses, |grouping, clouds, rng| {
-            grouping.review(clouds, refused, rng)
-        })
-    }
-
-    fn ask<A>(
+    pub(super) fn ask<A>(
         &mut self,
         rollout: &[FirstFrames],
         courses: &[Course],
         mut question: impl FnMut(
             &dyn Grouping,
-            &mut Clouds<T>,
+            &mut Clouds<S>,
             &mut ChaCha8Rng,
         ) -> Result<A, CoversError>,
     ) -> Result<A, CoversError> {
@@ -239,7 +263,8 @@ impl<T: Training> Collection<T> {
         answer
     }
 
-    /// Shows the grouping the last rollout, which the current policy is about to learn from.
+    /// Shows the grouping the last rollout, which the current policy is about to learn from, and
+    /// forgets what shows another group at its end.
     fn remember(&mut self, collector: usize) -> Result<(), CoversError> {
         let clock = Instant::now();
         let episodes = Episodes {
@@ -248,21 +273,23 @@ impl<T: Training> Collection<T> {
             courses: &courses(&self.rollout, 0),
         };
         let rng = &mut self.generators.assignment;
-        self.grouping.remember(self.current, episodes, rng)?;
+        if let Some(end) = self.grouping.remember(self.current, episodes, rng)? {
+            self.rollout.truncate(end / self.spec.num_envs)?;
+        }
         self.seconds.assignment += clock.elapsed().as_secs_f64();
         Ok(())
     }
 
     /// Who collected the rollout that is learnt from; `first` collected the turn's first one.
     fn current_collector(&self, first: usize) -> usize {
-        match self.shared.handover {
+        match self.settings.handover() {
             Handover::CollectAgain => self.current,
             Handover::Reuse => first,
         }
     }
 
     /// Makes the assigned policy current and gives it the frames; returns whether it is new.
-    fn adopt(
+    pub(super) fn adopt(
         &mut self,
         assignment: &Assignment,
         mut frames: Vec<FirstFrames>,
@@ -277,7 +304,7 @@ impl<T: Training> Collection<T> {
         };
         self.grouping.adopt(self.current);
         let member = &mut self.members[self.current];
-        if self.shared.embedding == Embedding::AtArrival {
+        if self.settings.embedding() == Embedding::AtArrival {
             keep_features(&mut member.policy, &mut frames)?;
         }
         for episode in frames {
@@ -290,7 +317,7 @@ impl<T: Training> Collection<T> {
 
     /// The policy that a new one is copied from, if it is.
     fn parent(&self, assignment: &Assignment) -> Result<Option<usize>, CoversError> {
-        match (self.shared.new_policy, assignment.nearest()) {
+        match (self.settings.new_policy(), assignment.nearest()) {
             (NewPolicy::Random, _) => Ok(None),
             (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
             (NewPolicy::Copy, None) => Err(CoversError::Setting {
@@ -307,7 +334,7 @@ impl<T: Training> Collection<T> {
     }
 
     /// Refuses a policy that a grouping made up.
-    fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
+    pub(super) fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
         if index < self.members.len() {
             return Ok(index);
         }
@@ -329,13 +356,6 @@ impl<T: Training> Collection<T> {
         self.seconds.update += clock.elapsed().as_secs_f64();
         Ok(logged)
     }
-}
-
-/// The policies that a decision refused for good.
-fn refused(assignment: &Assignment) -> Vec<usize> {
-    let evidence = assignment.evidence.iter().enumerate();
-    let refused = evidence.filter(|(_, e)| e.verdict == Verdict::Refused);
-    refused.map(|(index, _)| index).collect()
 }
 
 /// What is logged: the evidence of the grouping, one number for each policy, and the update.

@@ -20,7 +20,7 @@ use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
 use super::note;
 use super::policies::Collection;
-use super::settings::{CollectionSettings, Embedding, Shared};
+use super::settings::{CollectionSettings, Embedding, buffer_capacity, steps_per_env};
 use super::training::Training;
 
 /// What is not an array.
@@ -52,7 +52,7 @@ struct MemberHeader {
     seen: u64,
 }
 
-impl<T: Training> Collection<T> {
+impl<S: CollectionSettings> Collection<S> {
     /// The bytes of the learner's file, with a note of the caller's.
     pub(super) fn to_bytes(
         &self,
@@ -98,7 +98,7 @@ impl<T: Training> Collection<T> {
     /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments;
     /// a grouping that needs labels, or one that does not take the saved state of another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
-        Checkpoint::read(path)?.open(spec, true, |shared| shared.grouping.build())
+        Checkpoint::read(path)?.open(spec, true, |settings: &S| settings.grouping().build())
     }
 
     /// As [`Collection::load`], with a grouping of the caller's.
@@ -119,18 +119,19 @@ impl<T: Training> Collection<T> {
     pub(in crate::learners) fn read(
         path: &Path,
         spec: &EnvSpec,
-        settings: &T::Settings,
+        settings: &S,
         labels: &Labels,
         whole: bool,
     ) -> Result<(Self, String), CoversError> {
         let checkpoint = Checkpoint::read(path)?;
-        let header: Header<'static, T::Settings> = checkpoint.header()?;
+        let header: Header<'static, S> = checkpoint.header()?;
         same(path, settings, &*header.settings)?;
         if whole && header.members.iter().any(|m| m.counters.is_none()) {
             let path = path.to_owned();
             return Err(CoversError::PoliciesOnly { path });
         }
-        checkpoint.open(spec, whole, |shared| shared.grouping.build_with(labels))
+        let grouping = |settings: &S| settings.grouping().build_with(labels);
+        checkpoint.open(spec, whole, grouping)
     }
 }
 
@@ -152,18 +153,16 @@ impl<'a> Checkpoint<'a> {
 
     /// The learner and the note, with the state of its training where it is wanted and there. What
     /// does not fit is an error that names the file.
-    fn open<T: Training>(
+    fn open<S: CollectionSettings>(
         self,
         spec: &EnvSpec,
         training: bool,
-        grouping: impl FnOnce(&Shared) -> Result<Box<dyn Grouping>, CoversError>,
-    ) -> Result<(Collection<T>, String), CoversError> {
-        let (mut header, file): (Header<'static, T::Settings>, _) =
-            TensorFile::open(self.path, &self.bytes)?;
-        let shared = header.settings.shared();
-        let mut grouping = grouping(&shared)?;
+        grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, CoversError>,
+    ) -> Result<(Collection<S>, String), CoversError> {
+        let (mut header, file): (Header<'static, S>, _) = TensorFile::open(self.path, &self.bytes)?;
+        let mut grouping = grouping(&header.settings)?;
         // sizes are read by what the settings say, so those come first
-        let checked = shared.steps_per_env(spec, grouping.min_episodes());
+        let checked = steps_per_env(&*header.settings, spec, grouping.min_episodes());
         checked.map_err(|error| error.in_file(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
@@ -175,9 +174,8 @@ impl<'a> Checkpoint<'a> {
             file,
             spec,
             settings: &*header.settings,
-            shared,
         };
-        let members = arrays.members::<T>(&header);
+        let members = arrays.members(&header);
         let members = members.map_err(|error| error.in_file(self.path))?;
         let settings = header.settings.into_owned();
         let collection = Collection::with_grouping(settings, spec, grouping);
@@ -189,7 +187,7 @@ impl<'a> Checkpoint<'a> {
     }
 }
 
-impl<T: Training> Member<T> {
+impl<S: CollectionSettings> Member<S> {
     fn header(&self, extent: Extent) -> MemberHeader {
         match extent {
             Extent::Everything => MemberHeader {
@@ -223,7 +221,7 @@ impl<T: Training> Member<T> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let flat =
             |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
-        let mut tensors = vec![flat("params", T::params(&self.policy))];
+        let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == Extent::Everything {
             let state = self.training.state().tensors.into_iter();
             tensors.extend(state.map(|(name, values)| flat(name, values)));
@@ -254,17 +252,13 @@ struct Arrays<'a, S> {
     file: TensorFile<'a>,
     spec: &'a EnvSpec,
     settings: &'a S,
-    shared: Shared,
 }
 
-impl<S: Clone> Arrays<'_, S> {
-    fn members<T: Training<Settings = S>>(
-        &self,
-        header: &Header<'_, S>,
-    ) -> Result<Vec<Member<T>>, CoversError> {
+impl<S: CollectionSettings> Arrays<'_, S> {
+    fn members(&self, header: &Header<'_, S>) -> Result<Vec<Member<S>>, CoversError> {
         let members = header.members.iter().enumerate();
         let members = members.map(|(index, member)| self.member(index, member));
-        let members: Vec<Member<T>> = members.collect::<Result<_, _>>()?;
+        let members: Vec<_> = members.collect::<Result<_, _>>()?;
         if header.current < members.len() {
             return Ok(members);
         }
@@ -272,24 +266,20 @@ impl<S: Clone> Arrays<'_, S> {
         Err(self.file.damaged(problem))
     }
 
-    fn member<T: Training<Settings = S>>(
-        &self,
-        index: usize,
-        header: &MemberHeader,
-    ) -> Result<Member<T>, CoversError> {
+    fn member(&self, index: usize, header: &MemberHeader) -> Result<Member<S>, CoversError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
-        let policy = T::with_params(self.settings, self.spec, params)?;
-        let mut training = T::new(self.settings, self.spec, &policy)?;
+        let policy = self.settings.with_params(self.spec, params)?;
+        let mut training = self.settings.training(self.spec, &policy)?;
         if let Some(counters) = &header.counters {
             self.restore_training(&name, counters, &mut training)?;
         }
         let mut episodes = self.episodes(&name("images"), &name("vectors"))?;
-        if self.shared.embedding == Embedding::AtArrival && !episodes.is_empty() {
+        if self.settings.embedding() == Embedding::AtArrival && !episodes.is_empty() {
             let dim = policy.feature_dim();
             self.restore_features(&name("features"), dim, &mut episodes)?;
         }
-        let capacity = self.shared.buffer_capacity();
+        let capacity = buffer_capacity(self.settings);
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
         Ok(Member {
             policy,
@@ -298,11 +288,11 @@ impl<S: Clone> Arrays<'_, S> {
         })
     }
 
-    fn restore_training<T: Training>(
+    fn restore_training(
         &self,
         name: &impl Fn(&str) -> String,
         counters: &BTreeMap<String, u64>,
-        training: &mut T,
+        training: &mut S::Training,
     ) -> Result<(), CoversError> {
         let fresh = training.state().tensors.into_iter();
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
@@ -324,7 +314,7 @@ impl<S: Clone> Arrays<'_, S> {
 
     /// The frames that a policy keeps, without features.
     fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
-        let (spec, k) = (self.spec, self.shared.first_frames);
+        let (spec, k) = (self.spec, self.settings.first_frames());
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
@@ -351,7 +341,7 @@ impl<S: Clone> Arrays<'_, S> {
         dim: usize,
         episodes: &mut [FirstFrames],
     ) -> Result<(), CoversError> {
-        let k = self.shared.first_frames;
+        let k = self.settings.first_frames();
         let (shape, features) = self.file.floats(name)?;
         self.check_shape(name, &shape, &[episodes.len(), k, dim])?;
         for (episode, features) in episodes.iter_mut().zip(features.chunks_exact(k * dim)) {

@@ -1,7 +1,7 @@
 //! The first frames of episodes: what assignment looks at, since later ones depend on the policy.
 
 use cluster::Frames;
-use rl::{EnvSpec, Features, Observations, Outcome, RolloutBuffer};
+use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
 
 use crate::error::CoversError;
 
@@ -63,6 +63,12 @@ pub trait Rollout {
 
     /// What it was rewarded with.
     fn reward(&self, step: usize, env: usize) -> f32;
+
+    /// Forgets all steps of the last collection but the first `steps`, at least 1.
+    ///
+    /// # Errors
+    /// A collection that is not finished.
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 }
 
 impl Rollout for RolloutBuffer {
@@ -90,6 +96,10 @@ impl Rollout for RolloutBuffer {
 
     fn reward(&self, step: usize, env: usize) -> f32 {
         self.rewards()[step * self.spec().num_envs + env]
+    }
+
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
+        self.truncate(steps)
     }
 }
 

@@ -9,23 +9,23 @@ use crate::error::CoversError;
 use crate::groupings::{Candidates, Episodes};
 
 use super::first_frames::{FirstFrames, embed, recall};
-use super::training::Training;
+use super::settings::{CollectionSettings, PolicyOf};
 
 /// A policy, its training, and the first frames of the group that it oversees.
-pub(super) struct Member<T: Training> {
-    pub policy: T::Policy,
-    pub training: T,
+pub(super) struct Member<S: CollectionSettings> {
+    pub policy: PolicyOf<S>,
+    pub training: S::Training,
     pub buffer: Reservoir<FirstFrames>,
 }
 
 /// The members beside the first frames of a rollout.
-pub(super) struct Clouds<'a, T: Training> {
-    pub members: &'a mut [Member<T>],
+pub(super) struct Clouds<'a, S: CollectionSettings> {
+    pub members: &'a mut [Member<S>],
     pub rollout: &'a [FirstFrames],
     pub episodes: Episodes<'a>,
 }
 
-impl<T: Training> Candidates for Clouds<'_, T> {
+impl<S: CollectionSettings> Candidates for Clouds<'_, S> {
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
         let clouds = self.members.iter_mut().map(|member| {
             Ok(Candidate {

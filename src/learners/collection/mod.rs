@@ -10,9 +10,11 @@ mod note;
 mod policies;
 mod settings;
 mod training;
+mod trials;
 
 pub use first_frames::Rollout;
 pub use note::read_note;
 pub use policies::Collection;
-pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+pub(in crate::learners) use settings::shared_settings;
+pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy};
 pub use training::Training;

@@ -9,31 +9,28 @@ use crate::groupings::Grouping;
 use crate::learners::learner::Seconds;
 
 use super::member::{Generators, Member};
-use super::settings::{CollectionSettings, Shared};
-use super::training::Training;
+use super::settings::{CollectionSettings, RolloutOf, buffer_capacity, steps_per_env};
 
 /// The learner: a growing collection of policies. It has no place for a task label.
-pub struct Collection<T: Training> {
-    pub(super) settings: T::Settings,
-    /// Of the settings, what does not depend on the training.
-    pub(super) shared: Shared,
+pub struct Collection<S: CollectionSettings> {
+    pub(super) settings: S,
     pub(super) spec: EnvSpec,
     pub(super) grouping: Box<dyn Grouping>,
-    pub(super) members: Vec<Member<T>>,
+    pub(super) members: Vec<Member<S>>,
     pub(super) current: usize,
-    pub(super) rollout: T::Rollout,
+    pub(super) rollout: RolloutOf<S>,
     pub(super) generators: Generators,
     pub(super) seconds: Seconds,
 }
 
-impl<T: Training> Collection<T> {
+impl<S: CollectionSettings> Collection<S> {
     /// A learner with one random policy and no frames, and the grouping that the settings name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
     /// cannot keep exactly symmetric.
-    pub fn new(settings: T::Settings, spec: &EnvSpec) -> Result<Self, CoversError> {
-        let grouping = settings.shared().grouping.build()?;
+    pub fn new(settings: S, spec: &EnvSpec) -> Result<Self, CoversError> {
+        let grouping = settings.grouping().build()?;
         Self::with_grouping(settings, spec, grouping)
     }
 
@@ -42,22 +39,20 @@ impl<T: Training> Collection<T> {
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
     pub fn with_grouping(
-        settings: T::Settings,
+        settings: S,
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
     ) -> Result<Self, CoversError> {
-        let shared = settings.shared();
-        let steps = shared.steps_per_env(spec, grouping.min_episodes())?;
+        let steps = steps_per_env(&settings, spec, grouping.min_episodes())?;
         let mut collection = Self {
             spec: spec.clone(),
             grouping,
             members: Vec::new(),
             current: 0,
-            rollout: T::rollout(spec, steps)?,
-            generators: Generators::new(shared.seed),
+            rollout: S::rollout(spec, steps)?,
+            generators: Generators::new(settings.seed()),
             seconds: Seconds::default(),
             settings,
-            shared,
         };
         collection.open_policy(None)?;
         Ok(collection)
@@ -70,11 +65,11 @@ impl<T: Training> Collection<T> {
             Some(parent) => self.members[parent].policy.clone(),
             None => {
                 let seed = self.generators.initialisation.random();
-                T::policy(&self.settings, &self.spec, seed)?
+                self.settings.policy(&self.spec, seed)?
             }
         };
-        let training = T::new(&self.settings, &self.spec, &policy)?;
-        let buffer = Reservoir::new(self.shared.buffer_capacity())?;
+        let training = self.settings.training(&self.spec, &policy)?;
+        let buffer = Reservoir::new(buffer_capacity(&self.settings))?;
         self.members.push(Member {
             policy,
             training,

@@ -1,61 +1,19 @@
-//! What differs between collections: how one policy acts, and how it learns from a rollout.
+//! What differs between collections: how one policy learns from a rollout.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{Actor, AlgorithmState, EnvSpec, Experience, Features, RlError};
+use rl::{AlgorithmState, Experience, Features, RlError, Units};
 
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
 use super::first_frames::Rollout;
-use super::settings::CollectionSettings;
 
 /// The training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
-    /// Settings of the whole collection.
-    type Settings: CollectionSettings;
     /// What is trained.
-    type Policy: Actor + Features + Clone + Send;
+    type Policy: Units + Features + Clone + Send;
     /// What a rollout is kept in until it is known whose it is.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
-
-    /// A random policy.
-    ///
-    /// # Errors
-    /// Images that the network cannot take, or a setting out of range.
-    fn policy(
-        settings: &Self::Settings,
-        spec: &EnvSpec,
-        seed: u64,
-    ) -> Result<Self::Policy, RlError>;
-
-    /// The policy of these parameters.
-    ///
-    /// # Errors
-    /// As [`Training::policy`], and parameters that are not the network's.
-    fn with_params(
-        settings: &Self::Settings,
-        spec: &EnvSpec,
-        params: Vec<f32>,
-    ) -> Result<Self::Policy, RlError>;
-
-    /// All parameters of a policy.
-    fn params(policy: &Self::Policy) -> &[f32];
-
-    /// Fresh state for `policy`.
-    ///
-    /// # Errors
-    /// A setting out of range.
-    fn new(
-        settings: &Self::Settings,
-        spec: &EnvSpec,
-        policy: &Self::Policy,
-    ) -> Result<Self, RlError>;
-
-    /// Room for rollouts of `steps` steps of every environment.
-    ///
-    /// # Errors
-    /// Sizes of zero, or more memory than there is.
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Self::Rollout, RlError>;
 
     /// Prepares `rollout` for being collected with this policy.
     fn prepare(&self, _rollout: &mut Self::Rollout) {}

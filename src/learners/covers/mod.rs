@@ -6,4 +6,8 @@ mod settings;
 mod training;
 
 pub use settings::CoversSettings;
-pub use training::{Covers, PpoTraining};
+
+use super::collection::Collection;
+
+/// The learner of the paper: a growing collection of policies, trained by PPO.
+pub type Covers = Collection<CoversSettings>;

@@ -1,12 +1,16 @@
 //! Settings of the learner. Where the paper leaves a gap or this project departs from it, the
 //! paper's reading is a value, too.
 
-use rl::{NetworkSettings, PpoSettings};
+use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RlError, RolloutBuffer};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+use crate::learners::collection::{
+    CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
+};
+
+use super::training::PpoTraining;
 
 /// Settings of [`Covers`](crate::Covers).
 ///
@@ -83,40 +87,34 @@ impl CoversSettings {
 }
 
 impl CollectionSettings for CoversSettings {
-    fn shared(&self) -> Shared {
-        Shared {
-            grouping: self.grouping,
-            first_frames: self.first_frames,
-            rollout_steps: self.rollout_steps,
-            buffer_episodes: self.buffer_episodes,
-            handover: self.handover,
-            embedding: self.embedding,
-            new_policy: self.new_policy,
-            seed: self.seed,
-        }
+    type Training = PpoTraining;
+
+    shared_settings!(
+        grouping: GroupingSettings, first_frames: usize, rollout_steps: usize,
+        buffer_episodes: Option<usize>, handover: Handover, embedding: Embedding,
+        new_policy: NewPolicy, seed: u64
+    );
+
+    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
+        ActorCriticPolicy::new(&self.network, spec, seed)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<ActorCriticPolicy, RlError> {
+        ActorCriticPolicy::with_params(&self.network, spec, params)
+    }
 
-    #[test]
-    fn settings_survive_a_file() {
-        let other = CoversSettings {
-            embedding: Embedding::AtArrival,
-            new_policy: NewPolicy::Copy,
-            seed: u64::MAX,
-            ..CoversSettings::paper()
-        };
-        for settings in [CoversSettings::default(), CoversSettings::paper(), other] {
-            let text = serde_json::to_string(&settings).unwrap();
-            let read: CoversSettings = serde_json::from_str(&text).unwrap();
-            assert_eq!(read, settings);
-        }
-        let read = |text| serde_json::from_str::<CoversSettings>(text);
-        assert_eq!(read("{}").unwrap(), CoversSettings::default());
-        assert!(read(r#"{"hand_over": "reuse"}"#).is_err());
-        assert!(read(r#"{"handover": "keep"}"#).is_err());
+    fn params(policy: &ActorCriticPolicy) -> &[f32] {
+        policy.params()
+    }
+
+    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+        RolloutBuffer::new(spec, steps)
+    }
+
+    fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
+        Ok(PpoTraining {
+            ppo: Ppo::new(self.ppo.clone(), policy)?,
+            augmentation: self.augmentation,
+        })
     }
 }

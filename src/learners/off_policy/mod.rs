@@ -10,4 +10,8 @@ mod settings;
 mod training;
 
 pub use settings::OffPolicySettings;
-pub use training::{OffPolicy, SacTraining};
+
+use super::collection::Collection;
+
+/// A growing collection of policies, or a single one, trained by soft actor-critic.
+pub type OffPolicy = Collection<OffPolicySettings>;

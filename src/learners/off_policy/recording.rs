@@ -1,7 +1,5 @@
 //! A rollout that waits for the replay it belongs to.
 
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, EnvSpec, Experience, Observations, Outcome, Replay, RlError, SacPolicy, Transition,
 };
@@ -73,40 +71,21 @@ impl<A: Actor> Experience<A> for Recording {
         Ok(())
     }
 
-    /// The actor's actions; during the warm-up it is asked, too, and uniform actions are taken.
-    fn decide(
-        &mut self,
-        actor: &mut A,
-        observations: &Observations,
-        memory: &mut A::Memory,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<&[f32], RlError> {
-        actor.act(observations, memory, rng, &mut self.actions)?;
-        if self.uniform > 0 {
-            self.actions.fill_with(|| rng.random_range(-1.0..=1.0));
-        }
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        let warm_up = self.uniform > 0;
         self.uniform = self.uniform.saturating_sub(self.spec.num_envs as u64);
-        Ok(&self.actions)
+        (&mut self.actions, warm_up)
     }
 
-    fn record(
-        &mut self,
-        _: &mut A,
-        observations: &Observations,
-        transition: &Transition,
-    ) -> Result<(), RlError> {
+    fn record(&mut self, _: &mut A, from: &Observations, to: &Transition) -> Result<(), RlError> {
         let step = Step {
-            observations: observations.clone(),
+            observations: from.clone(),
             actions: self.actions.clone(),
-            transition: transition.clone(),
+            transition: to.clone(),
         };
         if let Some(collection) = self.collections.last_mut() {
             collection.push(step);
         }
-        Ok(())
-    }
-
-    fn end(&mut self, _: &mut A, _: &Observations) -> Result<(), RlError> {
         Ok(())
     }
 }
@@ -135,5 +114,12 @@ impl Rollout for Recording {
 
     fn reward(&self, step: usize, env: usize) -> f32 {
         self.last()[step].transition.rewards[env]
+    }
+
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
+        if let Some(last) = self.collections.last_mut() {
+            last.truncate(steps);
+        }
+        Ok(())
     }
 }

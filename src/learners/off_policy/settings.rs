@@ -1,11 +1,19 @@
 //! Settings of off-policy learners, and the methods that they make.
 
-use rl::{ContextSettings, EnvSpec, NetworkSettings, PpoSettings, ReplaySettings, SacSettings};
+use rl::{
+    ContextSettings, EnvSpec, NetworkSettings, PpoSettings, Replay, ReplaySettings, RlError, Sac,
+    SacPolicy, SacSettings,
+};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{CollectionSettings, Embedding, Handover, NewPolicy, Shared};
+use crate::learners::collection::{
+    CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
+};
+
+use super::recording::Recording;
+use super::training::SacTraining;
 
 /// Settings of [`OffPolicy`](crate::OffPolicy). [`OffPolicySettings::clear`] is the default.
 ///
@@ -47,8 +55,8 @@ pub struct OffPolicySettings {
 
 impl OffPolicySettings {
     /// CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
-    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not say
-    /// which those are, nor how often.
+    /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not
+    /// say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings {
@@ -118,7 +126,7 @@ impl OffPolicySettings {
     }
 
     /// The replay of one policy in environments of `spec`.
-    pub(super) fn replay(&self, spec: &EnvSpec) -> ReplaySettings {
+    fn replay(&self, spec: &EnvSpec) -> ReplaySettings {
         ReplaySettings {
             capacity: self.capacity,
             steps: self.rollout_steps / spec.num_envs.max(1),
@@ -136,39 +144,44 @@ impl Default for OffPolicySettings {
 }
 
 impl CollectionSettings for OffPolicySettings {
-    fn shared(&self) -> Shared {
-        Shared {
-            grouping: self.grouping,
-            first_frames: self.first_frames,
-            rollout_steps: self.rollout_steps,
-            buffer_episodes: self.buffer_episodes,
-            handover: Handover::Reuse,
-            embedding: Embedding::Afresh,
-            new_policy: self.new_policy,
-            seed: self.seed,
-        }
+    type Training = SacTraining;
+
+    shared_settings!(
+        grouping: GroupingSettings, first_frames: usize, rollout_steps: usize,
+        buffer_episodes: Option<usize>, new_policy: NewPolicy, seed: u64
+    );
+
+    fn handover(&self) -> Handover {
+        Handover::Reuse
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+    fn embedding(&self) -> Embedding {
+        Embedding::Afresh
+    }
 
-    #[test]
-    fn settings_survive_a_file() {
-        let all = [
-            OffPolicySettings::clear(),
-            OffPolicySettings::clear_bc(),
-            OffPolicySettings::three_rl(),
-            OffPolicySettings::equi_sac(),
-        ];
-        for settings in all {
-            let text = serde_json::to_string(&settings).unwrap();
-            let read: OffPolicySettings = serde_json::from_str(&text).unwrap();
-            assert_eq!(read, settings);
-        }
-        let read = |text| serde_json::from_str::<OffPolicySettings>(text);
-        assert_eq!(read("{}").unwrap(), OffPolicySettings::clear());
-        assert!(read(r#"{"handover": "reuse"}"#).is_err());
+    fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
+        SacPolicy::new(&self.network, self.context, spec, seed)
+    }
+
+    fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<SacPolicy, RlError> {
+        SacPolicy::with_params(&self.network, self.context, spec, params)
+    }
+
+    fn params(policy: &SacPolicy) -> &[f32] {
+        policy.params()
+    }
+
+    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
+        spec.check_rollout(steps)?;
+        Ok(Recording::new(spec, steps))
+    }
+
+    fn training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
+        Ok(SacTraining {
+            sac: Sac::new(self.sac.clone(), policy)?,
+            replay: Replay::new(self.replay(spec), spec)?,
+            warm_up: self.warm_up,
+            newest_steps: self.newest_steps,
+        })
     }
 }

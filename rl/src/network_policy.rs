@@ -1,4 +1,4 @@
-//! A network with its parameters, run on batches of observations.
+//! A policy: a network with its parameters, run on batches of observations.
 
 use std::fmt;
 use std::ops::Range;
@@ -10,23 +10,25 @@ use rand_chacha::ChaCha8Rng;
 use crate::env::Observations;
 use crate::error::{RlError, check_all_finite, check_len, check_params};
 use crate::gaussian::standard_normals;
+use crate::policy::Features;
 use crate::trunk::{OnTrunk, OnTrunkPass, Trunk};
 
 /// Samples of one chunk: a batch of 20 environments then occupies several threads.
 const CHUNK: usize = 4;
 
-/// What policies have in common: a network N on a trunk, whose parameters are the first ones, and
-/// buffers W of its passes. A clone has parameters of its own and shares the network.
+/// A network N with its parameters, and buffers W of its passes: what
+/// [`ActorCriticPolicy`](crate::ActorCriticPolicy) and [`SacPolicy`](crate::SacPolicy) have in
+/// common. A clone has parameters of its own and shares the (immutable) network.
 ///
-/// Batches run in fixed chunks on the current rayon pool, with the same bits for any number of
-/// threads.
-pub(crate) struct Inference<N, W> {
-    pub network: Arc<N>,
-    pub params: Vec<f32>,
+/// Batches run in fixed chunks on the current rayon pool; actions, values and features have the
+/// same bits for any number of threads.
+pub struct NetworkPolicy<N, W> {
+    network: Arc<N>,
+    params: Vec<f32>,
     /// Rows of numbers of the last run, one for each sample.
-    pub outputs: Vec<f64>,
+    pub(crate) outputs: Vec<f64>,
     /// Standard normal numbers of the last actions.
-    pub noise: Vec<f32>,
+    pub(crate) noise: Vec<f32>,
     buffers: fn(&N, usize) -> W,
     chunks: Chunks<f32, W>,
 }
@@ -38,13 +40,30 @@ pub(crate) struct Chunk<'a, N> {
     pub range: Range<usize>,
 }
 
-impl<N, W> Inference<N, W>
+impl<N, W> NetworkPolicy<N, W> {
+    /// The network.
+    pub fn network(&self) -> &Arc<N> {
+        &self.network
+    }
+
+    /// All parameters, in the network's layout.
+    pub fn params(&self) -> &[f32] {
+        &self.params
+    }
+
+    /// All parameters, for an optimiser or a checkpoint to write.
+    pub fn params_mut(&mut self) -> &mut [f32] {
+        &mut self.params
+    }
+}
+
+impl<N, W> NetworkPolicy<N, W>
 where
     N: OnTrunk<f32> + Send + Sync + 'static,
     W: OnTrunkPass<f32> + Send + 'static,
 {
     /// `buffers` makes those for chunks of up to a number of samples.
-    pub fn new(network: Arc<N>, params: Vec<f32>, buffers: fn(&N, usize) -> W) -> Self {
+    pub(crate) fn of(network: Arc<N>, params: Vec<f32>, buffers: fn(&N, usize) -> W) -> Self {
         let builder = Arc::clone(&network);
         Self {
             network,
@@ -60,25 +79,20 @@ where
         self.network.trunk()
     }
 
-    /// F, the length of the features.
-    pub fn feature_dim(&self) -> usize {
-        self.trunk().feature_dim()
-    }
-
     /// A, the number of action components.
-    pub fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         self.trunk().spec.action.len()
     }
 
     /// Draws the noise of `len` components of actions.
-    pub fn draw_noise(&mut self, len: usize, rng: &mut ChaCha8Rng) {
+    pub(crate) fn draw_noise(&mut self, len: usize, rng: &mut ChaCha8Rng) {
         self.noise.resize(len, 0.0);
         standard_normals(rng, &mut self.noise);
     }
 
     /// Lets `forward` fill a row of `outputs`, of this length, for each of N observations; returns
     /// N.
-    pub fn run(
+    pub(crate) fn infer(
         &mut self,
         observations: &Observations,
         row: usize,
@@ -100,9 +114,18 @@ where
             });
         Ok(samples)
     }
+}
 
-    /// Writes the features `[N, F]` of N observations.
-    pub fn features(&self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+impl<N, W> Features for NetworkPolicy<N, W>
+where
+    N: OnTrunk<f32> + Send + Sync + 'static,
+    W: OnTrunkPass<f32> + Send + 'static,
+{
+    fn feature_dim(&self) -> usize {
+        self.trunk().feature_dim()
+    }
+
+    fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         let trunk = self.trunk();
         let (samples, width) = (observations.samples(&trunk.spec)?, self.feature_dim());
         check_len("features", "[N, F]", out.len(), samples * width)?;
@@ -118,23 +141,23 @@ where
     }
 }
 
-impl<N: OnTrunk<f32>, W> fmt::Debug for Inference<N, W> {
+impl<N: OnTrunk<f32>, W> fmt::Debug for NetworkPolicy<N, W> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let trunk = self.network.trunk();
-        f.debug_struct("Inference")
+        f.debug_struct("NetworkPolicy")
             .field("settings", &trunk.settings)
             .field("num_params", &self.params.len())
             .finish_non_exhaustive()
     }
 }
 
-impl<N, W> Clone for Inference<N, W>
+impl<N, W> Clone for NetworkPolicy<N, W>
 where
     N: OnTrunk<f32> + Send + Sync + 'static,
     W: OnTrunkPass<f32> + Send + 'static,
 {
     fn clone(&self) -> Self {
-        Self::new(Arc::clone(&self.network), self.params.clone(), self.buffers)
+        Self::of(Arc::clone(&self.network), self.params.clone(), self.buffers)
     }
 }
 

@@ -1,0 +1,285 @@
+//! Where a sequence of episodes changes: energy distances of all cuts under one permutation test.
+
+use rand::Rng;
+use rand::seq::SliceRandom;
+
+use crate::check::within;
+use crate::error::{ClusterError, Result};
+use crate::euclidean::EuclideanCosts;
+use crate::frames::Frames;
+use crate::joint::shared;
+use crate::permutation::ROUNDING;
+
+/// The largest distance of a source in whole units: sums over a million pairs fit into the 53 bits
+/// of an `f64`'s significand.
+const UNITS: f64 = (1_u32 << 20) as f64;
+/// Scores that differ by less are equal.
+const EQUAL: f64 = 1e-9;
+
+/// Where a sequence of episodes changes, if it does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChangeTest {
+    /// Episodes before the likeliest change.
+    pub cut: usize,
+    /// The p-value of "nothing changes", over all cuts and sources together; exact as that of a
+    /// [`JointTest`](crate::JointTest).
+    pub p_value: f64,
+}
+
+/// Tests whether a sequence of episodes changes at one of `cuts`: numbers of episodes before the
+/// change, which leave an episode on either side. Each of `sources` shows all episodes in their
+/// order.
+///
+/// Both sides of a cut are compared by their energy distance `2 E|X - Y| - E|X - X'| - E|Y - Y'|`,
+/// as in Matteson and James, "A nonparametric approach for multiple change point analysis of
+/// multivariate data", Journal of the American Statistical Association 109 (2014). One pass over
+/// the pairs of episodes gives it for all cuts at once, where distances of Wasserstein's kind would
+/// take one transport problem for each. Distances are rounded to a millionth of the largest one,
+/// so that sums are whole and do not depend on their order.
+///
+/// # Errors
+/// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
+pub fn change_test<R: Rng + ?Sized>(
+    sources: &[Frames],
+    cuts: &[usize],
+    permutations: usize,
+    rng: &mut R,
+) -> Result<ChangeTest> {
+    let episodes = check(sources, cuts)?;
+    let sources = sources.iter().map(Pairs::new);
+    let sources = sources.collect::<Result<Vec<_>>>()?;
+    let mut scans: Vec<Scan> = Vec::with_capacity(sources.len());
+    scans.extend(
+        sources
+            .into_iter()
+            .flatten()
+            .map(|pairs| Scan::new(pairs, cuts)),
+    );
+    let mut order: Vec<usize> = (0..episodes).collect();
+    for split in 0..=permutations {
+        if split > 0 {
+            order.shuffle(rng);
+        }
+        scans.iter_mut().for_each(|scan| scan.measure(&order));
+    }
+    Ok(judge(&scans, cuts, permutations))
+}
+
+/// The number of episodes, which all sources must share.
+fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
+    let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
+    if cuts.is_empty() {
+        return Err(ClusterError::Empty { what: "cuts" });
+    }
+    let expected = "at least 1 episode on either side";
+    let mut cuts = cuts.iter().map(|&cut| (cut, (1..all).contains(&cut)));
+    cuts.try_for_each(|(cut, inside)| within("cut", cut as f64, inside, expected))?;
+    Ok(all)
+}
+
+/// Whole distances `[episodes, episodes]` of one source.
+struct Pairs {
+    all: Vec<u64>,
+    episodes: usize,
+    /// Sum of each row.
+    rows: Vec<u64>,
+}
+
+impl Pairs {
+    /// Nothing where all points are equal.
+    fn new(frames: &Frames) -> Result<Option<Self>> {
+        let features = frames.features();
+        let mut costs = EuclideanCosts::new();
+        let distances = costs.compute(features, features, frames.dim())?;
+        let largest = distances.iter().copied().fold(0.0, f64::max);
+        if largest == 0.0 {
+            return Ok(None);
+        }
+        let (k, n) = (frames.frames_per_episode(), frames.episodes());
+        let mut all = vec![0; n * n];
+        for (index, distance) in distances.iter().enumerate() {
+            let (row, col) = (index / (n * k) / k, index % (n * k) / k);
+            all[row * n + col] += (distance / largest * UNITS).round() as u64;
+        }
+        let rows = all.chunks_exact(n).map(|row| row.iter().sum()).collect();
+        Ok(Some(Self {
+            all,
+            episodes: n,
+            rows,
+        }))
+    }
+
+    /// Writes for each `k` the sum of all distances among the first `k + 1` episodes of `order`.
+    fn within(&self, order: &[usize], sums: &mut Vec<u64>) {
+        sums.clear();
+        let mut sum = 0;
+        for (k, &episode) in order.iter().enumerate() {
+            let row = &self.all[episode * self.episodes..][..self.episodes];
+            let before: u64 = order[..k].iter().map(|&other| row[other]).sum();
+            sum += 2 * before + row[episode];
+            sums.push(sum);
+        }
+    }
+}
+
+/// One source's distances at all cuts: those of the episodes as they came first, then those of
+/// random orders.
+struct Scan {
+    pairs: Pairs,
+    cuts: Vec<usize>,
+    /// `[orders, cuts]`.
+    measured: Vec<f64>,
+    sums: Vec<u64>,
+}
+
+impl Scan {
+    fn new(pairs: Pairs, cuts: &[usize]) -> Self {
+        Self {
+            pairs,
+            cuts: cuts.to_vec(),
+            measured: Vec::new(),
+            sums: Vec::new(),
+        }
+    }
+
+    fn measure(&mut self, order: &[usize]) {
+        self.pairs.within(order, &mut self.sums);
+        let n = self.pairs.episodes;
+        let mut taken = 0;
+        let mut rows = 0;
+        let total = self.sums[n - 1];
+        for &cut in &self.cuts {
+            // cuts need not be sorted
+            if cut < taken {
+                (taken, rows) = (0, 0);
+            }
+            rows += order[taken..cut]
+                .iter()
+                .map(|&e| self.pairs.rows[e])
+                .sum::<u64>();
+            taken = cut;
+            let left = self.sums[cut - 1];
+            let between = rows - left;
+            let right = total - left - 2 * between;
+            let (l, r) = (cut as f64, (n - cut) as f64);
+            self.measured.push(
+                2.0 * between as f64 / (l * r) - left as f64 / (l * l) - right as f64 / (r * r),
+            );
+        }
+    }
+
+    /// Standardised distances `[orders, cuts]`, with moments of each cut over all orders, the one
+    /// at hand included: so the test is exact.
+    fn scores(&self) -> Vec<f64> {
+        let width = self.cuts.len();
+        let orders = (self.measured.len() / width) as f64;
+        let mut scores = self.measured.clone();
+        for cut in 0..width {
+            let values = || self.measured.iter().skip(cut).step_by(width);
+            let mean = values().sum::<f64>() / orders;
+            let variance = values().map(|v| (v - mean).powi(2)).sum::<f64>() / orders;
+            let sd = variance.sqrt().max(ROUNDING * UNITS);
+            let own = scores.iter_mut().skip(cut).step_by(width);
+            own.for_each(|score| *score = (*score - mean) / sd);
+        }
+        scores
+    }
+}
+
+fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
+    let width = cuts.len();
+    let mut largest = vec![f64::NEG_INFINITY; 1 + permutations];
+    let mut best = (f64::NEG_INFINITY, 0);
+    for scan in scans {
+        let scores = scan.scores();
+        for (largest, scores) in largest.iter_mut().zip(scores.chunks_exact(width)) {
+            *largest = scores.iter().copied().fold(*largest, f64::max);
+        }
+        for (index, &score) in scores[..width].iter().enumerate() {
+            if score > best.0 {
+                best = (score, index);
+            }
+        }
+    }
+    let reaching = largest.iter().filter(|&&m| m >= largest[0] - EQUAL).count();
+    let p_value = match scans.is_empty() {
+        true => 1.0,
+        false => reaching as f64 / (1 + permutations) as f64,
+    };
+    ChangeTest {
+        cut: cuts[best.1],
+        p_value,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
+        (0..count)
+            .map(|_| centre + rng.random_range(-1.0..1.0))
+            .collect()
+    }
+
+    #[test]
+    fn a_change_is_found_where_it_is() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let sequence = [draw(7, 0.0, &mut rng), draw(13, 3.0, &mut rng)].concat();
+        let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
+        let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
+        let cuts: Vec<usize> = (1..20).collect();
+        let test = change_test(&frames, &cuts, 99, &mut rng).unwrap();
+        // neighbouring cuts score nearly alike
+        assert!((6..=8).contains(&test.cut), "{}", test.cut);
+        assert_eq!(test.p_value, 0.01);
+        let nothing = change_test(&[still], &cuts, 99, &mut rng).unwrap();
+        assert_eq!(nothing.p_value, 1.0);
+        assert!(change_test(&frames, &[20], 99, &mut rng).is_err());
+        assert!(change_test(&frames, &[], 99, &mut rng).is_err());
+    }
+
+    /// One pass gives what the definition gives, for cuts in any order and episodes of two frames.
+    #[test]
+    fn one_pass_agrees_with_the_definition() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let features = draw(9 * 2 * 3, 0.0, &mut rng);
+        let frames = Frames::new(features, 2, 3).unwrap();
+        let cuts = [4, 2, 8, 1];
+        let mut scan = Scan::new(Pairs::new(&frames).unwrap().unwrap(), &cuts);
+        let order = [3, 8, 1, 0, 7, 2, 6, 4, 5];
+        scan.measure(&order);
+        for (&cut, got) in cuts.iter().zip(&scan.measured) {
+            let mean = |left: &[usize], right: &[usize]| {
+                let pairs = left
+                    .iter()
+                    .flat_map(|&i| right.iter().map(move |&j| (i, j)));
+                let sum: u64 = pairs.map(|(i, j)| scan.pairs.all[i * 9 + j]).sum();
+                sum as f64 / (left.len() * right.len()) as f64
+            };
+            let (left, right) = order.split_at(cut);
+            let expected = 2.0 * mean(left, right) - mean(left, left) - mean(right, right);
+            assert!(
+                (got - expected).abs() < 1e-6 * UNITS,
+                "{cut}: {got} {expected}"
+            );
+        }
+    }
+
+    /// 1000 sequences in which nothing changes, with two sources and 17 cuts.
+    #[test]
+    fn the_rate_of_false_alarms_is_the_level() {
+        let mut rng = ChaCha8Rng::seed_from_u64(6);
+        let cuts: Vec<usize> = (2..19).collect();
+        let alarms = (0..1000).filter(|_| {
+            let frames = [1, 3].map(|dim| Frames::new(draw(20 * dim, 0.0, &mut rng), 1, dim));
+            let frames = frames.map(Result::unwrap);
+            change_test(&frames, &cuts, 99, &mut rng).unwrap().p_value <= 0.05
+        });
+        // nominal 50; four standard deviations are 28
+        let alarms = alarms.count();
+        assert!((22..=78).contains(&alarms), "{alarms}");
+    }
+}

@@ -1,0 +1,180 @@
+//! Which turns of a world were right.
+
+use std::cmp::Reverse;
+
+use worlds::Kind;
+
+use crate::record::{Count, Record};
+use crate::trial::{Outcome, Turn};
+
+/// A turn, whether policy and group belong to each other, and whether the group had just changed.
+type Judged = (Turn, bool, bool);
+
+/// Turns that each policy served each group, `[policies][groups]`.
+struct Served(Vec<Vec<usize>>);
+
+impl Served {
+    fn of(outcome: &Outcome) -> Self {
+        let groups = outcome.turns.iter().map(|turn| turn.group + 1).max();
+        let mut served = vec![vec![0; groups.unwrap_or(0)]; outcome.policies];
+        for turn in &outcome.turns {
+            served[outcome.now(turn.policy)][turn.group] += 1;
+        }
+        Self(served)
+    }
+
+    /// Whether the policy served this group most, and the group had no other policy that served it
+    /// more. The first of equals counts.
+    fn is_pair(&self, policy: usize, group: usize) -> bool {
+        let by_group = self.0[policy].iter().copied();
+        let by_policy = self.0.iter().map(|served| served[group]);
+        most(by_group) == Some(group) && most(by_policy) == Some(policy)
+    }
+
+    /// Whether policies and groups belong to each other one to one, without those that are gone.
+    fn is_bijection(&self, outcome: &Outcome) -> bool {
+        let policies = self.0.iter().enumerate();
+        let mut policies = policies.filter(|&(policy, _)| outcome.now(policy) == policy);
+        let is_paired = |(policy, served): (usize, &Vec<usize>)| {
+            most(served.iter().copied()).is_some_and(|group| self.is_pair(policy, group))
+        };
+        outcome.left() == outcome.distinct && policies.all(is_paired)
+    }
+}
+
+/// The index of the largest number above zero, the first of equals.
+fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
+    let numbers = numbers.enumerate().filter(|&(_, number)| number > 0);
+    let index = numbers.min_by_key(|&(_, number)| Reverse(number));
+    index.map(|(index, _)| index)
+}
+
+/// Whether each group has a policy of its own, and no policy is left over.
+fn is_exact(outcome: &Outcome) -> bool {
+    Served::of(outcome).is_bijection(outcome)
+}
+
+fn judge(outcome: &Outcome) -> Vec<Judged> {
+    let served = Served::of(outcome);
+    let turns = outcome.turns.iter().enumerate();
+    let judged = turns.map(|(index, turn)| {
+        let before = index.checked_sub(1).map(|i| outcome.turns[i].group);
+        let is_switch = before.is_some_and(|group| group != turn.group);
+        let policy = outcome.now(turn.policy);
+        (*turn, served.is_pair(policy, turn.group), is_switch)
+    });
+    judged.collect()
+}
+
+/// The counts of one world.
+pub fn record(kind: Kind, seed: u64, outcome: &Outcome) -> Record {
+    let judged = judge(outcome);
+    let served = Served::of(outcome);
+    let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
+    let of = |turn: &Turn| {
+        turn.learnt
+            .iter()
+            .flatten()
+            .map(|&group| (outcome.now(turn.policy), group))
+            .collect::<Vec<_>>()
+    };
+    let learnt: Vec<(usize, usize)> = outcome.turns.iter().flat_map(of).collect();
+    let foreign = learnt
+        .iter()
+        .filter(|(policy, group)| !served.is_pair(*policy, *group));
+    let mut counts = [0; Record::LEN];
+    let mut set = |count: Count, value: usize| counts[count as usize] = value;
+    set(Count::Groups, outcome.distinct);
+    set(Count::Policies, outcome.left());
+    set(Count::Exact, usize::from(is_exact(outcome)));
+    set(Count::Turns, judged.len());
+    set(Count::Rounds, outcome.turns.iter().map(|t| t.rounds).sum());
+    set(Count::Known, count(&|(turn, _, _)| turn.is_known));
+    set(
+        Count::Right,
+        count(&|(turn, right, _)| turn.is_known && *right),
+    );
+    set(
+        Count::Switches,
+        count(&|(turn, _, new)| turn.is_known && *new),
+    );
+    set(
+        Count::Noticed,
+        count(&|(turn, right, new)| turn.is_known && *new && *right),
+    );
+    set(Count::Mixed, count(&|(turn, _, _)| turn.is_cut.is_some()));
+    set(
+        Count::Split,
+        count(&|(turn, _, _)| turn.is_cut == Some(true)),
+    );
+    set(Count::Learnt, learnt.len());
+    set(Count::Foreign, foreign.count());
+    set(Count::Merged, outcome.merges.len());
+    set(Count::Slowest, outcome.slowest.as_micros() as usize);
+    set(Count::State, outcome.state);
+    Record { kind, seed, counts }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Turns given as policy and group; all groups are known.
+    fn outcome(policies: usize, distinct: usize, turns: &[(usize, usize)]) -> Outcome {
+        let turn = |&(policy, group): &(usize, usize)| Turn {
+            group,
+            policy,
+            rounds: 4,
+            is_known: true,
+            is_cut: None,
+            learnt: [Some(group), Some(group), None, None],
+        };
+        Outcome {
+            distinct,
+            policies,
+            turns: turns.iter().map(turn).collect(),
+            ..Outcome::default()
+        }
+    }
+
+    fn right(outcome: &Outcome) -> Vec<bool> {
+        judge(outcome).iter().map(|judged| judged.1).collect()
+    }
+
+    #[test]
+    fn a_switch_that_nobody_noticed_is_not_right() {
+        let late = outcome(2, 2, &[(0, 0), (0, 0), (0, 1), (1, 1), (1, 1)]);
+        assert_eq!(right(&late), [true, true, false, true, true]);
+        assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
+        let record = record(Kind::Shape, 7, &late);
+        let counts = [
+            Count::Exact,
+            Count::Known,
+            Count::Right,
+            Count::Switches,
+            Count::Noticed,
+        ];
+        assert_eq!(counts.map(|count| record.get(count)), [1, 5, 4, 1, 0]);
+        assert_eq!(
+            [Count::Learnt, Count::Foreign].map(|count| record.get(count)),
+            [10, 2]
+        );
+    }
+
+    #[test]
+    fn a_policy_a_turn_is_neither_right_nor_exact() {
+        let every = outcome(4, 2, &[(0, 0), (1, 0), (2, 1), (3, 1)]);
+        assert_eq!(right(&every), [true, false, true, false]);
+        assert!(!is_exact(&every));
+    }
+
+    #[test]
+    fn as_many_policies_as_groups_are_not_exact_unless_they_pair() {
+        // one policy serves two groups, and one group has two policies
+        let crossed = outcome(3, 3, &[(0, 0), (0, 0), (0, 1), (1, 2), (1, 2), (2, 2)]);
+        assert!(!is_exact(&crossed));
+        let idle = outcome(2, 2, &[(0, 0), (0, 1)]);
+        assert!(!is_exact(&idle), "a policy that never served");
+        assert!(is_exact(&outcome(2, 2, &[(1, 0), (0, 1)])));
+    }
+}

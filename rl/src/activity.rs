@@ -1,0 +1,117 @@
+//! How active the units of a network are.
+
+use crate::env::Observations;
+use crate::error::RlError;
+use crate::policy::Actor;
+
+/// What the rectified units of a network put out on average: Sokar et al., "The dormant neuron
+/// phenomenon in deep reinforcement learning" (ICML 2023, section 3).
+///
+/// A unit is a channel of a ReLU in the basis in which it is pointwise, so a regular field of D2 has
+/// four; one of a convolution is averaged over places, too. What is not rectified, such as the state
+/// of a GRU, is no unit here.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Activity {
+    /// Sums of what each unit put out, a list for each ReLU.
+    layers: Vec<Vec<f64>>,
+}
+
+/// A policy whose network has units.
+pub trait Units: Actor {
+    /// What the units of all parts of the network put out for the observations of N environments,
+    /// of which `memory` holds what is remembered. Critics see the mean actions.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit.
+    fn activity(
+        &self,
+        observations: &Observations,
+        memory: &Self::Memory,
+    ) -> Result<Activity, RlError>;
+}
+
+impl Activity {
+    /// The activity of layers whose units put out these sums, each over equally many samples.
+    pub(crate) fn of(layers: Vec<Vec<f64>>) -> Self {
+        Self { layers }
+    }
+
+    /// Adds what the same units put out for other observations.
+    pub fn add(&mut self, other: &Self) {
+        if self.layers.is_empty() {
+            self.clone_from(other);
+            return;
+        }
+        for (own, other) in self.layers.iter_mut().zip(&other.layers) {
+            own.iter_mut().zip(other).for_each(|(sum, x)| *sum += x);
+        }
+    }
+
+    /// The number of units; 0 where nothing was seen.
+    pub fn units(&self) -> usize {
+        self.layers.iter().map(Vec::len).sum()
+    }
+
+    /// The number of units that are `tau`-dormant: those that put out at most `tau` times the mean
+    /// of their layer (Sokar et al., definition 3.1). All of a layer that puts out nothing are.
+    pub fn dormant(&self, tau: f64) -> usize {
+        let dormant = |sums: &Vec<f64>| {
+            let mean = sums.iter().sum::<f64>() / sums.len() as f64;
+            sums.iter().filter(|&&sum| sum <= tau * mean).count()
+        };
+        self.layers.iter().map(dormant).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Group;
+
+    use super::*;
+    use crate::actor_critic_policy::ActorCriticPolicy;
+    use crate::fixtures::{kills, observations, settings, spec, strided};
+
+    #[test]
+    fn dormant_units_are_those_below_a_share_of_their_layers_mean() {
+        let layers = vec![vec![0.0, 0.2, 3.8], vec![1.0; 4], vec![0.0; 2]];
+        let mut activity = Activity::of(layers.clone());
+        assert_eq!(activity.units(), 9);
+        // the means are 4 / 3, 1 and 0
+        assert_eq!(
+            [0.0, 0.1, 0.16, 1.0].map(|tau| activity.dormant(tau)),
+            [3, 3, 4, 8]
+        );
+        let mut sum = Activity::default();
+        assert_eq!((sum.units(), sum.dormant(0.5)), (0, 0));
+        sum.add(&activity);
+        assert_eq!(sum, activity);
+        // what sleeps for some observations may be awake for others
+        activity.add(&Activity::of(vec![
+            vec![4.0, 0.0, 0.0],
+            vec![1.0; 4],
+            vec![0.0, 1.0],
+        ]));
+        assert_eq!(activity.dormant(0.0), 1);
+    }
+
+    #[test]
+    fn units_that_are_killed_by_hand_are_dormant() {
+        let observations = observations(12);
+        for group in Group::ALL {
+            let settings = settings(group, strided());
+            let policy = ActorCriticPolicy::new(&settings, &spec(), 1).unwrap();
+            let (network, params) = (policy.network(), policy.params());
+            let activity = |params: &[f32]| {
+                let mut policy = policy.clone();
+                policy.params_mut().copy_from_slice(params);
+                policy.activity(&observations, &()).unwrap()
+            };
+            // the encoder has 2 and 3 fields, then come those of the vector and of both heads
+            let fields = 2 + 3 + 2 + 2 + 3;
+            assert_eq!(activity(params).units(), 4 * fields);
+            let parts = network.parts();
+            kills(&network.actor, params.to_vec(), parts.actor, activity);
+            kills(&network.critic, params.to_vec(), parts.critic, activity);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+use std::path::Path;
+
+use rand::Rng;
+use rl::{Observations, Transition, VectorEnv};
+
+use super::*;
+use crate::learners::{Extent, Recognised, Turn};
+use crate::presets::{Budget, Method};
+
+/// Does the same whatever it sees, and keeps what it sees at the beginning of every episode.
+#[derive(Default)]
+struct Spy {
+    /// All components of every action.
+    action: f32,
+    /// Numbers that it draws while it looks.
+    draws: usize,
+    seen: Vec<Observations>,
+}
+
+impl Spy {
+    /// Episodes of every environment from a reset on.
+    fn watch(&mut self, env: &mut dyn VectorEnv, rounds: usize) {
+        let spec = env.spec().clone();
+        let mut begun = Observations::new(&spec);
+        env.reset(&mut begun).unwrap();
+        self.seen.push(begun);
+        let mut transition = Transition::new(&spec);
+        let actions = vec![self.action; spec.num_envs * spec.action.len()];
+        for _ in 1..rounds {
+            for _ in 0..env.horizon().unwrap() {
+                env.step(&actions, &mut transition).unwrap();
+            }
+            self.seen.push(transition.observations.clone());
+        }
+    }
+}
+
+impl Learner for Spy {
+    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
+        panic!("evaluations teach nothing")
+    }
+
+    fn recognise(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        _: Option<usize>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Recognised, CoversError> {
+        self.watch(env, 1);
+        (0..self.draws).for_each(|_| _ = rng.next_u32());
+        Ok(Recognised {
+            policy: 0,
+            fits: true,
+        })
+    }
+
+    fn perform(
+        &mut self,
+        _: usize,
+        env: &mut dyn VectorEnv,
+        rounds: usize,
+    ) -> Result<Performance, CoversError> {
+        self.watch(env, rounds);
+        Ok(Performance::default())
+    }
+
+    fn policies(&self) -> usize {
+        1
+    }
+
+    fn encode(&self, _: &Path, _: Extent, _: &str) -> Result<Vec<u8>, CoversError> {
+        Ok(Vec::new())
+    }
+}
+
+/// What a learner is shown when a run of this method and seed is scored twice, and asked for its
+/// policies.
+fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
+    let mut run = Budget::Smoke.experiment(method).with_seed(seeds[0]);
+    run.schedule.groups.truncate(1);
+    run.evaluation.seed = seeds[1];
+    let tasks = TaskRegistry::standard();
+    let labels = Labels::default();
+    let mut evaluator = Evaluator::of(&run.with_threads(1), &tasks, labels).unwrap();
+    let [variant, ..] = evaluator.variants()[..] else {
+        panic!()
+    };
+    for rounds in [1, 2] {
+        let findings = &mut Findings::default();
+        evaluator
+            .variant(&mut spy, variant, rounds, findings)
+            .unwrap();
+    }
+    evaluator.recognition(&mut spy, variant, 1).unwrap();
+    spy.seen
+}
+
+#[test]
+fn all_methods_and_seeds_are_scored_on_the_same_placements() {
+    let spy = |action, draws| Spy {
+        action,
+        draws,
+        ..Spy::default()
+    };
+    let covers = shown(Method::Covers, [20, 0], spy(0.0, 0));
+    // a look and one round, a look and two rounds, and three looks
+    assert_eq!(covers.len(), 2 + 3 + 3);
+    assert!(
+        covers[1] == covers[0] && covers[3] == covers[0],
+        "the first round is always the same"
+    );
+    assert!(covers[4] != covers[3], "the second round is another one");
+    assert!(
+        covers[5] != covers[0] && covers[6] != covers[5],
+        "looks are others"
+    );
+    for (method, seed) in [
+        (Method::Clear, 20),
+        (Method::Covers, 29),
+        (Method::ThreeRl, 1000),
+    ] {
+        assert!(
+            covers == shown(method, [seed, 0], spy(0.9, 7)),
+            "{method:?} {seed}"
+        );
+    }
+    let other = shown(Method::Covers, [20, 1], spy(0.0, 0));
+    assert!(
+        covers[0] != other[0],
+        "placements follow the evaluation's seed"
+    );
+}
+
+#[test]
+fn what_the_learner_draws_is_not_what_places_the_episodes() {
+    use rand::RngExt;
+    let words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
+    let placing = |index| {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        rng.set_stream(index);
+        words(rng)
+    };
+    assert!((0..1000).all(|index| placing(index) != words(looking(7))));
+}

@@ -1,0 +1,172 @@
+//! Policies that act before they are believed.
+
+use std::time::Instant;
+
+use cluster::{Assignment, Verdict};
+use rl::{RolloutState, RolloutStats, VectorEnv, collect};
+
+use crate::error::CoversError;
+use crate::groupings::Episodes;
+
+use super::courses::courses;
+use super::first_frames::{Rollout, first_frames};
+use super::member::Member;
+use super::policies::Collection;
+use super::settings::{CollectionSettings, RolloutOf};
+use super::training::Training;
+
+/// What a change of hands came to.
+pub(super) struct Collected {
+    /// The decision that named the policy that stays.
+    pub assignment: Assignment,
+    /// The rollout of that policy.
+    pub stats: RolloutStats,
+    /// Decisions of all that acted.
+    pub decisions: usize,
+    pub created: bool,
+}
+
+impl<S: CollectionSettings> Collection<S> {
+    /// Lets the current policy, which `assignment` named, collect a rollout; and other ones where
+    /// the grouping reviews what it did and names them. One of several that might be meant is heard
+    /// first.
+    pub(super) fn hand_over(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        mut assignment: Assignment,
+        mut created: bool,
+    ) -> Result<Collected, CoversError> {
+        let mut refused = refused(&assignment);
+        let mut decisions = 0;
+        loop {
+            if !created
+                && self.grouping.is_contested()
+                && let Some(heard) = self.hear(env, &mut decisions)?
+                && let Some(other) = self.review(&heard, &mut refused)?
+            {
+                created = self.adopt(&other, first_frames(&heard, self.settings.first_frames()))?;
+                assignment = other;
+                continue;
+            }
+            let stats = self.roll_out(env)?;
+            decisions += stats.decisions;
+            let other = match created {
+                true => None,
+                false => self.review_rollout(&mut refused)?,
+            };
+            let Some(other) = other else {
+                return Ok(Collected {
+                    assignment,
+                    stats,
+                    decisions,
+                    created,
+                });
+            };
+            created = self.adopt(&other, self.first_frames()?)?;
+            assignment = other;
+        }
+    }
+
+    /// Lets a policy act that may serve the same group as the current one; if it does, one of the
+    /// two is not asked again. The other one goes on with its parameters, its optimiser and its
+    /// number. Returns the decisions taken.
+    pub(super) fn look_for_twin(&mut self, env: &mut dyn VectorEnv) -> Result<usize, CoversError> {
+        let mut decisions = 0;
+        let policy = self.current;
+        let Some(twin) = self.grouping.twin(policy) else {
+            return Ok(0);
+        };
+        self.current = self.check_policy(twin)?;
+        let heard = self.hear(env, &mut decisions)?;
+        self.current = policy;
+        let Some(heard) = heard else {
+            return Ok(decisions);
+        };
+        let courses = courses(&heard, 0);
+        let seen = Episodes {
+            spec: &self.spec,
+            collector: twin,
+            courses: &courses,
+        };
+        let rng = &mut self.generators.assignment;
+        if self.grouping.compare(policy, twin, seen, rng)?
+            && let Some(again) = self.hear(env, &mut decisions)?
+        {
+            self.merge(twin, &again)?;
+        }
+        Ok(decisions)
+    }
+
+    /// Makes one of the current policy and `twin`, unless what the current one did last says
+    /// otherwise.
+    fn merge(&mut self, twin: usize, again: &RolloutOf<S>) -> Result<(), CoversError> {
+        let courses = courses(again, 0);
+        let seen = Episodes {
+            spec: &self.spec,
+            collector: self.current,
+            courses: &courses,
+        };
+        let rng = &mut self.generators.assignment;
+        if let Some(merge) = self.grouping.merge(self.current, twin, seen, rng)? {
+            self.current = merge.kept;
+        }
+        Ok(())
+    }
+
+    /// Lets the current policy act for one episode in each environment, and adds the decisions to
+    /// those taken. Nothing where episodes may be longer than a rollout, or as long.
+    fn hear(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        decisions: &mut usize,
+    ) -> Result<Option<RolloutOf<S>>, CoversError> {
+        let steps = self.rollout.shown();
+        let Some(horizon) = env.horizon().filter(|&horizon| horizon < steps) else {
+            return Ok(None);
+        };
+        let clock = Instant::now();
+        let mut heard = S::rollout(env.spec(), horizon)?;
+        let Member {
+            policy, training, ..
+        } = &mut self.members[self.current];
+        training.prepare(&mut heard);
+        let mut state = RolloutState::reset(env, policy)?;
+        let rng = &mut self.generators.actions;
+        *decisions += collect(env, policy, &mut heard, &mut state, rng)?.decisions;
+        self.seconds.collection += clock.elapsed().as_secs_f64();
+        let episodes = first_frames(&heard, self.settings.first_frames()).len();
+        Ok((episodes >= self.grouping.min_episodes()).then_some(heard))
+    }
+
+    /// Asks the grouping whether the current policy, which has acted since it was named, is the
+    /// right one; the answer is another one, or nothing.
+    fn review(
+        &mut self,
+        rollout: &RolloutOf<S>,
+        refused: &mut Vec<usize>,
+    ) -> Result<Option<Assignment>, CoversError> {
+        let frames = first_frames(rollout, self.settings.first_frames());
+        let courses = courses(rollout, 0);
+        self.ask(&frames, &courses, |grouping, clouds, rng| {
+            grouping.review(clouds, refused, rng)
+        })
+    }
+
+    /// The same by the rollout that was collected last.
+    fn review_rollout(
+        &mut self,
+        refused: &mut Vec<usize>,
+    ) -> Result<Option<Assignment>, CoversError> {
+        let (frames, courses) = (self.first_frames()?, courses(&self.rollout, 0));
+        self.ask(&frames, &courses, |grouping, clouds, rng| {
+            grouping.review(clouds, refused, rng)
+        })
+    }
+}
+
+/// The policies that a decision refused for good.
+fn refused(assignment: &Assignment) -> Vec<usize> {
+    let evidence = assignment.evidence.iter().enumerate();
+    let refused = evidence.filter(|(_, e)| e.verdict == Verdict::Refused);
+    refused.map(|(index, _)| index).collect()
+}

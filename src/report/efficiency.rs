@@ -1,0 +1,222 @@
+//! How fast methods learn: areas under learning curves, and decisions until a group is solved.
+
+use super::cells::brackets;
+use super::comparison::Comparison;
+use super::method::MethodRuns;
+use super::run_data::RunData;
+use super::statistics::{Scores, mean, median, quantile};
+use super::table::Table;
+
+/// Success from which a group counts as solved.
+pub const SOLVED: f64 = 0.9;
+
+/// How fast one run learnt one group.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Efficiency {
+    /// Area under the success over the decisions spent in the group, as a share of the whole, in
+    /// `[0, 1]`.
+    pub area: f64,
+    /// Decisions spent in the group before the first evaluation with a success of at least
+    /// [`SOLVED`]; infinite where none was.
+    pub decisions: f64,
+}
+
+impl Efficiency {
+    /// That of a group, from the evaluations while or after it ran; none where fewer than two
+    /// differ in the decisions spent in it.
+    pub fn of(run: &RunData, group: &str) -> Option<Self> {
+        let curve = curve(run, group);
+        let whole = curve.last()?.0 - curve[0].0;
+        let steps = curve.windows(2);
+        let area: f64 = steps
+            .map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1))
+            .sum();
+        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
+        (whole > 0.0).then(|| Self {
+            area: area / whole,
+            decisions: solved.map_or(f64::INFINITY, |(decisions, _)| *decisions),
+        })
+    }
+}
+
+/// Decisions spent in the group and success in it, of each evaluation that more decisions came
+/// before than before the last one.
+fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
+    let mut curve: Vec<(f64, f64)> = Vec::new();
+    for rollouts in run.evaluated() {
+        let rows = run.evaluation(Some(rollouts));
+        let successes: Vec<f64> = rows
+            .filter(|row| row.group == group)
+            .map(|row| row.success)
+            .collect();
+        let spent = spent(run, group, rollouts) as f64;
+        if !successes.is_empty() && curve.last().is_none_or(|last| last.0 < spent) {
+            curve.push((spent, mean(&successes)));
+        }
+    }
+    curve
+}
+
+/// Decisions of the first `rollouts` rollouts that began in the group.
+fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
+    let rows = &run.rollouts[..rollouts];
+    let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
+    let own = rows
+        .iter()
+        .zip(before)
+        .filter(|(row, _)| row.group == group);
+    own.map(|(row, before)| row.decisions - before).sum()
+}
+
+/// The methods of each group, the fastest first; none where no run was scored while it learnt.
+pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+    let caption = "How fast methods learn: the area under mean-action success over the decisions \
+        spent in a group, and decisions until it is at least 0.9 in an evaluation, with bootstrap \
+        intervals of 95 %.";
+    let header = [
+        "group",
+        "method",
+        "area",
+        "less the first's",
+        "by the interval",
+        "decisions to 0.9: median",
+        "90th percentile",
+        "seeds that reached it",
+    ];
+    let mut table = Table::new(caption, &header);
+    for group in groups {
+        let mut rows: Vec<(f64, Vec<String>)> = Vec::new();
+        let first = scores(&methods[0], group);
+        for method in methods {
+            let [area, decisions] = scores(method, group);
+            if area.seeds() > 0 {
+                let compared = Comparison::new(&area, &first[0]);
+                rows.push((
+                    area.of(mean),
+                    row(group, &method.name, &area, &decisions, compared),
+                ));
+            }
+        }
+        rows.sort_by(|one, other| other.0.total_cmp(&one.0));
+        table.rows.extend(rows.into_iter().map(|(_, row)| row));
+    }
+    (!table.rows.is_empty()).then_some(table)
+}
+
+/// Areas and decisions of the runs of a method, as scores of one group.
+fn scores(method: &MethodRuns, group: &str) -> [Scores; 2] {
+    let runs = method.runs.iter();
+    let known: Vec<Efficiency> = runs.filter_map(|run| Efficiency::of(run, group)).collect();
+    let of = |figure: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(figure).collect()]);
+    [of(|own| own.area), of(|own| own.decisions)]
+}
+
+fn row(
+    group: &str,
+    method: &str,
+    area: &Scores,
+    decisions: &Scores,
+    compared: Comparison,
+) -> Vec<String> {
+    let solved = decisions.0.concat();
+    let reached = solved.iter().filter(|decisions| decisions.is_finite());
+    vec![
+        group.to_owned(),
+        method.to_owned(),
+        format!("{:.3}{}", area.of(mean), brackets(area.interval(mean), 3)),
+        format!(
+            "{:+.3}{}",
+            compared.difference,
+            brackets(compared.interval, 3)
+        ),
+        compared.verdict().word().to_owned(),
+        format!(
+            "{:.0}{}",
+            decisions.of(median),
+            brackets(decisions.interval(median), 0)
+        ),
+        format!("{:.0}", quantile(solved.clone(), 0.9)),
+        format!("{} of {}", reached.count(), solved.len()),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+    use crate::report::run_data::{RolloutRow, ScoreRow};
+
+    /// Rollouts of 100 decisions of these groups, and the success in `a` after some of them.
+    fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
+        let rollouts = groups.iter().zip(1..).map(|(group, turn)| RolloutRow {
+            decisions: 100 * turn,
+            group: (*group).to_owned(),
+            last_group: (*group).to_owned(),
+            straddles: false,
+            policy: 0,
+            reward: None,
+            success: None,
+        });
+        let row = |&(rollouts, success): &(usize, f64)| ScoreRow {
+            rollouts,
+            decisions: 100 * rollouts,
+            group: "a".to_owned(),
+            element: "identity".to_owned(),
+            seen: true,
+            policy: 0,
+            episodes: 10,
+            success,
+            success_at_end: success,
+            reward: 0.0,
+        };
+        RunData {
+            name: "covers-seed0".to_owned(),
+            experiment: Budget::Smoke.experiment(Method::Covers),
+            rollouts: rollouts.collect(),
+            scores: scores.iter().map(row).collect(),
+            seconds: 1.0,
+            commits: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn decisions_of_other_groups_do_not_count() {
+        let run = run(
+            &["b", "a", "b", "b", "a", "a"],
+            &[(0, 0.0), (2, 0.5), (4, 0.4), (5, 0.95), (6, 0.8)],
+        );
+        // 100 decisions from 0 to 0.5, 100 to 0.95, 100 to 0.8
+        let efficiency = Efficiency::of(&run, "a").unwrap();
+        assert!((efficiency.area - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
+        assert_eq!(efficiency.decisions, 200.0);
+        assert_eq!(Efficiency::of(&run, "c"), None);
+    }
+
+    #[test]
+    fn what_was_never_solved_took_for_ever_and_one_evaluation_makes_no_curve() {
+        let unsolved = run(&["a", "a"], &[(0, 0.0), (2, 0.89)]);
+        assert_eq!(
+            Efficiency::of(&unsolved, "a").unwrap().decisions,
+            f64::INFINITY
+        );
+        assert_eq!(Efficiency::of(&run(&["a"], &[(1, 1.0)]), "a"), None);
+    }
+
+    #[test]
+    fn the_fastest_method_stands_first() {
+        let curves = [("slow", 0.2), ("quick", 0.9)];
+        let runs = curves.map(|(name, success)| RunData {
+            name: format!("{name}-seed0"),
+            ..run(&["a", "a"], &[(0, 0.0), (1, success), (2, 1.0)])
+        });
+        let methods = MethodRuns::sort(runs.to_vec()).unwrap();
+        let table = table(&methods, &["a".to_owned()]).unwrap();
+        let column = |index: usize| -> Vec<&str> {
+            table.rows.iter().map(|row| row[index].as_str()).collect()
+        };
+        assert_eq!(column(1), ["quick", "slow"]);
+        assert_eq!(column(2), ["0.700", "0.350"]);
+        assert_eq!(column(3), ["+0.350", "+0.000"]);
+        assert_eq!(column(5), ["100", "200"]);
+    }
+}

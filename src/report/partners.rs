@@ -1,0 +1,60 @@
+//! Which policy belongs to which group.
+
+use super::run_data::RolloutRow;
+
+/// The policy that belongs to a group: one that served it in most of its rollouts, where no other
+/// policy served the group in more; of equals the first. Rollouts within which the group changed
+/// count for nobody.
+pub fn partner(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
+    let policies = rollouts.iter().map(|row| row.policy + 1).max()?;
+    let served = |policy, group: &str| {
+        let own = rollouts.iter().filter(|row| !row.straddles);
+        own.filter(|row| row.policy == policy && row.group == group)
+            .count()
+    };
+    // the last of equals in the reversed order is the first
+    let most = (0..policies)
+        .rev()
+        .max_by_key(|&policy| served(policy, group))?;
+    let mut others = rollouts.iter().map(|row| row.group.as_str());
+    let own = served(most, group);
+    (own > 0 && others.all(|other| served(most, other) <= own)).then_some(most)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rollouts of groups, the policy of each; `*` marks those that straddle.
+    fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
+        let row = |&(group, policy): &(&str, usize)| RolloutRow {
+            decisions: 0,
+            group: group.trim_end_matches('*').to_owned(),
+            last_group: String::new(),
+            straddles: group.ends_with('*'),
+            policy,
+            reward: None,
+            success: None,
+        };
+        rows.iter().map(row).collect()
+    }
+
+    #[test]
+    fn a_policy_belongs_to_the_group_that_it_served_most() {
+        let rows = rollouts(&[("a", 0), ("a", 0), ("b", 0), ("b", 1), ("b", 1), ("c*", 2)]);
+        let of = |group| partner(&rows, group);
+        assert_eq!(["a", "b", "c", "d"].map(of), [Some(0), Some(1), None, None]);
+    }
+
+    #[test]
+    fn a_group_whose_policy_serves_another_one_more_has_none() {
+        let rows = rollouts(&[("a", 0), ("a", 0), ("a", 0), ("b", 0), ("b", 0), ("b", 1)]);
+        assert_eq!(
+            ["a", "b"].map(|group| partner(&rows, group)),
+            [Some(0), None]
+        );
+        let equal = rollouts(&[("a", 1), ("b", 0), ("a", 0), ("b", 1)]);
+        assert_eq!(["a", "b"].map(|group| partner(&equal, group)), [Some(0); 2]);
+        assert_eq!(partner(&[], "a"), None);
+    }
+}

@@ -1,0 +1,186 @@
+//! From how little learners recognise groups.
+
+use crate::evaluation::SHOWN;
+
+use super::cells::{cell, title};
+use super::figures::Undefined;
+use super::method::MethodRuns;
+use super::partners::partner;
+use super::run_data::{RecognitionRow, RunData};
+use super::statistics::mean;
+use super::table::Table;
+
+const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
+const NO_PARTNER: Undefined = "no policy belongs to the group";
+
+/// For each number of episodes shown, how often the policy that belongs to the group was named.
+pub fn table(methods: &[MethodRuns], groups: &[String]) -> Table {
+    let mut header = vec!["method", "episodes shown"];
+    header.extend(groups.iter().map(String::as_str));
+    header.extend(["average", "named none"]);
+    let caption = "Recognition after the stream: share of looks at some first frames of a group from \
+        which the policy that belongs to it was named, and share from which none was; means over \
+        variants and seeds.";
+    let mut table = Table::new(caption, &header);
+    for method in methods {
+        for episodes in SHOWN {
+            let mut row = vec![title(&mut table, method), episodes.to_string()];
+            for group in groups {
+                let own = std::slice::from_ref(group);
+                row.push(cell(
+                    &mut table,
+                    &over(method, |run| right(run, own, episodes)),
+                ));
+            }
+            row.push(cell(
+                &mut table,
+                &over(method, |run| right(run, groups, episodes)),
+            ));
+            row.push(cell(
+                &mut table,
+                &over(method, |run| none(run, groups, episodes)),
+            ));
+            table.rows.push(row);
+        }
+    }
+    table
+}
+
+/// A figure of each run.
+fn over(
+    method: &MethodRuns,
+    of: impl Fn(&RunData) -> Result<f64, Undefined>,
+) -> Vec<Result<f64, Undefined>> {
+    method.runs.iter().map(of).collect()
+}
+
+/// The share of right answers, the mean over those groups that a policy belongs to.
+fn right(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+    let of = |group: &String| {
+        let partner = partner(&run.rollouts, group);
+        let named = |row: &RecognitionRow| partner.is_some() && row.policy == partner;
+        let share = share(run, group, episodes, named);
+        partner.ok_or(NO_PARTNER).and(share)
+    };
+    let shares: Vec<Result<f64, Undefined>> = groups.iter().map(of).collect();
+    asked(run)?;
+    let known: Vec<f64> = shares.iter().filter_map(|share| share.ok()).collect();
+    match (known.is_empty(), shares.first()) {
+        (true, Some(&Err(reason))) => Err(reason),
+        (true, _) => Err(UNASKED),
+        _ => Ok(mean(&known)),
+    }
+}
+
+/// The share of looks from which no policy was named.
+fn none(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
+    asked(run)?;
+    let shares = groups
+        .iter()
+        .map(|group| share(run, group, episodes, |row| row.policy.is_none()));
+    let shares: Vec<f64> = shares.collect::<Result<_, _>>()?;
+    Ok(mean(&shares))
+}
+
+/// Refuses a run that cannot be asked, or was not.
+fn asked(run: &RunData) -> Result<(), Undefined> {
+    match run.experiment.learner.cannot_be_asked() {
+        Some(reason) => Err(reason),
+        None if run.recognition.is_empty() => Err(UNASKED),
+        None => Ok(()),
+    }
+}
+
+/// The share of looks at a group with an answer of a kind.
+fn share(
+    run: &RunData,
+    group: &str,
+    episodes: usize,
+    kind: impl Fn(&RecognitionRow) -> bool,
+) -> Result<f64, Undefined> {
+    let rows = run.recognition.iter();
+    let rows = rows.filter(|row| row.group == group && row.episodes == episodes);
+    let (mut counted, mut all) = (0, 0);
+    for row in rows {
+        all += row.times;
+        counted += if kind(row) { row.times } else { 0 };
+    }
+    match all {
+        0 => Err(UNASKED),
+        _ => Ok(counted as f64 / all as f64),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+    use crate::report::RolloutRow;
+
+    /// A run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
+    fn run(method: Method, answers: &[(&str, usize, Option<usize>, usize)]) -> RunData {
+        let rollout = |(policy, group): (usize, &str)| RolloutRow {
+            decisions: 100 * (policy + 1),
+            group: group.to_owned(),
+            last_group: group.to_owned(),
+            straddles: false,
+            policy,
+            reward: None,
+            success: None,
+        };
+        let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
+            group: group.to_owned(),
+            episodes,
+            policy,
+            times,
+        };
+        RunData {
+            name: format!("{}-seed0", method.name()),
+            experiment: Budget::Smoke.experiment(method),
+            rollouts: [(0, "a"), (1, "b")].map(rollout).to_vec(),
+            scores: Vec::new(),
+            units: Vec::new(),
+            recognition: answers.iter().map(answer).collect(),
+            seconds: 1.0,
+            commits: Vec::new(),
+        }
+    }
+
+    fn rows(run: RunData) -> Vec<Vec<String>> {
+        let methods = MethodRuns::sort(vec![run]).unwrap();
+        table(&methods, &["a".to_owned(), "b".to_owned()]).rows
+    }
+
+    #[test]
+    fn answers_are_right_that_name_the_policy_of_the_group() {
+        let rows = rows(run(
+            Method::Covers,
+            &[
+                ("a", 1, Some(0), 3),
+                ("a", 1, Some(1), 1),
+                ("b", 1, Some(0), 4),
+                ("b", 1, Some(1), 4),
+                ("a", 4, Some(0), 2),
+                ("b", 4, None, 2),
+            ],
+        ));
+        let cells = |row: usize| rows[row][1..].to_vec();
+        assert_eq!(cells(0), ["1", "0.750", "0.500", "0.625", "0.000"]);
+        assert_eq!(cells(1), ["4", "1.000", "0.000", "0.500", "0.500"]);
+        assert_eq!(cells(2), ["20", "- (1)", "- (1)", "- (1)", "- (1)"]);
+    }
+
+    #[test]
+    fn who_cannot_be_asked_says_why() {
+        for (method, reason) in [
+            (Method::Cnn, "one policy"),
+            (Method::CoversGt, "told the group"),
+            (Method::Covers, "did not ask"),
+        ] {
+            let methods = MethodRuns::sort(vec![run(method, &[])]).unwrap();
+            let table = table(&methods, &["a".to_owned()]);
+            assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
+            assert!(table.notes[0].contains(reason), "{:?}", table.notes);
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! Evaluations of a run, which take minutes and can be stopped between variants.
+
+use envs::TaskVariant;
+use rayon::ThreadPool;
+
+use crate::error::CoversError;
+use crate::evaluation::{Evaluator, Findings, Recognition};
+use crate::experiment::Experiment;
+use crate::learners::Learner;
+
+use super::stop::Stop;
+use super::workers::guarded;
+
+/// How often the learner is asked after the stream which policy a variant belongs to: not at all
+/// where it has no choice.
+pub(super) fn looks(experiment: &Experiment) -> usize {
+    match experiment.learner.cannot_be_asked() {
+        Some(_) => 0,
+        None => experiment.evaluation.looks,
+    }
+}
+
+/// Who is scored, by whom, and who may stop it.
+pub(super) struct Scoring<'a> {
+    pool: &'a ThreadPool,
+    learner: &'a mut dyn Learner,
+    evaluator: &'a mut Evaluator,
+    stop: &'a Stop,
+}
+
+impl<'a> Scoring<'a> {
+    pub fn new(
+        pool: &'a ThreadPool,
+        learner: &'a mut dyn Learner,
+        evaluator: &'a mut Evaluator,
+        stop: &'a Stop,
+    ) -> Self {
+        Self {
+            pool,
+            learner,
+            evaluator,
+            stop,
+        }
+    }
+
+    /// Scores all variants, with `rounds` episodes in each environment; none after a stop.
+    pub fn score(&mut self, rounds: usize) -> Result<Option<Findings>, CoversError> {
+        let mut findings = Findings::default();
+        let done = self.each(|evaluator, learner, variant| {
+            evaluator.variant(learner, variant, rounds, &mut findings)
+        })?;
+        Ok(done.then_some(findings))
+    }
+
+    /// Asks which policy each variant belongs to, so many times; none after a stop.
+    pub fn recognise(&mut self, looks: usize) -> Result<Option<Vec<Recognition>>, CoversError> {
+        let mut answers = Vec::new();
+        let done = looks == 0
+            || self.each(|evaluator, learner, variant| {
+                answers.extend(evaluator.recognition(learner, variant, looks)?);
+                Ok(())
+            })?;
+        Ok(done.then_some(answers))
+    }
+
+    /// Goes through the variants; false after a stop.
+    fn each(
+        &mut self,
+        mut of: impl FnMut(&mut Evaluator, &mut dyn Learner, TaskVariant) -> Result<(), CoversError>
+        + Send,
+    ) -> Result<bool, CoversError> {
+        for variant in self.evaluator.variants() {
+            if self.stop.requested() {
+                return Ok(false);
+            }
+            let (evaluator, learner) = (&mut *self.evaluator, &mut *self.learner);
+            guarded(self.pool, || of(evaluator, learner, variant))?;
+        }
+        Ok(true)
+    }
+}
