@@ -174,6 +174,8 @@ mod tests {
             experiment: Budget::Smoke.experiment(Method::Covers),
             rollouts: rollouts.collect(),
             scores: scores.iter().map(row).collect(),
+            units: Vec::new(),
+            recognition: Vec::new(),
             seconds: 1.0,
             commits: Vec::new(),
         }

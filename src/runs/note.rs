@@ -89,6 +89,7 @@ mod tests {
         Rows {
             metrics: metrics.to_owned(),
             scores: "rollouts\n0\n0\n".to_owned(),
+            ..Rows::default()
         }
     }
 
