@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[allow(dead_code, reason = "what teaches by groups and reads metrics is for other tests")]
 #[path = "common/bars.rs"]
 mod bars;
 
