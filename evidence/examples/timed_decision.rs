@@ -13,7 +13,7 @@ use symmetry::Irrep;
 use worlds::{Kind, Stream, Visit, World};
 
 const POLICIES: usize = 16;
-const REPETITIONS: usize = 21;
+const REPETITIONS: usize = 51;
 const THREADS: usize = 2;
 /// Steps of an episode: what takes time is not its length.
 const HORIZON: usize = 2;
@@ -40,24 +40,43 @@ fn measure() -> Answer<()> {
     let accounts = accountant.accounts(&rollout)?;
     let later = accountant.accounts(&courses(&world, 0, 2, 20)?)?;
     let both: Vec<Account> = [accounts.clone(), later].concat();
-    let described = median(|| accountant.accounts(&rollout).map(|_| ()))?;
-    let first = median(|| recogniser.assign(&accounts, 0, &mut rng).map(|_| ()))?;
-    let second = median(|| recogniser.settle(&both, 0, &mut rng).map(|_| ()))?;
-    println!("accounts of 20 episodes: {described:.1?}");
-    println!("first look at 20 episodes, {POLICIES} policies: {first:.1?}");
-    println!("second look at 40 episodes, {POLICIES} policies: {second:.1?}");
+    let described = timed(|| accountant.accounts(&rollout).map(|_| ()))?;
+    let first = timed(|| recogniser.assign(&accounts, 0, &mut rng).map(|_| ()))?;
+    let second = timed(|| recogniser.settle(&both, 0, &mut rng).map(|_| ()))?;
+    println!("accounts of 20 episodes: {described}");
+    println!("first look at 20 episodes, {POLICIES} policies: {first}");
+    println!("second look at 40 episodes, {POLICIES} policies: {second}");
     Ok(())
 }
 
-fn median<E>(mut timed: impl FnMut() -> Result<(), E>) -> Result<Duration, E> {
+/// The median and the shortest time, and the processors' time of one repetition, which other work
+/// on the machine hardly changes.
+fn timed<E>(mut work: impl FnMut() -> Result<(), E>) -> Result<String, E> {
     let mut times = Vec::with_capacity(REPETITIONS);
+    let before = processor_time();
     for _ in 0..REPETITIONS {
         let clock = Instant::now();
-        timed()?;
+        work()?;
         times.push(clock.elapsed());
     }
     times.sort_unstable();
-    Ok(times[REPETITIONS / 2])
+    let used = processor_time().zip(before);
+    let used = used.map_or("unknown".to_owned(), |(after, before)| {
+        format!("{:.1?}", (after - before) / REPETITIONS as u32)
+    });
+    let (median, shortest) = (times[REPETITIONS / 2], times[0]);
+    Ok(format!(
+        "median {median:.1?}, shortest {shortest:.1?}, processors {used}"
+    ))
+}
+
+/// What this process took of all processors so far, where Linux says it, in its ticks of 10 ms.
+fn processor_time() -> Option<Duration> {
+    let text = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let mut fields = text.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let user: u64 = fields.next()?.parse().ok()?;
+    let system: u64 = fields.next()?.parse().ok()?;
+    Some(Duration::from_millis(10 * (user + system)))
 }
 
 /// Episodes that began one after the other, with the first pictures of one round of a stream.

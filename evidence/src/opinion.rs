@@ -162,6 +162,16 @@ impl Opinion {
         self.lost
     }
 
+    /// By how much motion changed, as a share; zero where it is not known.
+    pub fn changed(&self) -> f64 {
+        self.changed
+    }
+
+    /// By how much the way that pays changed, as a share; zero where it is not known.
+    pub fn turned(&self) -> f64 {
+        self.turned
+    }
+
     pub(crate) fn is_refused(&self) -> bool {
         self.verdict == Verdict::Refused
     }
@@ -178,7 +188,7 @@ impl Opinion {
     }
 
     /// The largest ratio of a distance of looks to what chance makes of it.
-    pub(crate) fn look_ratio(&self) -> f64 {
+    pub fn look_ratio(&self) -> f64 {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
     }
