@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
-#[allow(dead_code, reason = "what teaches by groups and reads metrics is for other tests")]
+#[allow(
+    dead_code,
+    reason = "what teaches by groups and reads metrics is for other tests"
+)]
 #[path = "common/bars.rs"]
 mod bars;
 

@@ -287,8 +287,9 @@ impl RolloutBuffer {
 }
 
 impl<P: OnPolicy> Experience<P> for RolloutBuffer {
+    /// As many as there is room for, also where the last rollout lost its end.
     fn steps(&self) -> usize {
-        self.steps
+        self.capacity
     }
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {

@@ -67,3 +67,23 @@ fn short_rollouts_meet_late_states_only_where_episodes_go_on() {
     assert_eq!(short_rollouts(true), [false, false]);
     assert_eq!(short_rollouts(false), [true, true]);
 }
+
+/// As after a cut: what was left has been learnt from.
+#[test]
+fn after_a_rollout_that_lost_its_end_the_next_is_whole() {
+    let mut env = PointReach::new(2, 0);
+    let settings = NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![2] },
+        ..NetworkSettings::default()
+    };
+    let mut policy = ActorCriticPolicy::new(&settings, env.spec(), 0).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    for _ in 0..2 {
+        let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+        assert_eq!((stats.decisions, buffer.steps()), (8, 4));
+        buffer.truncate(3).unwrap();
+        assert_eq!(buffer.steps(), 3);
+    }
+}

@@ -99,6 +99,8 @@ impl Plan {
                 }
             }
         }
+        let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
+        distinct("variants", &names)?;
         Ok(jobs)
     }
 
@@ -156,13 +158,17 @@ impl<'a> Arm<'a> {
 /// Refuses what could not be read back from a folder's name.
 fn folder_part(name: &str) -> Result<&str, CoversError> {
     let plain = |sign: char| sign.is_ascii_alphanumeric() || sign == '-' || sign == '.';
-    if !name.is_empty() && name.chars().all(plain) && !name.contains("-seed") {
+    if !name.is_empty()
+        && name.chars().all(plain)
+        && !name.starts_with("seed")
+        && !name.contains("-seed")
+    {
         return Ok(name);
     }
     Err(CoversError::Setting {
         name: "variants",
         value: format!("{name:?}"),
-        expected: "a name of letters, digits, dots and hyphens, without `-seed`",
+        expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
     })
 }
 
@@ -336,6 +342,7 @@ mod tests {
             ("base", "`variants` is a list that holds base twice"),
             ("a/b", "`variants` is \"a/b\""),
             ("", "`variants` is \"\""),
+            ("seed1", "`variants` is \"seed1\""),
             ("x-seed1", "`variants` is \"x-seed1\""),
         ] {
             let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
