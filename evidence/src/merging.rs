@@ -39,8 +39,8 @@ impl Recogniser {
         (0..known).find(may_be).filter(|_| examiner.knows(own))
     }
 
-    /// Whether `twin` earned in the group of `policy` what it earns at home, judged by episodes in
-    /// which it acted itself; what was found is remembered. If it did, let `policy` act once more,
+    /// Whether `twin` earned in the group of `policy` what it earns at home, and about what `policy`
+    /// earns there, judged by episodes in which it acted itself; what was found is remembered. If it did, let `policy` act once more,
     /// and [`Recogniser::merge`] them: the group may have changed before `twin` acted.
     ///
     /// # Errors
@@ -55,7 +55,10 @@ impl Recogniser {
         self.check_policy(policy)?;
         let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
-        let is_twin = !opinion.is_refused() && examiner.is_proven(&opinion);
+        // nor may the one that is at home earn much more there
+        let earned: Vec<&Account> = accounts.iter().collect();
+        let lags = self.memories[policy].lost(&earned) >= self.settings().min_loss;
+        let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
         }

@@ -316,7 +316,7 @@ fn policies_that_serve_one_group_are_merged() {
     assert_eq!(recogniser.twin(0, &finding), Some(2));
     assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
     let merge = recogniser
-        .merge(0, 2, &seen[5..10], &mut rng())
+        .merge(0, 2, &seen[5..], &mut rng())
         .unwrap()
         .unwrap();
     let ends = [merge.kept.min(merge.gone), merge.kept.max(merge.gone)];
