@@ -40,8 +40,9 @@ impl Recogniser {
     }
 
     /// Whether `twin` earned in the group of `policy` what it earns at home, and about what `policy`
-    /// earns there, judged by episodes in which it acted itself; what was found is remembered. If it did, let `policy` act once more,
-    /// and [`Recogniser::merge`] them: the group may have changed before `twin` acted.
+    /// earns there, judged by episodes in which it acted itself; what was found is remembered. If it
+    /// did, let `policy` act once more, and [`Recogniser::merge`] them: the group may have changed
+    /// before `twin` acted.
     ///
     /// # Errors
     /// Too few episodes, no such policies, or points that cannot be compared.
@@ -78,6 +79,9 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
         self.check_policy(twin)?;
+        if policy == twin || self.memories[policy].is_gone || self.memories[twin].is_gone {
+            return Ok(None);
+        }
         let opinion = self.opinion_of(policy, accounts, rng)?;
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
             return Ok(None);
@@ -88,6 +92,8 @@ impl Recogniser {
             false => (policy, twin),
         };
         self.memories[gone].is_gone = true;
+        let apart = std::mem::take(&mut self.memories[gone].apart);
+        self.memories[kept].apart.extend(apart);
         Ok(Some(Merge { kept, gone }))
     }
 

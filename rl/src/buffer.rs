@@ -288,6 +288,10 @@ impl RolloutBuffer {
 
 impl<P: OnPolicy> Experience<P> for RolloutBuffer {
     /// As many as there is room for, also where the last rollout lost its end.
+    #[allow(
+        clippy::misnamed_getters,
+        reason = "`steps` are those of the last rollout"
+    )]
     fn steps(&self) -> usize {
         self.capacity
     }
