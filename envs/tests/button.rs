@@ -1,4 +1,4 @@
-//! Why Button Press is slow to learn: what Meta-World's reward says of a claw that presses.
+//! What Meta-World's reward says of a claw that presses the button.
 
 use std::sync::Arc;
 
@@ -54,15 +54,16 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     presses
 }
 
+/// The gripper's base meets the box before they have pressed the button home.
 #[test]
 fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
-    for (embodiment, stop) in [(Embodiment::Sawyer, 0.021), (Embodiment::Hand, 0.025)] {
+    for (embodiment, stop) in [(Embodiment::Sawyer, 0.029), (Embodiment::Hand, 0.035)] {
         for seed in 0..5 {
             let presses = presses(embodiment, 0.5, seed);
             let rising = presses.is_sorted_by(|a, b| a.reward < b.reward + 1e-3);
             assert!(rising && presses[0].reward < 0.18, "{seed}: {presses:?}");
             let last = &presses[presses.len() - 1];
-            assert!((0.58..0.69).contains(&last.reward), "{seed}: {last:?}");
+            assert!((0.45..0.58).contains(&last.reward), "{seed}: {last:?}");
             let short = (last.remaining - stop).abs() < 1e-3 && last.remaining > SUCCESS;
             assert!(short, "{embodiment}, {seed}: {last:?}");
             assert!(presses.iter().all(|press| !press.success), "{seed}");
@@ -71,13 +72,16 @@ fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
 }
 
 #[test]
-fn an_open_claw_is_paid_at_the_very_end() {
-    for seed in 0..5 {
-        let presses = presses(Embodiment::Sawyer, -0.2, seed);
-        for press in presses.iter().filter(|press| press.remaining > 0.025) {
-            assert!((0.15..0.21).contains(&press.reward), "{seed}: {press:?}");
+fn an_open_claw_is_paid_for_every_millimetre_until_it_succeeds() {
+    for embodiment in Embodiment::ALL {
+        for seed in 0..5 {
+            let presses = presses(embodiment, -0.2, seed);
+            let success = presses.iter().position(|press| press.success);
+            let way = &presses[..=success.unwrap()];
+            let rising = way.is_sorted_by(|a, b| a.reward < b.reward);
+            assert!(rising && way[0].reward > 0.25, "{seed}: {presses:?}");
+            let last = &presses[presses.len() - 1];
+            assert!(last.reward > 0.85, "{embodiment}, {seed}: {last:?}");
         }
-        let last = &presses[presses.len() - 1];
-        assert!(last.success && last.reward > 0.9, "{seed}: {last:?}");
     }
 }
