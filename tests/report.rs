@@ -153,17 +153,44 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     };
     assert!(without("summary.json").contains("not finished"));
     assert!(without("evaluation.csv").contains("evaluation.csv"));
-    let scores = fs::read_to_string(file("evaluation.csv")).unwrap();
-    let last = scores.lines().last().unwrap();
-    // the columns of rollouts and of success
-    for (cell, wrong, problem) in [(0, "1", "do not agree"), (7, "NaN", "cannot be")] {
-        let mut cells: Vec<&str> = last.split(',').collect();
-        cells[cell] = wrong;
-        let changed = scores.replace(last, &cells.join(","));
-        fs::write(file("evaluation.csv"), changed).unwrap();
+    let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
+    fs::write(file("recognition.csv"), answer).unwrap();
+    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    let last = "the last rows of";
+    for (name, column, wrong, problem) in [
+        ("evaluation.csv", "rollouts", "1", last),
+        ("evaluation.csv", "success", "NaN", "cannot be"),
+        (
+            "evaluation.csv",
+            "episodes",
+            "18446744073709551615",
+            "cannot be",
+        ),
+        ("units.csv", "rollouts", "1", last),
+        ("units.csv", "dormant", "4294967295", "cannot be"),
+        ("recognition.csv", "group", "no-group", "cannot be"),
+        ("recognition.csv", "episodes", "3", "cannot be"),
+        ("recognition.csv", "times", "4294967296", "cannot be"),
+    ] {
+        let table = fs::read_to_string(file(name)).unwrap();
+        fs::write(file(name), with_cell(&table, column, wrong)).unwrap();
         let refusal = scratch.refusal(&["cnn-seed0"]);
-        assert!(refusal.contains(problem), "{refusal}");
+        assert!(
+            refusal.contains(name) && refusal.contains(problem),
+            "{refusal}"
+        );
+        fs::write(file(name), table).unwrap();
     }
+}
+
+/// A table with another cell in its last row.
+fn with_cell(table: &str, column: &str, cell: &str) -> String {
+    let names = table.lines().next().unwrap();
+    let place = names.split(',').position(|name| name == column).unwrap();
+    let last = table.lines().last().unwrap();
+    let mut cells: Vec<&str> = last.split(',').collect();
+    cells[place] = cell;
+    table.replace(last, &cells.join(","))
 }
 
 #[test]
