@@ -22,39 +22,36 @@ pub struct Efficiency {
 }
 
 impl Efficiency {
-    /// That of a group, from the evaluations while or after it ran; none where fewer than two
-    /// differ in the decisions spent in it.
+    /// That of a group; none where no two evaluations differ in the decisions spent in it. Of those
+    /// that do not differ the first one counts for the area, and all of them for the decisions.
     pub fn of(run: &RunData, group: &str) -> Option<Self> {
-        let curve = curve(run, group);
+        let mut curve = curve(run, group);
+        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
+        let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        // while other groups run, nothing is spent
+        curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
         let steps = curve.windows(2);
         let area: f64 = steps
             .map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1))
             .sum();
-        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
         (whole > 0.0).then(|| Self {
             area: area / whole,
-            decisions: solved.map_or(f64::INFINITY, |(decisions, _)| *decisions),
+            decisions,
         })
     }
 }
 
-/// Decisions spent in the group and success in it, of each evaluation that more decisions came
-/// before than before the last one.
+/// Decisions spent in the group and success in it, of each evaluation.
 fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
-    let mut curve: Vec<(f64, f64)> = Vec::new();
-    for rollouts in run.evaluated() {
+    let point = |rollouts| {
         let rows = run.evaluation(Some(rollouts));
-        let successes: Vec<f64> = rows
-            .filter(|row| row.group == group)
-            .map(|row| row.success)
-            .collect();
+        let rows = rows.filter(|row| row.group == group);
+        let successes: Vec<f64> = rows.map(|row| row.success).collect();
         let spent = spent(run, group, rollouts) as f64;
-        if !successes.is_empty() && curve.last().is_none_or(|last| last.0 < spent) {
-            curve.push((spent, mean(&successes)));
-        }
-    }
-    curve
+        (!successes.is_empty()).then(|| (spent, mean(&successes)))
+    };
+    run.evaluated().filter_map(point).collect()
 }
 
 /// Decisions of the first `rollouts` rollouts that began in the group.
@@ -192,6 +189,16 @@ mod tests {
         assert!((efficiency.area - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
         assert_eq!(efficiency.decisions, 200.0);
         assert_eq!(Efficiency::of(&run, "c"), None);
+    }
+
+    /// As where a policy learns in another group, too.
+    #[test]
+    fn a_group_may_be_solved_while_another_one_runs() {
+        let run = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);
+        let efficiency = Efficiency::of(&run, "a").unwrap();
+        assert_eq!(efficiency.decisions, 100.0);
+        // 100 decisions from 0 to 0.5, 100 from there to 1
+        assert_eq!(efficiency.area, 0.5);
     }
 
     #[test]
