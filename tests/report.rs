@@ -205,16 +205,33 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let text = scratch.report(&["covers-seed0"], &[]).unwrap();
     assert_eq!(paper(&text), ["| equi"]);
     let remark = "the settings are those of the preset `equi`, not of `covers`";
-    assert!(
-        text.contains("| covers (1) |") && text.contains(remark),
-        "{text}"
-    );
+    assert!(text.contains(remark), "{text}");
+    let rows = Rows::of(&text);
+    // results, figures over seeds, efficiency, variants, recognition, and the run itself
+    let tables = [
+        (vec!["covers (1)"], 4),
+        (vec!["covers (1)"], 14),
+        (vec!["goal-reach", "covers (1)"], 8),
+        (vec!["covers (1)", "goal-reach"], 6),
+        (vec!["covers (1)", "1"], 6),
+        (vec!["covers-seed0 (1)"], 7),
+    ];
+    for (first, columns) in &tables {
+        rows.find(first, *columns);
+    }
     let mut own = small(Method::Equi, 0);
     own.envs.camera.size = 32;
     scratch.run("equi-seed0", own);
     let text = scratch.report(&["equi-seed0"], &[]).unwrap();
     assert!(paper(&text).is_empty(), "{text}");
     assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
+    let both = ["covers-seed0", "equi-seed0"];
+    let text = scratch.report(&both, &[]).unwrap();
+    assert!(
+        text.contains("covers (2) against the other methods"),
+        "{text}"
+    );
+    Rows::of(&text).find(&["equi (3)"], 5);
 }
 
 #[test]

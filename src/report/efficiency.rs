@@ -1,6 +1,6 @@
 //! How fast methods learn: areas under learning curves, and decisions until a group is solved.
 
-use super::cells::brackets;
+use super::cells::{brackets, title};
 use super::comparison::Comparison;
 use super::method::MethodRuns;
 use super::run_data::RunData;
@@ -74,7 +74,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         "group",
         "method",
         "area",
-        "less the first's",
+        &format!("less that of {}", methods[0].name),
         "by the interval",
         "decisions to 0.9: median",
         "90th percentile",
@@ -88,10 +88,8 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
             let [area, decisions] = scores(method, group);
             if area.seeds() > 0 {
                 let compared = Comparison::new(&area, &first[0]);
-                rows.push((
-                    area.of(mean),
-                    row(group, &method.name, &area, &decisions, compared),
-                ));
+                let names = [group.clone(), title(&mut table, method)];
+                rows.push((area.of(mean), row(names, &area, &decisions, compared)));
             }
         }
         rows.sort_by(|one, other| other.0.total_cmp(&one.0));
@@ -109,8 +107,7 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 2] {
 }
 
 fn row(
-    group: &str,
-    method: &str,
+    [group, method]: [String; 2],
     area: &Scores,
     decisions: &Scores,
     compared: Comparison,
@@ -118,8 +115,8 @@ fn row(
     let solved = decisions.0.concat();
     let reached = solved.iter().filter(|decisions| decisions.is_finite());
     vec![
-        group.to_owned(),
-        method.to_owned(),
+        group,
+        method,
         format!("{:.3}{}", area.of(mean), brackets(area.interval(mean), 3)),
         format!(
             "{:+.3}{}",
@@ -224,6 +221,7 @@ mod tests {
             table.rows.iter().map(|row| row[index].as_str()).collect()
         };
         assert_eq!(column(1), ["quick", "slow"]);
+        assert_eq!(table.header[3], "less that of slow");
         assert_eq!(column(2), ["0.700", "0.350"]);
         assert_eq!(column(3), ["+0.350", "+0.000"]);
         assert_eq!(column(5), ["100", "200"]);
