@@ -232,7 +232,11 @@ impl Budget {
 
     fn evaluation(self) -> EvaluationPlan {
         match self {
-            Self::Smoke | Self::Short => EvaluationPlan::AT_THE_END,
+            Self::Smoke => EvaluationPlan {
+                looks: 1,
+                ..EvaluationPlan::AT_THE_END
+            },
+            Self::Short => EvaluationPlan::AT_THE_END,
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 rounds: 2,
                 // as many, so that what is forgotten by the end shows on the same episodes

@@ -53,7 +53,6 @@ fn small(method: Method, seed: u64) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
     experiment.evaluation.visit_rounds = 1;
-    experiment.evaluation.looks = 1;
     experiment.with_threads(2)
 }
 
