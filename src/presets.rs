@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use envs::{TaskGroup, VecEnvSettings};
-use rl::{Critic, Encoder, NetworkSettings};
+use rl::NetworkSettings;
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -136,14 +136,7 @@ impl Method {
 fn slim() -> NetworkSettings {
     NetworkSettings {
         group: Group::C1,
-        encoder: Encoder::Strided {
-            fields: vec![2, 4, 8, 8],
-        },
-        top_fields: 16,
-        vector_fields: 16,
-        actor_fields: 16,
-        critic: Critic::Joint { fields: 16 },
-        ..NetworkSettings::default()
+        ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
     }
 }
 
