@@ -157,7 +157,6 @@ mod tests {
             group: "a".to_owned(),
             element: "identity".to_owned(),
             seen: true,
-            policy: 0,
             episodes: 10,
             success,
             success_at_end: success,

@@ -20,20 +20,20 @@ const TOO_MANY: usize = 1 << 32;
 pub struct RunData {
     /// The folder's name.
     pub name: String,
+    /// Commits that worked on the run, the first one first; empty where none is known.
+    pub commits: Vec<String>,
     /// The settings.
     pub experiment: Experiment,
     /// One row a rollout.
     pub rollouts: Vec<RolloutRow>,
+    /// Seconds of learning of the rollouts whose seconds are known.
+    pub seconds: f64,
     /// One row a variant and evaluation, in the order in which they were scored.
     pub scores: Vec<ScoreRow>,
     /// One row a policy and evaluation; none of a run that did not look at units.
     pub units: Vec<UnitsRow>,
     /// One row an answer; none of a run that did not ask.
     pub recognition: Vec<RecognitionRow>,
-    /// Seconds of learning of the rollouts whose seconds are known.
-    pub seconds: f64,
-    /// Commits that worked on the run, the first one first; empty where none is known.
-    pub commits: Vec<String>,
 }
 
 /// A row of `metrics.csv`, without what a learner adds of its own.
@@ -68,8 +68,6 @@ pub struct ScoreRow {
     pub element: String,
     /// Whether the learner meets the variant while it learns.
     pub seen: bool,
-    /// The policy that the learner chose.
-    pub policy: usize,
     /// Episodes played.
     pub episodes: usize,
     /// As in [`Score`](crate::evaluation::Score).
