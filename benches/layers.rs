@@ -2,12 +2,15 @@
 //!
 //! `48 x 48 x 6 -> 4, 8, 16, 16 regular fields (4 x 4, stride 2, padding 1) -> 32 fields (3 x 3)`,
 //! every convolution followed by a ReLU, then group pooling; f32, one thread, chunks of 16 samples.
+//!
+//! And exponentials after a matrix product, which must take no longer than alone.
 
 use std::hint::black_box;
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use equivariant::{
-    Group, GroupMaxPool, Kernel, Layer, LayerError, R2Conv, Relu, Scratch, Sequential, Signature,
+    Group, GroupMaxPool, Kernel, Layer, LayerError, Linear, R2Conv, Relu, Scratch, Sequential,
+    Signature,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -108,5 +111,25 @@ fn layers(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, layers);
+/// What a recurrent unit does after each product. Kernels that leave the upper halves of vector
+/// registers in use make it fifty times as slow on a processor with AVX-512.
+fn exponentials(c: &mut Criterion) {
+    let fields = Group::D2.regular(16);
+    let layer = match Linear::new(fields, fields) {
+        Ok(layer) => layer,
+        Err(error) => panic!("the layer is refused: {error}"),
+    };
+    let mut batch = Batch::new(&layer);
+    let x: Vec<f32> = (0..1000).map(|i| (i as f32 * 0.37).sin()).collect();
+    let sum = || black_box(&x).iter().map(|x| x.exp()).sum::<f32>();
+    let mut group = c.benchmark_group("thousand_exponentials_f32");
+    group.bench_function("alone", |b| b.iter(sum));
+    group.bench_function("after_a_product", |b| {
+        let product = || batch.forward(black_box(&layer));
+        b.iter_batched(product, |()| sum(), BatchSize::PerIteration);
+    });
+    group.finish();
+}
+
+criterion_group!(benches, layers, exponentials);
 criterion_main!(benches);

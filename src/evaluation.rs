@@ -32,6 +32,8 @@ const LOOKING: u64 = u64::MAX;
 pub struct Findings {
     /// One item a variant.
     pub scores: Vec<Score>,
+    /// What the learner answered when it was asked for its policies; nothing where it was not.
+    pub recognition: Vec<Recognition>,
     activities: Activities,
 }
 

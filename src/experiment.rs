@@ -12,7 +12,7 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::Labels;
 use crate::learners::LearnerSettings;
-use crate::overrides::parse;
+use crate::overrides::{parse, read};
 use crate::schedule::{Clock, Schedule};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
@@ -109,8 +109,7 @@ impl Experiment {
     /// [`CoversError::Read`] names the file and what is wrong in it: for an unknown field the
     /// nearest known one, too.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
-        let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-        Self::parse(&text).map_err(|error| CoversError::read(path, error))
+        read(path)
     }
 
     /// Reads settings from JSON.

@@ -113,6 +113,15 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
     }
 }
 
+/// Reads settings from a file of JSON.
+///
+/// # Errors
+/// [`CoversError::Read`] names the file and what is wrong in it, see [`parse`].
+pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, CoversError> {
+    let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
+    parse(&text).map_err(|error| CoversError::read(path, error))
+}
+
 /// Reads settings from JSON.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use envs::{TaskGroup, VecEnvSettings};
-use rl::{Critic, Encoder, NetworkSettings};
+use rl::NetworkSettings;
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -136,14 +136,7 @@ impl Method {
 fn slim() -> NetworkSettings {
     NetworkSettings {
         group: Group::C1,
-        encoder: Encoder::Strided {
-            fields: vec![2, 4, 8, 8],
-        },
-        top_fields: 16,
-        vector_fields: 16,
-        actor_fields: 16,
-        critic: Critic::Joint { fields: 16 },
-        ..NetworkSettings::default()
+        ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
     }
 }
 
@@ -232,7 +225,11 @@ impl Budget {
 
     fn evaluation(self) -> EvaluationPlan {
         match self {
-            Self::Smoke | Self::Short => EvaluationPlan::AT_THE_END,
+            Self::Smoke => EvaluationPlan {
+                looks: 1,
+                ..EvaluationPlan::AT_THE_END
+            },
+            Self::Short => EvaluationPlan::AT_THE_END,
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 rounds: 2,
                 // as many, so that what is forgotten by the end shows on the same episodes

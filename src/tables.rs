@@ -9,7 +9,7 @@ use crate::runs::{Event, Progress, Summary};
 pub fn event_text(event: &Event) -> String {
     match event {
         Event::Rollout(progress) => rollout_line(progress),
-        Event::Evaluation(evaluation) => score_table(&evaluation.scores),
+        Event::Evaluation(evaluation) => score_table(&evaluation.findings.scores),
     }
 }
 

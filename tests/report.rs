@@ -49,7 +49,6 @@ fn small(method: Method, seed: u64) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
     experiment.evaluation.visit_rounds = 1;
-    experiment.evaluation.looks = 1;
     experiment.with_threads(2)
 }
 
@@ -57,6 +56,52 @@ fn small(method: Method, seed: u64) -> Experiment {
 fn average(summary: &Summary, figure: fn(&covers::evaluation::GroupScore) -> f64) -> f64 {
     let groups = summary.groups.iter().map(figure);
     groups.sum::<f64>() / summary.groups.len() as f64
+}
+
+/// The cells of a report's tables.
+struct Rows<'a>(Vec<Vec<&'a str>>);
+
+impl<'a> Rows<'a> {
+    fn of(text: &'a str) -> Self {
+        let rows = text.lines().filter_map(|line| line.strip_prefix("| "));
+        let rows = rows.filter_map(|row| row.strip_suffix(" |"));
+        Self(rows.map(|row| row.split(" | ").collect()).collect())
+    }
+
+    /// The row that begins with these cells, of the table with so many columns.
+    fn find(&self, first: &[&str], columns: usize) -> &[&'a str] {
+        let mut rows = self.0.iter();
+        let found = rows.find(|row| row.starts_with(first) && row.len() == columns);
+        found.unwrap()
+    }
+}
+
+/// What it says of two runs of COVERS.
+fn check_covers(rows: &Rows, runs: &[Summary]) {
+    let row = rows.find(&["covers"], 14);
+    let mean = |figure: &dyn Fn(&Summary) -> f64| f64::midpoint(figure(&runs[0]), figure(&runs[1]));
+    let success = mean(&|summary| average(summary, |group| group.success));
+    assert!(row[3].starts_with(&format!("{success:.3} [")));
+    let accuracy = mean(&|summary| summary.assignment_accuracy.unwrap());
+    assert_eq!(row[8], format!("{accuracy:.3}"));
+    let decisions = rows.find(&["covers-seed1"], 7)[4];
+    assert_eq!(decisions, runs[1].decisions.to_string());
+    let recognised: f64 = rows.find(&["covers", "1"], 6)[4].parse().unwrap();
+    assert!((0.0..=1.0).contains(&recognised), "{recognised}");
+}
+
+/// What it says of one run of CNN, which has one policy.
+fn check_cnn(rows: &Rows, run: &Summary) {
+    let row = rows.find(&["cnn"], 14);
+    let success = average(run, |group| group.success);
+    assert_eq!(row[3], format!("{success:.3}"));
+    for cell in [row[8], rows.find(&["cnn", "1"], 6)[4]] {
+        assert!(cell.starts_with("- ("), "one policy has no accuracy");
+    }
+    assert_eq!(rows.find(&["cnn"], 5)[3], "too few seeds");
+    let reward = average(run, |group| group.reward);
+    let printed = rows.find(&["cnn-seed0"], 7)[2];
+    assert_eq!(printed, format!("{reward:.1}"));
 }
 
 #[test]
@@ -73,49 +118,14 @@ fn a_report_says_what_the_runs_files_say() {
     let text = scratch
         .report(&runs, &["--out", out.to_str().unwrap()])
         .unwrap();
-    let rows = text.lines().map(|line| line.split(" | ").collect());
-    let rows: Vec<Vec<&str>> = rows.collect();
-    let row = |name: &str, cells: usize| {
-        let mut rows = rows.iter();
-        let found = rows.find(|row| row[0] == format!("| {name}") && row.len() == cells);
-        found.unwrap()
-    };
-    let of_two = |figure: &dyn Fn(&Summary) -> f64| {
-        f64::midpoint(figure(&summaries[0]), figure(&summaries[1]))
-    };
-    let success = of_two(&|summary| average(summary, |group| group.success));
-    assert!(row("covers", 14)[3].starts_with(&format!("{success:.3} [")));
-    let accuracy = of_two(&|summary| summary.assignment_accuracy.unwrap());
-    assert_eq!(row("covers", 14)[8], format!("{accuracy:.3}"));
-    let success = average(&summaries[2], |group| group.success);
-    assert_eq!(row("cnn", 14)[3], format!("{success:.3}"));
-    assert!(
-        row("cnn", 14)[8].starts_with("- ("),
-        "one policy has no accuracy"
-    );
-    assert_eq!(row("cnn", 5)[3], "too few seeds");
-    let reward = average(&summaries[2], |group| group.reward);
-    assert_eq!(row("cnn-seed0", 7)[2], format!("{reward:.1}"));
-    assert_eq!(
-        row("covers-seed1", 7)[4],
-        summaries[1].decisions.to_string()
-    );
-    assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
+    let rows = Rows::of(&text);
+    check_covers(&rows, &summaries[..2]);
+    check_cnn(&rows, &summaries[2]);
     for method in ["covers", "cnn"] {
-        let dormant: f64 = row(method, 14)[12].parse().unwrap();
+        let dormant: f64 = rows.find(&[method], 14)[12].parse().unwrap();
         assert!((0.0..1.0).contains(&dormant), "{dormant}");
     }
-    let asked = |name: &str| {
-        let mut rows = rows.iter();
-        let found =
-            rows.find(|row| row[0] == format!("| {name}") && row[1] == "1" && row.len() == 6);
-        found.unwrap()[4]
-    };
-    assert!((0.0..=1.0).contains(&asked("covers").parse::<f64>().unwrap()));
-    assert!(
-        asked("cnn").starts_with("- ("),
-        "one policy recognises nothing"
-    );
+    assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     assert_eq!(files("report.md").trim_end(), text.trim_end());
     assert!(files("results.csv").contains("\"covers\"") && files("seeds.tex").contains("toprule"));
@@ -138,17 +148,44 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     };
     assert!(without("summary.json").contains("not finished"));
     assert!(without("evaluation.csv").contains("evaluation.csv"));
-    let scores = fs::read_to_string(file("evaluation.csv")).unwrap();
-    let last = scores.lines().last().unwrap();
-    // the columns of rollouts and of success
-    for (cell, wrong, problem) in [(0, "1", "do not agree"), (7, "NaN", "cannot be")] {
-        let mut cells: Vec<&str> = last.split(',').collect();
-        cells[cell] = wrong;
-        let changed = scores.replace(last, &cells.join(","));
-        fs::write(file("evaluation.csv"), changed).unwrap();
+    let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
+    fs::write(file("recognition.csv"), answer).unwrap();
+    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    let last = "the last rows of";
+    for (name, column, wrong, problem) in [
+        ("evaluation.csv", "rollouts", "1", last),
+        ("evaluation.csv", "success", "NaN", "cannot be"),
+        (
+            "evaluation.csv",
+            "episodes",
+            "18446744073709551615",
+            "cannot be",
+        ),
+        ("units.csv", "rollouts", "1", last),
+        ("units.csv", "dormant", "4294967295", "cannot be"),
+        ("recognition.csv", "group", "no-group", "cannot be"),
+        ("recognition.csv", "episodes", "3", "cannot be"),
+        ("recognition.csv", "times", "4294967296", "cannot be"),
+    ] {
+        let table = fs::read_to_string(file(name)).unwrap();
+        fs::write(file(name), with_cell(&table, column, wrong)).unwrap();
         let refusal = scratch.refusal(&["cnn-seed0"]);
-        assert!(refusal.contains(problem), "{refusal}");
+        assert!(
+            refusal.contains(name) && refusal.contains(problem),
+            "{refusal}"
+        );
+        fs::write(file(name), table).unwrap();
     }
+}
+
+/// A table with another cell in its last row.
+fn with_cell(table: &str, column: &str, cell: &str) -> String {
+    let names = table.lines().next().unwrap();
+    let place = names.split(',').position(|name| name == column).unwrap();
+    let last = table.lines().last().unwrap();
+    let mut cells: Vec<&str> = last.split(',').collect();
+    cells[place] = cell;
+    table.replace(last, &cells.join(","))
 }
 
 #[test]
@@ -163,16 +200,33 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let text = scratch.report(&["covers-seed0"], &[]).unwrap();
     assert_eq!(paper(&text), ["| equi"]);
     let remark = "the settings are those of the preset `equi`, not of `covers`";
-    assert!(
-        text.contains("| covers (1) |") && text.contains(remark),
-        "{text}"
-    );
+    assert!(text.contains(remark), "{text}");
+    let rows = Rows::of(&text);
+    // results, figures over seeds, efficiency, variants, recognition, and the run itself
+    let tables = [
+        (vec!["covers (1)"], 4),
+        (vec!["covers (1)"], 14),
+        (vec!["goal-reach", "covers (1)"], 8),
+        (vec!["covers (1)", "goal-reach"], 6),
+        (vec!["covers (1)", "1"], 6),
+        (vec!["covers-seed0 (1)"], 7),
+    ];
+    for (first, columns) in &tables {
+        rows.find(first, *columns);
+    }
     let mut own = small(Method::Equi, 0);
     own.envs.camera.size = 32;
     scratch.run("equi-seed0", own);
     let text = scratch.report(&["equi-seed0"], &[]).unwrap();
     assert!(paper(&text).is_empty(), "{text}");
     assert!(text.contains("`envs.camera.size` 48 and 32"), "{text}");
+    let both = ["covers-seed0", "equi-seed0"];
+    let text = scratch.report(&both, &[]).unwrap();
+    assert!(
+        text.contains("covers (2) against the other methods"),
+        "{text}"
+    );
+    Rows::of(&text).find(&["equi (3)"], 5);
 }
 
 #[test]

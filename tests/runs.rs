@@ -44,10 +44,12 @@ fn pretrained() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained")
 }
 
-const FILES: [&str; 4] = [
+const FILES: [&str; 6] = [
     "experiment.json",
     "metrics.csv",
     "evaluation.csv",
+    "units.csv",
+    "recognition.csv",
     "contact_sheet.png",
 ];
 
@@ -118,6 +120,11 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
         lines(&reference[2]),
         1 + 16,
         "sixteen variants after the stream"
+    );
+    assert_eq!(
+        lines(&reference[4]),
+        1 + 16 * 3,
+        "an answer to 1, 4 and 20 episodes of each"
     );
     let (_, two_threads) = whole(3, 2);
     assert!(two_threads[1..] == reference[1..], "two threads differ");

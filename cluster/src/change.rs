@@ -215,14 +215,9 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{RngExt, SeedableRng};
+    use crate::fixtures::draw;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-
-    fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
-        (0..count)
-            .map(|_| centre + rng.random_range(-1.0..1.0))
-            .collect()
-    }
 
     #[test]
     fn a_change_is_found_where_it_is() {

@@ -266,7 +266,8 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{RngExt, SeedableRng};
+    use crate::fixtures::draw;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
     fn source(rollout: &[f32], buffer: &[f32], side: Side) -> Source {
@@ -276,12 +277,6 @@ mod tests {
             buffer: frames(buffer),
         };
         Source { clouds, side }
-    }
-
-    fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
-        (0..count)
-            .map(|_| centre + rng.random_range(-1.0..1.0))
-            .collect()
     }
 
     #[test]

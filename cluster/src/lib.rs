@@ -69,6 +69,8 @@ mod change;
 mod check;
 mod error;
 mod euclidean;
+#[cfg(test)]
+mod fixtures;
 mod frames;
 mod joint;
 mod line;

@@ -99,7 +99,8 @@ pub(crate) fn product<T: RealField + Copy>(
 ///
 /// The kernels of faer 0.24.4 do not. Until somebody does, the processor pays for every change
 /// between instructions that know of upper halves and those that do not: C's `expf` then takes 175
-/// ns instead of 3, and it comes right after the products of a recurrent unit.
+/// ns instead of 3, and it comes right after the products of a recurrent unit. `benches/layers.rs`
+/// of the workspace measures it.
 fn clear_upper_halves() {
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = pulp::x86::V3::try_new() {
@@ -119,37 +120,5 @@ impl pulp::NullaryFnOnce for Wide {
     fn call(self) {
         let x = black_box(pulp::f32x8(0., 0., 0., 0., 0., 0., 0., 0.));
         black_box(self.0.add_f32x8(x, x));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::time::{Duration, Instant};
-
-    use super::*;
-
-    /// The least of many times for the same thousand exponentials, each after `before`.
-    fn least(before: impl Fn()) -> Duration {
-        let x: Vec<f32> = (0..1000).map(|i| (i as f32 * 0.37).sin()).collect();
-        let time = |_| {
-            before();
-            let clock = Instant::now();
-            black_box(x.iter().map(|x| x.exp()).sum::<f32>());
-            clock.elapsed()
-        };
-        (0..200).map(time).min().unwrap_or_default()
-    }
-
-    /// Without care they take fifty times as long on a processor with AVX-512.
-    #[test]
-    fn exponentials_take_no_longer_after_a_product() {
-        let multiply = || {
-            let (a, mut to) = (vec![0.5f32; 64 * 64], vec![0.0; 64 * 64]);
-            let to = StridedMut::new(&mut to, [64, 64], 64);
-            let [a, b] = [Strided::new(&a, [64, 64], 64); 2];
-            product(to, false, a, b);
-        };
-        let (clean, after) = (least(|| ()), least(multiply));
-        assert!(after < 10 * clean, "{clean:?} {after:?}");
     }
 }

@@ -89,23 +89,27 @@ impl Critic {
 
 impl Default for NetworkSettings {
     fn default() -> Self {
+        Self::strided(vec![4, 8, 16, 16], 32)
+    }
+}
+
+impl NetworkSettings {
+    /// The default with other widths: regular fields after each halving ([`Encoder::Strided`]), and
+    /// those of all layers behind it.
+    pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
             group: Group::D2,
-            encoder: Encoder::Strided {
-                fields: vec![4, 8, 16, 16],
-            },
-            top_fields: 32,
-            vector_fields: 32,
-            actor_fields: 32,
-            critic: Critic::Joint { fields: 32 },
+            encoder: Encoder::Strided { fields: halvings },
+            top_fields: fields,
+            vector_fields: fields,
+            actor_fields: fields,
+            critic: Critic::Joint { fields },
             action_gain: 0.01,
             value_gain: 1.0,
             log_std: -0.5,
         }
     }
-}
 
-impl NetworkSettings {
     /// The 128 x 128 network of the SO(2)-equivariant line with n = 64, see [`Encoder::Pooled`],
     /// and the paper's critic.
     pub fn so2_128() -> Self {

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Encoder, NetworkSettings, RlError, RolloutBuffer, RolloutState, VectorEnv,
-    collect,
+    ActorCriticPolicy, Encoder, NetworkSettings, RlError, RolloutBuffer, RolloutState,
+    RolloutStats, VectorEnv, collect,
 };
 
 use crate::common::ages::Ages;
@@ -32,25 +32,49 @@ fn a_rollout_shorter_than_an_episode_is_refused_with_both_numbers() {
     assert_eq!(Ages::new(&[3, 7, 5]).horizon(), Some(7));
 }
 
-/// Returns that three rollouts of 4 steps report, where an episode has 10, and whether a late state
-/// was met.
+/// Points, a policy, and rollouts of 4 steps, where an episode has 10.
+struct Short {
+    env: PointReach,
+    policy: ActorCriticPolicy,
+    buffer: RolloutBuffer,
+    rng: ChaCha8Rng,
+}
+
+impl Short {
+    fn new() -> Self {
+        let env = PointReach::new(2, 0);
+        let settings = NetworkSettings {
+            encoder: Encoder::Strided { fields: vec![2] },
+            ..NetworkSettings::default()
+        };
+        Self {
+            policy: ActorCriticPolicy::new(&settings, env.spec(), 0).unwrap(),
+            buffer: RolloutBuffer::new(env.spec(), 4).unwrap(),
+            rng: ChaCha8Rng::seed_from_u64(0),
+            env,
+        }
+    }
+
+    fn reset(&mut self) -> RolloutState {
+        RolloutState::reset(&mut self.env, &self.policy).unwrap()
+    }
+
+    fn collect(&mut self, state: &mut RolloutState) -> RolloutStats {
+        let (env, policy) = (&mut self.env, &mut self.policy);
+        collect(env, policy, &mut self.buffer, state, &mut self.rng).unwrap()
+    }
+}
+
+/// Returns that three rollouts report, and whether a late state was met.
 fn short_rollouts(reset: bool) -> [bool; 2] {
-    let mut env = PointReach::new(2, 0);
-    let settings = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![2] },
-        ..NetworkSettings::default()
-    };
-    let mut policy = ActorCriticPolicy::new(&settings, env.spec(), 0).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut short = Short::new();
+    let mut state = short.reset();
     let (mut returns, mut late) = (false, false);
     for _ in 0..3 {
         if reset {
-            state = RolloutState::reset(&mut env, &policy).unwrap();
+            state = short.reset();
         }
-        let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        returns |= stats.mean_return().is_some();
+        returns |= short.collect(&mut state).mean_return().is_some();
         late |= state.episodes.iter().any(|e| e.length > 4) || returns;
     }
     [returns, late]
@@ -66,19 +90,12 @@ fn short_rollouts_meet_late_states_only_where_episodes_go_on() {
 /// As after a cut: what was left has been learnt from.
 #[test]
 fn after_a_rollout_that_lost_its_end_the_next_is_whole() {
-    let mut env = PointReach::new(2, 0);
-    let settings = NetworkSettings {
-        encoder: Encoder::Strided { fields: vec![2] },
-        ..NetworkSettings::default()
-    };
-    let mut policy = ActorCriticPolicy::new(&settings, env.spec(), 0).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut short = Short::new();
+    let mut state = short.reset();
     for _ in 0..2 {
-        let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        assert_eq!((stats.decisions, buffer.steps()), (8, 4));
-        buffer.truncate(3).unwrap();
-        assert_eq!(buffer.steps(), 3);
+        let stats = short.collect(&mut state);
+        assert_eq!((stats.decisions, short.buffer.steps()), (8, 4));
+        short.buffer.truncate(3).unwrap();
+        assert_eq!(short.buffer.steps(), 3);
     }
 }

@@ -7,10 +7,14 @@ use super::table::Table;
 
 /// The name of a method, marked where its settings are not those of the preset of this name.
 pub(super) fn title(table: &mut Table, method: &MethodRuns) -> String {
-    let name = &method.name;
+    marked(table, method, &method.name)
+}
+
+/// The name of one of a method's runs, or of the method, marked likewise.
+pub(super) fn marked(table: &mut Table, method: &MethodRuns, name: &str) -> String {
     let remark = method.identity.remark.as_ref();
     remark.map_or_else(
-        || name.clone(),
+        || name.to_owned(),
         |remark| format!("{name} {}", table.note(remark)),
     )
 }

@@ -1,6 +1,6 @@
 //! How fast methods learn: areas under learning curves, and decisions until a group is solved.
 
-use super::cells::brackets;
+use super::cells::{brackets, title};
 use super::comparison::Comparison;
 use super::method::MethodRuns;
 use super::run_data::RunData;
@@ -22,39 +22,36 @@ pub struct Efficiency {
 }
 
 impl Efficiency {
-    /// That of a group, from the evaluations while or after it ran; none where fewer than two
-    /// differ in the decisions spent in it.
+    /// That of a group; none where no two evaluations differ in the decisions spent in it. Of those
+    /// that do not differ the first one counts for the area, and all of them for the decisions.
     pub fn of(run: &RunData, group: &str) -> Option<Self> {
-        let curve = curve(run, group);
+        let mut curve = curve(run, group);
+        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
+        let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        // while other groups run, nothing is spent
+        curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
         let steps = curve.windows(2);
         let area: f64 = steps
             .map(|pair| (pair[1].0 - pair[0].0) * f64::midpoint(pair[0].1, pair[1].1))
             .sum();
-        let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
         (whole > 0.0).then(|| Self {
             area: area / whole,
-            decisions: solved.map_or(f64::INFINITY, |(decisions, _)| *decisions),
+            decisions,
         })
     }
 }
 
-/// Decisions spent in the group and success in it, of each evaluation that more decisions came
-/// before than before the last one.
+/// Decisions spent in the group and success in it, of each evaluation.
 fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
-    let mut curve: Vec<(f64, f64)> = Vec::new();
-    for rollouts in run.evaluated() {
+    let point = |rollouts| {
         let rows = run.evaluation(Some(rollouts));
-        let successes: Vec<f64> = rows
-            .filter(|row| row.group == group)
-            .map(|row| row.success)
-            .collect();
+        let rows = rows.filter(|row| row.group == group);
+        let successes: Vec<f64> = rows.map(|row| row.success).collect();
         let spent = spent(run, group, rollouts) as f64;
-        if !successes.is_empty() && curve.last().is_none_or(|last| last.0 < spent) {
-            curve.push((spent, mean(&successes)));
-        }
-    }
-    curve
+        (!successes.is_empty()).then(|| (spent, mean(&successes)))
+    };
+    run.evaluated().filter_map(point).collect()
 }
 
 /// Decisions of the first `rollouts` rollouts that began in the group.
@@ -77,7 +74,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         "group",
         "method",
         "area",
-        "less the first's",
+        &format!("less that of {}", methods[0].name),
         "by the interval",
         "decisions to 0.9: median",
         "90th percentile",
@@ -91,10 +88,8 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
             let [area, decisions] = scores(method, group);
             if area.seeds() > 0 {
                 let compared = Comparison::new(&area, &first[0]);
-                rows.push((
-                    area.of(mean),
-                    row(group, &method.name, &area, &decisions, compared),
-                ));
+                let names = [group.clone(), title(&mut table, method)];
+                rows.push((area.of(mean), row(names, &area, &decisions, compared)));
             }
         }
         rows.sort_by(|one, other| other.0.total_cmp(&one.0));
@@ -112,8 +107,7 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 2] {
 }
 
 fn row(
-    group: &str,
-    method: &str,
+    [group, method]: [String; 2],
     area: &Scores,
     decisions: &Scores,
     compared: Comparison,
@@ -121,8 +115,8 @@ fn row(
     let solved = decisions.0.concat();
     let reached = solved.iter().filter(|decisions| decisions.is_finite());
     vec![
-        group.to_owned(),
-        method.to_owned(),
+        group,
+        method,
         format!("{:.3}{}", area.of(mean), brackets(area.interval(mean), 3)),
         format!(
             "{:+.3}{}",
@@ -163,7 +157,6 @@ mod tests {
             group: "a".to_owned(),
             element: "identity".to_owned(),
             seen: true,
-            policy: 0,
             episodes: 10,
             success,
             success_at_end: success,
@@ -194,6 +187,16 @@ mod tests {
         assert_eq!(Efficiency::of(&run, "c"), None);
     }
 
+    /// As where a policy learns in another group, too.
+    #[test]
+    fn a_group_may_be_solved_while_another_one_runs() {
+        let run = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);
+        let efficiency = Efficiency::of(&run, "a").unwrap();
+        assert_eq!(efficiency.decisions, 100.0);
+        // 100 decisions from 0 to 0.5, 100 from there to 1
+        assert_eq!(efficiency.area, 0.5);
+    }
+
     #[test]
     fn what_was_never_solved_took_for_ever_and_one_evaluation_makes_no_curve() {
         let unsolved = run(&["a", "a"], &[(0, 0.0), (2, 0.89)]);
@@ -217,6 +220,7 @@ mod tests {
             table.rows.iter().map(|row| row[index].as_str()).collect()
         };
         assert_eq!(column(1), ["quick", "slow"]);
+        assert_eq!(table.header[3], "less that of slow");
         assert_eq!(column(2), ["0.700", "0.350"]);
         assert_eq!(column(3), ["+0.350", "+0.000"]);
         assert_eq!(column(5), ["100", "200"]);

@@ -226,7 +226,6 @@ mod tests {
                     group: group.to_owned(),
                     element: element.to_owned(),
                     seen: true,
-                    policy: 0,
                     episodes: 10,
                     success: success + shift,
                     success_at_end: 0.0,

@@ -6,12 +6,11 @@ use super::cells::{cell, title};
 use super::figures::Undefined;
 use super::method::MethodRuns;
 use super::partners::partner;
-use super::run_data::{RecognitionRow, RunData};
+use super::run_data::RunData;
 use super::statistics::mean;
 use super::table::Table;
 
 const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
-const NO_PARTNER: Undefined = "no policy belongs to the group";
 
 /// For each number of episodes shown, how often the policy that belongs to the group was named.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Table {
@@ -20,7 +19,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Table {
     header.extend(["average", "named none"]);
     let caption = "Recognition after the stream: share of looks at some first frames of a group from \
         which the policy that belongs to it was named, and share from which none was; means over \
-        variants and seeds.";
+        variants and seeds. A group that no policy belongs to has no right answers.";
     let mut table = Table::new(caption, &header);
     for method in methods {
         for episodes in SHOWN {
@@ -54,68 +53,47 @@ fn over(
     method.runs.iter().map(of).collect()
 }
 
-/// The share of right answers, the mean over those groups that a policy belongs to.
+/// The share of right answers; a group that no policy belongs to has none.
 fn right(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
-    let of = |group: &String| {
-        let partner = partner(&run.rollouts, group);
-        let named = |row: &RecognitionRow| partner.is_some() && row.policy == partner;
-        let share = share(run, group, episodes, named);
-        partner.ok_or(NO_PARTNER).and(share)
-    };
-    let shares: Vec<Result<f64, Undefined>> = groups.iter().map(of).collect();
-    asked(run)?;
-    let known: Vec<f64> = shares.iter().filter_map(|share| share.ok()).collect();
-    match (known.is_empty(), shares.first()) {
-        (true, Some(&Err(reason))) => Err(reason),
-        (true, _) => Err(UNASKED),
-        _ => Ok(mean(&known)),
-    }
+    let right = |named: Option<usize>, partner| named.is_some() && named == partner;
+    share(run, groups, episodes, right)
 }
 
 /// The share of looks from which no policy was named.
 fn none(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, Undefined> {
-    asked(run)?;
-    let shares = groups
-        .iter()
-        .map(|group| share(run, group, episodes, |row| row.policy.is_none()));
-    let shares: Vec<f64> = shares.collect::<Result<_, _>>()?;
-    Ok(mean(&shares))
+    share(run, groups, episodes, |named, _| named.is_none())
 }
 
-/// Refuses a run that cannot be asked, or was not.
-fn asked(run: &RunData) -> Result<(), Undefined> {
-    match run.experiment.learner.cannot_be_asked() {
-        Some(reason) => Err(reason),
-        None if run.recognition.is_empty() => Err(UNASKED),
-        None => Ok(()),
-    }
-}
-
-/// The share of looks at a group with an answer of a kind.
+/// The share of looks with answers of a kind, the mean over groups. The kind depends on the policy
+/// that was named and on the one that belongs to the group.
 fn share(
     run: &RunData,
-    group: &str,
+    groups: &[String],
     episodes: usize,
-    kind: impl Fn(&RecognitionRow) -> bool,
+    kind: fn(Option<usize>, Option<usize>) -> bool,
 ) -> Result<f64, Undefined> {
-    let rows = run.recognition.iter();
-    let rows = rows.filter(|row| row.group == group && row.episodes == episodes);
-    let (mut counted, mut all) = (0, 0);
-    for row in rows {
-        all += row.times;
-        counted += if kind(row) { row.times } else { 0 };
+    if let Some(reason) = run.experiment.learner.cannot_be_asked() {
+        return Err(reason);
     }
-    match all {
-        0 => Err(UNASKED),
-        _ => Ok(counted as f64 / all as f64),
-    }
+    let of = |group: &String| {
+        let partner = partner(&run.rollouts, group);
+        let rows = run.recognition.iter();
+        let rows = rows.filter(|row| row.group == *group && row.episodes == episodes);
+        let [all, counted] = rows.fold([0, 0], |[all, counted], row| {
+            let times = usize::from(kind(row.policy, partner)) * row.times;
+            [all + row.times, counted + times]
+        });
+        (all > 0).then(|| counted as f64 / all as f64)
+    };
+    let shares: Option<Vec<f64>> = groups.iter().map(of).collect();
+    shares.map(|shares| mean(&shares)).ok_or(UNASKED)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::RolloutRow;
+    use crate::report::{RecognitionRow, RolloutRow};
 
     /// A run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
     fn run(method: Method, answers: &[(&str, usize, Option<usize>, usize)]) -> RunData {
@@ -168,6 +146,16 @@ mod tests {
         assert_eq!(cells(0), ["1", "0.750", "0.500", "0.625", "0.000"]);
         assert_eq!(cells(1), ["4", "1.000", "0.000", "0.500", "0.500"]);
         assert_eq!(cells(2), ["20", "- (1)", "- (1)", "- (1)", "- (1)"]);
+    }
+
+    /// One policy serves both groups, `a` more often.
+    #[test]
+    fn a_group_that_shares_its_policy_has_no_right_answers() {
+        let answers = [("a", 1, Some(0), 4), ("b", 1, Some(0), 4)];
+        let mut lumping = run(Method::Covers, &answers);
+        lumping.rollouts[1].policy = 0;
+        lumping.rollouts.push(lumping.rollouts[0].clone());
+        assert_eq!(rows(lumping)[0][2..5], ["1.000", "0.000", "0.500"]);
     }
 
     #[test]

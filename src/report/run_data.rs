@@ -6,6 +6,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::error::CoversError;
+use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
 use crate::runs::{Provenance, RunFolder};
 
@@ -19,20 +20,20 @@ const TOO_MANY: usize = 1 << 32;
 pub struct RunData {
     /// The folder's name.
     pub name: String,
+    /// Commits that worked on the run, the first one first; empty where none is known.
+    pub commits: Vec<String>,
     /// The settings.
     pub experiment: Experiment,
     /// One row a rollout.
     pub rollouts: Vec<RolloutRow>,
+    /// Seconds of learning of the rollouts whose seconds are known.
+    pub seconds: f64,
     /// One row a variant and evaluation, in the order in which they were scored.
     pub scores: Vec<ScoreRow>,
     /// One row a policy and evaluation; none of a run that did not look at units.
     pub units: Vec<UnitsRow>,
     /// One row an answer; none of a run that did not ask.
     pub recognition: Vec<RecognitionRow>,
-    /// Seconds of learning of the rollouts whose seconds are known.
-    pub seconds: f64,
-    /// Commits that worked on the run, the first one first; empty where none is known.
-    pub commits: Vec<String>,
 }
 
 /// A row of `metrics.csv`, without what a learner adds of its own.
@@ -67,8 +68,6 @@ pub struct ScoreRow {
     pub element: String,
     /// Whether the learner meets the variant while it learns.
     pub seen: bool,
-    /// The policy that the learner chose.
-    pub policy: usize,
     /// Episodes played.
     pub episodes: usize,
     /// As in [`Score`](crate::evaluation::Score).
@@ -122,27 +121,19 @@ impl RunData {
         let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;
         let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?;
-        let counted = |row: &UnitsRow| (1..TOO_MANY).contains(&row.units);
-        if !units
-            .iter()
-            .all(|row| counted(row) && row.dormant <= row.units)
-        {
-            return Err(unfit(path, "units.csv holds a row that cannot be"));
-        }
+        check_units(path, &units, rollouts.len())?;
         let recognition: Vec<RecognitionRow> = rows_if_there(&folder.file("recognition.csv"))?;
-        if recognition.iter().any(|row| row.times >= TOO_MANY) {
-            return Err(unfit(path, "recognition.csv holds a row that cannot be"));
-        }
+        check_recognition(path, &recognition, &scores)?;
         let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
         Ok(Self {
-            recognition,
-            units,
             name: name_of(path)?,
+            commits: commits(path)?,
             experiment: folder.experiment()?,
             rollouts,
-            scores,
             seconds: timings.iter().map(|row| row.total).sum(),
-            commits: commits(path)?,
+            scores,
+            units,
+            recognition,
         })
     }
 
@@ -186,7 +177,7 @@ fn check(
     }
     let share = |value: f64| (0.0..=1.0).contains(&value);
     let sound = |row: &ScoreRow| {
-        row.episodes > 0
+        counted(row.episodes)
             && share(row.success)
             && share(row.success_at_end)
             && row.reward.is_finite()
@@ -209,6 +200,40 @@ fn check(
         ));
     }
     Ok(())
+}
+
+fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), CoversError> {
+    let sound = |row: &UnitsRow| counted(row.units) && row.dormant <= row.units;
+    if !units.iter().all(sound) {
+        return Err(unfit(path, "units.csv holds a row that cannot be"));
+    }
+    match units.last() {
+        Some(last) if last.rollouts != rollouts => Err(unfit(
+            path,
+            "the last rows of units.csv and metrics.csv do not agree",
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn check_recognition(
+    path: &Path,
+    answers: &[RecognitionRow],
+    scores: &[ScoreRow],
+) -> Result<(), CoversError> {
+    let scored = |group: &str| scores.iter().any(|row| row.group == group);
+    let sound = |row: &RecognitionRow| {
+        counted(row.times) && SHOWN.contains(&row.episodes) && scored(&row.group)
+    };
+    match answers.iter().all(sound) {
+        true => Ok(()),
+        false => Err(unfit(path, "recognition.csv holds a row that cannot be")),
+    }
+}
+
+/// Whether something that was counted can have been so many.
+fn counted(count: usize) -> bool {
+    (1..TOO_MANY).contains(&count)
 }
 
 fn unfit(folder: &Path, problem: &str) -> CoversError {

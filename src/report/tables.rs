@@ -2,7 +2,7 @@
 
 use crate::evaluation::TAU;
 
-use super::cells::{brackets, cell, dash, title};
+use super::cells::{brackets, cell, dash, marked, title};
 use super::comparison::Comparison;
 use super::efficiency;
 use super::figures::{Figures, GroupFigures, Undefined};
@@ -151,7 +151,6 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
 fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
     let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
     let first = &methods[0];
-    let caption = format!("{} against the other methods, by success.", first.name);
     let header = [
         "against",
         "difference",
@@ -159,8 +158,12 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         "by the interval",
         "in the paper (1)",
     ];
-    let mut table = Table::new(&caption, &header);
+    let mut table = Table::new("", &header);
     table.note(NOT_ONE_TO_ONE);
+    table.caption = format!(
+        "{} against the other methods, by success.",
+        title(&mut table, first)
+    );
     let printed = |method: &MethodRuns| {
         let row = method.identity.method.and_then(paper::row);
         row.map(|row| row.average.0)
@@ -169,8 +172,9 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         let comparison = Comparison::new(&success(first), &success(other));
         let (improvement, interval) = comparison.improvement;
         let paper = printed(first).zip(printed(other));
+        let against = title(&mut table, other);
         table.rows.push(vec![
-            other.name.clone(),
+            against,
             format!(
                 "{:+.3}{}",
                 comparison.difference,
@@ -193,8 +197,9 @@ fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
         stand in brackets.";
     let mut table = Table::new(caption, &header);
     for method in methods {
+        let name = title(&mut table, method);
         for group in groups {
-            let mut row = vec![method.name.clone(), group.clone()];
+            let mut row = vec![name.clone(), group.clone()];
             row.extend(elements.map(|element| variant(&method.runs, group, element)));
             table.rows.push(row);
         }
@@ -234,8 +239,9 @@ fn runs(methods: &[MethodRuns]) -> Table {
             let average = |figure: fn(&GroupFigures) -> f64| {
                 mean(&figures.groups.iter().map(figure).collect::<Vec<_>>())
             };
+            let name = marked(&mut table, method, &run.name);
             table.rows.push(vec![
-                run.name.clone(),
+                name,
                 format!("{:.3}", average(|group| group.success)),
                 format!("{:.1}", average(|group| group.reward)),
                 figures.policies.to_string(),

@@ -72,12 +72,13 @@ impl Logs {
 
     /// Adds the rows of an evaluation.
     pub fn write_scores(&mut self, evaluation: &Evaluation) -> Result<(), CoversError> {
+        let findings = &evaluation.findings;
         let row = |score| ScoreRow::new(evaluation, score);
-        self.scores.write(evaluation.scores.iter().map(row))?;
+        self.scores.write(findings.scores.iter().map(row))?;
         let row = |dormancy| UnitsRow::new(evaluation, dormancy);
-        self.units.write(evaluation.dormancies.iter().map(row))?;
+        self.units.write(findings.dormancies().iter().map(row))?;
         self.recognition
-            .write(evaluation.recognition.iter().map(RecognitionRow::new))
+            .write(findings.recognition.iter().map(RecognitionRow::new))
     }
 }
 

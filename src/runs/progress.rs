@@ -2,7 +2,7 @@
 
 use envs::TaskGroup;
 
-use crate::evaluation::{Dormancy, Recognition, Score};
+use crate::evaluation::Findings;
 use crate::learners::Turn;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
@@ -50,12 +50,8 @@ pub struct Evaluation {
     pub rollouts: usize,
     /// Decisions taken so far while learning.
     pub decisions: usize,
-    /// Scores of all variants.
-    pub scores: Vec<Score>,
-    /// Dormant units of the policies that were scored.
-    pub dormancies: Vec<Dormancy>,
-    /// What the learner answered when it was asked for its policies, after the stream alone.
-    pub recognition: Vec<Recognition>,
+    /// What it found. The learner is asked for its policies after the stream alone.
+    pub findings: Findings,
 }
 
 /// One step of a run.

@@ -294,22 +294,16 @@ impl Run {
     fn score(&mut self, rounds: usize) -> Result<Option<Evaluation>, CoversError> {
         let stop = self.stop.clone();
         let looks = self.visit().map_or_else(|| looks(&self.experiment), |_| 0);
-        let mut scoring = self.scoring(&stop);
-        let Some(findings) = scoring.score(rounds)? else {
-            return Ok(None);
-        };
-        let Some(recognition) = scoring.recognise(looks)? else {
+        let Some(findings) = self.scoring(&stop).score(rounds, looks)? else {
             return Ok(None);
         };
         let evaluation = Evaluation {
             rollouts: self.ledger.rollouts,
             decisions: self.ledger.decisions,
-            dormancies: findings.dormancies(),
-            scores: findings.scores,
-            recognition,
+            findings,
         };
         self.logs.write_scores(&evaluation)?;
-        self.last_scores.clone_from(&evaluation.scores);
+        self.last_scores.clone_from(&evaluation.findings.scores);
         self.due = 0;
         Ok(Some(evaluation))
     }
@@ -319,7 +313,7 @@ impl Run {
     /// # Errors
     /// What the evaluation says.
     pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, CoversError> {
-        let findings = self.scoring(&Stop::default()).score(rounds)?;
+        let findings = self.scoring(&Stop::default()).score(rounds, 0)?;
         Ok(findings.unwrap_or_default().scores)
     }
 
@@ -369,7 +363,7 @@ impl Run {
         if self.last_scores.is_empty() {
             let rounds = self.experiment.evaluation.rounds;
             let stop = self.stop.clone();
-            let Some(findings) = self.scoring(&stop).score(rounds)? else {
+            let Some(findings) = self.scoring(&stop).score(rounds, 0)? else {
                 return Ok(None);
             };
             self.last_scores = findings.scores;

@@ -4,7 +4,7 @@ use envs::TaskVariant;
 use rayon::ThreadPool;
 
 use crate::error::CoversError;
-use crate::evaluation::{Evaluator, Findings, Recognition};
+use crate::evaluation::{Evaluator, Findings};
 use crate::experiment::Experiment;
 use crate::learners::Learner;
 
@@ -43,24 +43,21 @@ impl<'a> Scoring<'a> {
         }
     }
 
-    /// Scores all variants, with `rounds` episodes in each environment; none after a stop.
-    pub fn score(&mut self, rounds: usize) -> Result<Option<Findings>, CoversError> {
+    /// Scores all variants, with `rounds` episodes in each environment, then asks which policy each
+    /// of them belongs to, `looks` times; none after a stop.
+    pub fn score(&mut self, rounds: usize, looks: usize) -> Result<Option<Findings>, CoversError> {
         let mut findings = Findings::default();
-        let done = self.each(|evaluator, learner, variant| {
+        let scored = self.each(|evaluator, learner, variant| {
             evaluator.variant(learner, variant, rounds, &mut findings)
         })?;
+        let done = scored
+            && (looks == 0
+                || self.each(|evaluator, learner, variant| {
+                    let answers = evaluator.recognition(learner, variant, looks)?;
+                    findings.recognition.extend(answers);
+                    Ok(())
+                })?);
         Ok(done.then_some(findings))
-    }
-
-    /// Asks which policy each variant belongs to, so many times; none after a stop.
-    pub fn recognise(&mut self, looks: usize) -> Result<Option<Vec<Recognition>>, CoversError> {
-        let mut answers = Vec::new();
-        let done = looks == 0
-            || self.each(|evaluator, learner, variant| {
-                answers.extend(evaluator.recognition(learner, variant, looks)?);
-                Ok(())
-            })?;
-        Ok(done.then_some(answers))
     }
 
     /// Goes through the variants; false after a stop.

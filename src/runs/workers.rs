@@ -23,15 +23,15 @@ pub(super) fn guarded<T: Send>(
     let result = catch_unwind(AssertUnwindSafe(|| pool.install(work)));
     result.unwrap_or_else(|panic| {
         Err(CoversError::Panicked {
-            message: message_of(&*panic),
+            message: message_of(&*panic).to_owned(),
         })
     })
 }
 
-fn message_of(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    text.or_else(|| panic.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "without a message".to_owned())
+fn message_of(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("without a message")
 }
 
 #[cfg(test)]

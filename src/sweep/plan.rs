@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::{self, Override, parse};
+use crate::overrides::{self, Override, parse, read};
 use crate::presets::{Budget, Method};
 
 /// Methods times variants times seeds, as a JSON file holds them.
@@ -57,8 +57,7 @@ impl Plan {
     /// # Errors
     /// [`CoversError::Read`] names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
-        let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-        Self::parse(&text).map_err(|error| CoversError::read(path, error))
+        read(path)
     }
 
     /// Reads a plan from JSON.

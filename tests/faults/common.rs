@@ -45,18 +45,22 @@ pub fn tiny(method: Method) -> Experiment {
     experiment
 }
 
-/// What equal runs write: metrics, scores, and the last checkpoint, which holds the final weights.
+/// The tables of a run that hold no clock time.
+pub const TABLES: [&str; 4] = [
+    "metrics.csv",
+    "evaluation.csv",
+    "units.csv",
+    "recognition.csv",
+];
+
+/// What equal runs write: tables, and the last checkpoint, which holds the final weights.
 pub type Bytes = BTreeMap<PathBuf, Vec<u8>>;
 
 pub fn bytes(folder: &Path) -> Bytes {
     let newest = newest(folder).strip_prefix(folder).unwrap().to_owned();
-    let files = [
-        PathBuf::from("metrics.csv"),
-        PathBuf::from("evaluation.csv"),
-        newest,
-    ];
+    let files = TABLES.map(PathBuf::from).into_iter().chain([newest]);
     let read = |file: PathBuf| (file.clone(), fs::read(folder.join(file)).unwrap());
-    files.into_iter().map(read).collect()
+    files.map(read).collect()
 }
 
 /// The newest checkpoint.

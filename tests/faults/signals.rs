@@ -59,10 +59,9 @@ fn train(scratch: &Scratch, experiment: &Experiment) -> Process {
     Process::start(&["train", "--config", config, "--folder", folder])
 }
 
-/// Sends the signal after the first rollout and waits for the end.
-fn stop_after_a_rollout(scratch: &Scratch, experiment: &Experiment, signal: &str) -> String {
-    let mut process = train(scratch, experiment);
-    process.wait_for("policy 0");
+/// Sends the signal when the process has printed `moment` and waits for the end.
+fn stop_after(moment: &str, mut process: Process, signal: &str) -> String {
+    process.wait_for(moment);
     process.signal(signal);
     let said = process.wait_for("stopped after");
     assert_eq!(process.end(), Some(3));
@@ -85,7 +84,7 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
         let mut experiment = tiny(Method::Covers);
         // no checkpoint but the one that the signal asks for
         experiment.checkpoints.every = 100;
-        let said = stop_after_a_rollout(&scratch, &experiment, signal);
+        let said = stop_after("policy 0", train(&scratch, &experiment), signal);
         assert!(said.contains("covers resume"), "{said}");
         goes_on(&scratch, &experiment);
     }
@@ -96,13 +95,11 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
     let scratch = Scratch::new("evaluation");
     let mut experiment = tiny(Method::Covers);
     experiment.evaluation.visit_rounds = 2;
-    experiment
-        .schedule
-        .groups
-        .iter_mut()
-        .for_each(|plan| plan.decisions = 80);
+    for plan in &mut experiment.schedule.groups {
+        plan.decisions = 80;
+    }
     // the evaluation after the first visit has begun or is about to, that before the stream is done
-    let said = stop_after_a_rollout(&scratch, &experiment, "INT");
+    let said = stop_after("policy 0", train(&scratch, &experiment), "INT");
     assert!(said.contains("stopped after 1 rollouts"), "{said}");
     let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
     let early = rows.lines().skip(1).all(|row| row.starts_with("0,0,"));
@@ -120,12 +117,9 @@ fn a_signal_ends_the_scoring_of_a_finished_run() {
     experiment.evaluation.rounds = 20;
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
-    let mut resumed = Process::start(&["resume", folder.to_str().unwrap()]);
-    resumed.wait_for("goes on after");
-    resumed.signal("INT");
-    let said = resumed.wait_for("stopped after");
+    let resumed = Process::start(&["resume", folder.to_str().unwrap()]);
+    let said = stop_after("goes on after", resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
-    assert_eq!(resumed.end(), Some(3));
     assert!(!folder.join("summary.json").exists());
 }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use covers::presets::Method;
 use covers::{CoversError, Provenance, Run};
 
-use crate::common::{Scratch, assert_same, begun, crash_after, expected, finish, tiny};
+use crate::common::{Scratch, TABLES, assert_same, begun, crash_after, expected, finish, tiny};
 
 #[test]
 fn a_second_writer_is_refused_and_told_of_the_first() {
@@ -63,7 +63,7 @@ fn a_finished_run_is_overwritten_only_when_told() {
 fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
     let (run, folder) = begun(&scratch);
-    for file in ["metrics.csv", "evaluation.csv", "timings.csv"] {
+    for file in TABLES.iter().chain(&["timings.csv"]) {
         fs::remove_file(folder.join(file)).unwrap();
     }
     let written = finish(run);
@@ -81,7 +81,7 @@ fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let metrics = folder.join("metrics.csv");
     let whole = fs::read(&metrics).unwrap();
     fs::write(&metrics, &whole[..whole.len() / 2]).unwrap();
-    for file in ["timings.csv", "log.txt"] {
+    for file in ["units.csv", "recognition.csv", "timings.csv", "log.txt"] {
         fs::remove_file(folder.join(file)).unwrap();
     }
     let written = finish(Run::resume(&folder, Some(1)).unwrap());

@@ -1,7 +1,6 @@
 //! A gated recurrent unit on regular fields.
 
 use std::fmt;
-use std::ops::Range;
 
 use rand::Rng;
 use symmetry::FieldType;
@@ -234,7 +233,7 @@ impl Gru {
 
     fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruPass<T>) {
         let width = self.width();
-        let rows = self.rows(step, pass);
+        let rows = pass.rows(step);
         let (before, after) = pass.states[rows.start..].split_at_mut(rows.len());
         let from_state = &mut pass.from_state[..3 * rows.len()];
         let coefficients = &pass.coefficients[rows.clone()];
@@ -298,7 +297,7 @@ impl Gru {
         pass: &mut GruPass<T>,
     ) {
         let width = self.width();
-        let rows = self.rows(step, pass);
+        let rows = pass.rows(step);
         for (sample, &begin) in pass.begins.iter().enumerate() {
             let own = sample * width..(sample + 1) * width;
             let at = rows.start + own.start..rows.start + own.end;
@@ -357,12 +356,6 @@ impl Gru {
             d_from_state[at[2]] = d_n * r;
             d_state[i] = d * z;
         }
-    }
-
-    /// The states before a step.
-    fn rows<T>(&self, step: usize, pass: &GruPass<T>) -> Range<usize> {
-        let len = pass.sizes[1] * self.width();
-        step * len..(step + 1) * len
     }
 
     fn check_pass<T>(&self, pass: &GruPass<T>) {

@@ -1,5 +1,7 @@
 //! What a gated recurrent unit keeps between its passes.
 
+use std::ops::Range;
+
 use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
 
@@ -63,9 +65,13 @@ impl<T: Scalar> GruPass<T> {
 
     /// The states `[N, H]` after the last step of the last forward pass.
     pub fn out(&self) -> &[T] {
-        let [steps, samples] = self.sizes;
-        let len = samples * self.dims[1];
-        &self.coefficients[steps * len..(steps + 1) * len]
+        &self.coefficients[self.rows(self.sizes[0])]
+    }
+
+    /// Where the states before a step are.
+    pub(super) fn rows(&self, step: usize) -> Range<usize> {
+        let len = self.sizes[1] * self.dims[1];
+        step * len..(step + 1) * len
     }
 
     /// Copies the part of each row to the gates, `width` of them, of the steps that read it.

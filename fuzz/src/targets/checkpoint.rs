@@ -41,7 +41,7 @@ fn read(input: &[u8]) -> Option<Reading> {
 /// The settings that the file itself names, where building such a learner takes no time.
 fn small_settings(like: &LearnerSettings, envelope: &str) -> Option<LearnerSettings> {
     let mut envelope: Value = serde_json::from_str(envelope).ok()?;
-    let settings = envelope["header"]["settings"].take();
+    let settings = envelope.pointer_mut("/header/settings")?.take();
     let settings = match like {
         LearnerSettings::Covers(_) => {
             LearnerSettings::Covers(serde_json::from_value(settings).ok()?)

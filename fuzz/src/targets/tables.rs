@@ -18,11 +18,13 @@ pub const TABLES: Target = Target::new("tables", read, tables)
     .holding(512, 1 << 17)
     .tried(2_000);
 
-const NAMES: [&str; 4] = [
+const NAMES: [&str; 6] = [
     "metrics.csv",
     "evaluation.csv",
     "timings.csv",
     "provenance.jsonl",
+    "units.csv",
+    "recognition.csv",
 ];
 
 /// The folder of a run that has ended.
@@ -44,7 +46,7 @@ fn write(name: &str, bytes: &[u8], folder: &Path) {
 
 /// The files stand one after the other, with a zero between them.
 fn read(input: &[u8]) -> Option<Reading> {
-    let parts = input.split(|&byte| byte == 0).chain([&b""[..]; 3]);
+    let parts = input.split(|&byte| byte == 0).chain([&b""[..]; 5]);
     let files: Vec<(&str, &[u8])> = NAMES.into_iter().zip(parts).collect();
     for (name, bytes) in &files {
         write(name, bytes, &RUN);
