@@ -1,0 +1,359 @@
+//! Files that are no robots: each is a clear error, and no file whatever is a panic.
+
+use std::path::Path;
+
+use mujoco::Model;
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use robots::{Description, DescriptionError, MAX_BYTES, MjcfSettings, Servo, gen3};
+
+const SIX_JOINT: &str = include_str!("six_joint.urdf");
+
+/// The message about the six-jointed arm with `old` replaced by `new`.
+fn refusal(old: &str, new: &str) -> String {
+    assert!(SIX_JOINT.contains(old), "{old}");
+    let changed = SIX_JOINT.replacen(old, new, 1);
+    let message = Description::from_urdf(&changed).unwrap_err().to_string();
+    println!("{message}");
+    message
+}
+
+#[track_caller]
+fn refused(old: &str, new: &str, words: &[&str]) {
+    let message = refusal(old, new);
+    for word in words {
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+}
+
+#[test]
+fn trees_that_are_none_are_refused() {
+    let (forearm, wrist) = ("<parent link=\"forearm\"/>", "<parent link=\"wrist\"/>");
+    refused(forearm, wrist, &["`wrist`", "hangs on itself"]);
+    refused(
+        "<parent link=\"world\"/>",
+        "<parent link=\"column\"/>",
+        &["no joint carries", "world"]
+            .map(|_| "hangs on itself")
+            .as_slice(),
+    );
+    refused(
+        forearm,
+        "<parent link=\"arm\"/>",
+        &["`arm`", "joint `twist`", "carriage"],
+    );
+    refused(
+        "<child link=\"wrist\"/>",
+        "<child link=\"forearm\"/>",
+        &["`forearm`", "`swing`", "`twist`"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"tip\"/><link name=\"spare\"/>",
+        &["world, spare", "one root"],
+    );
+    let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
+    assert!(
+        matches!(alone, DescriptionError::LinkCount { count: 0, .. }),
+        "{alone}"
+    );
+    let links: String = (0..=robots::MAX_LINKS)
+        .map(|i| format!("<link name=\"{i}\"/>"))
+        .collect();
+    let many = Description::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
+    assert!(matches!(
+        many,
+        Err(DescriptionError::LinkCount { count: 1001, .. })
+    ));
+}
+
+#[test]
+fn names_must_be_unique_and_usable() {
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"column\"/>",
+        &["two links", "`column`"],
+    );
+    refused(
+        "<joint name=\"nod\"",
+        "<joint name=\"twist\"",
+        &["two joints", "`twist`"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"\"/>",
+        &["link name \"\"", "empty"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        &format!("<link name=\"{}\"/>", "x".repeat(201)),
+        &["200 bytes"],
+    );
+    let taken = SIX_JOINT
+        .replace("\"world\"", "\"ground\"")
+        .replace("\"column\"", "\"world\"");
+    let message = Description::from_urdf(&taken).unwrap_err().to_string();
+    assert!(message.contains("simulated world"), "{message}");
+}
+
+#[test]
+fn joints_must_be_possible() {
+    for kind in ["floating", "planar", "spherical"] {
+        refused(
+            "name=\"twist\" type=\"revolute\"",
+            &format!("name=\"twist\" type=\"{kind}\""),
+            &["`twist`", kind],
+        );
+    }
+    refused(
+        "type=\"continuous\"",
+        "type=\"rubber\"",
+        &["cannot be parsed", "rubber"],
+    );
+    refused(
+        "lower=\"-3\" upper=\"3\"",
+        "lower=\"3\" upper=\"-3\"",
+        &["`twist`", "from 3 to -3"],
+    );
+    refused(
+        "lower=\"-3\" upper=\"3\"",
+        "",
+        &["`twist`", "from 0 to 0", "continuous"],
+    );
+    refused(
+        "upper=\"0.3\"",
+        "upper=\"inf\"",
+        &["joint `lift`", "inf", "finite"],
+    );
+    refused(
+        "velocity=\"0.4\"",
+        "velocity=\"0\"",
+        &["joint `lift`", "velocity is 0", "positive"],
+    );
+    refused("effort=\"60\"", "effort=\"NaN\"", &["joint `turn`", "NaN"]);
+    refused(
+        "effort=\"60\"",
+        "effort=\"-60\"",
+        &["joint `turn`", "effort is -60", "positive"],
+    );
+    refused(
+        "<limit effort=\"60\" velocity=\"1.5\"/>",
+        "",
+        &["joint `turn`", "velocity is 0"],
+    );
+    refused(
+        "damping=\"20\"",
+        "damping=\"-20\"",
+        &["joint `lift`", "-20"],
+    );
+    refused(
+        "xyz=\"0 0 2\"",
+        "xyz=\"0 0 0\"",
+        &["joint `lift`", "axis", "direction"],
+    );
+    refused("xyz=\"0 0 2\"", "xyz=\"0 0\"", &["expected 3 found 2"]);
+    refused(
+        "rpy=\"0 0.4 0\"",
+        "rpy=\"0 nan 0\"",
+        &["joint `swing`", "rpy"],
+    );
+}
+
+#[test]
+fn followers_must_follow_a_free_joint() {
+    for (joint, words) in [
+        ("flange", "`flange`"),
+        ("balance", "`balance`"),
+        ("none", "`none`"),
+    ] {
+        refused(
+            "<mimic joint=\"swing\"",
+            &format!("<mimic joint=\"{joint}\""),
+            &["`balance`", words, "follows no other"],
+        );
+    }
+    refused(
+        "multiplier=\"-0.5\"",
+        "multiplier=\"1e9\"",
+        &["`balance`", "1000000000"],
+    );
+}
+
+#[test]
+fn masses_must_be_those_of_bodies() {
+    let wrist = "<mass value=\"0.5\"/><inertia ixx=\"5e-4\" ixy=\"0\" ixz=\"0\" iyy=\"6e-4\" iyz=\"0\" izz=\"4e-4\"/>";
+    let inertial = format!("<inertial>\n      {wrist}\n    </inertial>");
+    refused(&inertial, "", &["`wrist`", "`twist`", "no mass"]);
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"-0.5\"/>",
+        &["link `wrist`", "-0.5"],
+    );
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"nan\"/>",
+        &["link `wrist`", "NaN"],
+    );
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"0\"/>",
+        &["link `wrist`", "mass is 0"],
+    );
+    refused(
+        "ixx=\"5e-4\"",
+        "ixx=\"11e-4\"",
+        &["`wrist`", "exceeds the sum", "0.0011"],
+    );
+    refused("ixx=\"5e-4\"", "ixx=\"-5e-4\"", &["`wrist`", "below 1e-12"]);
+    refused("ixy=\"1e-4\"", "ixy=\"1\"", &["`forearm`", "below 1e-12"]);
+    refused("izz=\"0.02\"", "izz=\"inf\"", &["link `column`", "inf"]);
+}
+
+#[test]
+fn shapes_must_be_primitive_and_have_a_size() {
+    let sphere = "<sphere radius=\"0.05\"/>";
+    refused(
+        sphere,
+        "<sphere radius=\"0\"/>",
+        &["link `carriage`", "size is 0"],
+    );
+    refused(
+        "size=\"0.1 0.12 0.3\"",
+        "size=\"0.1 -0.12 0.3\"",
+        &["link `column`", "-0.12"],
+    );
+    refused(
+        sphere,
+        "<mesh filename=\"meshes/a.stl\"/>",
+        &["`carriage`", "`meshes/a.stl`", "not supported"],
+    );
+    for file in ["/etc/passwd", "../a.stl", "file:///etc/passwd"] {
+        refused(
+            sphere,
+            &format!("<mesh filename=\"{file}\"/>"),
+            &["`carriage`", file, "outside"],
+        );
+        let visual = "package://six_joint/meshes/upper_arm.stl";
+        refused(visual, file, &["`upper_arm`", file, "outside"]);
+    }
+}
+
+#[test]
+fn what_is_no_urdf_is_refused() {
+    for text in [
+        "",
+        "no",
+        "<robot",
+        "<model/>",
+        "<robot name=\"a\"><link/></robot>",
+        "\0\u{feff}",
+    ] {
+        let error = Description::from_urdf(text).unwrap_err();
+        let known = matches!(
+            error,
+            DescriptionError::Syntax { .. } | DescriptionError::LinkCount { .. }
+        );
+        assert!(known, "{text:?}: {error}");
+    }
+    let deep = "<a>".repeat(100_000);
+    assert!(matches!(
+        Description::from_urdf(&deep),
+        Err(DescriptionError::TooDeep { .. })
+    ));
+    let long = format!("{SIX_JOINT}{}", " ".repeat(MAX_BYTES));
+    assert!(matches!(
+        Description::from_urdf(&long),
+        Err(DescriptionError::TooLong { .. })
+    ));
+}
+
+#[test]
+fn files_that_cannot_be_read_are_named() {
+    let missing = Description::read(Path::new("/none/arm.urdf"))
+        .unwrap_err()
+        .to_string();
+    assert!(missing.contains("/none/arm.urdf"), "{missing}");
+    // it never ends
+    let endless = Description::read(Path::new("/dev/zero")).unwrap_err();
+    assert!(
+        matches!(endless, DescriptionError::TooLong { .. }),
+        "{endless}"
+    );
+    let arm = Description::read(Path::new("tests/six_joint.urdf")).unwrap();
+    assert_eq!(
+        (arm.name(), arm.dofs(), arm.links().len()),
+        ("six_joint", 5, 9)
+    );
+}
+
+/// Numbers, names and words that files should not hold, or not there.
+const VALUES: [&str; 16] = [
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-308",
+    "",
+    "0 0",
+    "0 0 1e7",
+    "world",
+    "column",
+    "swing",
+    "fixed",
+    "continuous",
+    "1e-7",
+    "&lt;&quot;&amp;",
+];
+
+/// Damages a file in one of several ways.
+fn damage(text: &str, generator: &mut ChaCha8Rng) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut any = || generator.random_range(0..lines.len());
+    let (first, second) = (any(), any());
+    let mut changed: Vec<String> = lines.iter().map(|line| (*line).to_owned()).collect();
+    match generator.random_range(0..5) {
+        0 => changed.swap(first, second),
+        1 => changed.insert(first, lines[second].to_owned()),
+        2 => drop(changed.drain(first.min(second)..first.max(second).min(first.min(second) + 4))),
+        3 => changed[first] = changed[first].replacen(['<', '"', '/', '='], "", 1),
+        _ => {
+            let values: Vec<usize> = text
+                .match_indices("=\"")
+                .map(|(index, _)| index + 2)
+                .collect();
+            let start = values[generator.random_range(0..values.len())];
+            let end = start + text[start..].find('"').unwrap_or(0);
+            let value = VALUES[generator.random_range(0..VALUES.len())];
+            return format!("{}{value}{}", &text[..start], &text[end..]);
+        }
+    }
+    changed.join("\n")
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+
+    /// A damaged file is refused, or it is a robot: its frames are finite, and MuJoCo takes its MJCF.
+    #[test]
+    fn no_damaged_file_is_a_panic(seed in any::<u64>(), ours: bool, times in 1..4_usize) {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let whole = if ours { SIX_JOINT } else { gen3::URDF };
+        let text = (0..times).fold(whole.to_owned(), |text, _| damage(&text, &mut generator));
+        if let Ok(arm) = Description::from_urdf(&text) {
+            let positions = vec![0.3; arm.dofs()];
+            prop_assert!(arm.poses(&positions).iter().all(|pose| pose.position.is_finite()));
+            prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
+            let settings = MjcfSettings { servo: Some(Servo::default()), class: None };
+            let model = Model::from_xml(&arm.to_mjcf(&settings));
+            prop_assert!(model.is_ok(), "{:?}\n{text}", model.err());
+        }
+    }
+
+    #[test]
+    fn no_text_is_a_panic(text in ".{0,400}", tail in "[<>/=\" a-e!?-]{0,400}") {
+        let _ = Description::from_urdf(&format!("<robot name=\"a\">{text}{tail}"));
+        let _ = Description::from_urdf(&tail);
+    }
+}
