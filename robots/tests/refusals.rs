@@ -333,7 +333,7 @@ fn damage(text: &str, generator: &mut ChaCha8Rng) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
 
     /// A damaged file is refused, or it is a robot: its frames are finite, and MuJoCo takes its MJCF.
     #[test]

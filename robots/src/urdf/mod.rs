@@ -104,7 +104,8 @@ fn finite(
     what: &'static str,
     values: &[f64],
 ) -> Result<(), DescriptionError> {
-    let absurd = values.iter().find(|value| !(value.abs() <= LARGEST));
+    let sound = |value: &f64| value.abs() <= LARGEST;
+    let absurd = values.iter().find(|value| !sound(value));
     let value = absurd.copied().unwrap_or(0.0);
     let expected = "finite numbers up to 1e6";
     require(absurd.is_none(), place, what, value, expected)
