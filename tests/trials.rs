@@ -1,17 +1,11 @@
 //! What a grouping that hears policies, finds twins and cuts rollouts makes the learner do.
 
-#![allow(clippy::unwrap_used)]
-
 #[allow(
     dead_code,
     reason = "what teaches by groups and reads metrics is for other tests"
 )]
-#[path = "common/bars.rs"]
-mod bars;
-
 use std::path::Path;
 
-use bars::{Bars, network};
 use cluster::{Assignment, Decision};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner,
@@ -19,6 +13,8 @@ use covers::{
 use evidence::Merge;
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, VectorEnv};
+
+use crate::common::bars::{Bars, network};
 
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
 #[derive(Default)]
