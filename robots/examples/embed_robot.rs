@@ -37,14 +37,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(dry_run(KinematicArm::new(control))?)
 }
 
-/// The Gen3's posture for work on a table; of another arm, the middle of all ranges.
+/// The Gen3's posture for work on a table; of another arm, a bent one: two thirds of all
+/// ranges.
 fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
     if arm.name() == "kinova_gen3" {
         return gen3::WORK.to_vec();
     }
     let ranges = chain.joints().iter().map(|joint| joint.motion.range);
     ranges
-        .map(|range| range.map_or(0.0, |[low, high]| 0.5 * (low + high)))
+        .map(|range| range.map_or(0.5, |[low, high]| (low + 2.0 * high) / 3.0))
         .collect()
 }
 

@@ -9,7 +9,8 @@ use robots::{
     gen3,
 };
 
-const SIX_JOINT: &str = include_str!("six_joint.urdf");
+use crate::SIX_JOINT;
+
 /// Seconds of a tick.
 const TICK: f64 = 0.0125;
 

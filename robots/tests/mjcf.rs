@@ -10,7 +10,7 @@ use robots::{
     CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Servo, Twist, gen3,
 };
 
-const SIX_JOINT: &str = include_str!("six_joint.urdf");
+use crate::SIX_JOINT;
 
 /// The text without everything from `start` to `end`, wherever it is.
 fn without(text: &str, start: &str, end: &str) -> String {
