@@ -162,16 +162,15 @@ pub enum DescriptionError {
         /// What is wrong.
         reason: &'static str,
     },
-    /// A collision shape from a file.
-    #[error(
-        "the link `{link}` collides as the mesh `{file}`, which is not supported; use boxes, \
-         cylinders and spheres"
-    )]
+    /// A collision shape from a file that cannot be used.
+    #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
     Mesh {
         /// The link.
         link: String,
-        /// The mesh's file.
+        /// The mesh's file as the URDF names it.
         file: String,
+        /// What is wrong.
+        reason: String,
     },
     /// A file outside of the URDF's folder.
     #[error("the link `{link}` names the file `{file}`, which lies outside of the URDF's folder")]

@@ -5,6 +5,7 @@ mod chain;
 mod control;
 mod description;
 mod error;
+mod fit;
 pub mod gen3;
 mod ik;
 mod kinematic_arm;

@@ -1,12 +1,13 @@
 //! Files that are no robots: each is a clear error, and no file whatever is a panic.
 
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use mujoco::Model;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{Description, DescriptionError, MAX_BYTES, MjcfSettings, Servo, gen3};
+use robots::{Description, DescriptionError, MAX_BYTES, MjcfSettings, Servo, Shape, gen3};
 
 use crate::SIX_JOINT;
 
@@ -224,7 +225,7 @@ fn shapes_must_be_primitive_and_have_a_size() {
     refused(
         sphere,
         "<mesh filename=\"meshes/a.stl\"/>",
-        &["`carriage`", "`meshes/a.stl`", "not supported"],
+        &["`carriage`", "`meshes/a.stl`", "without its folder"],
     );
     for file in ["/etc/passwd", "../a.stl", "file:///etc/passwd"] {
         refused(
@@ -283,6 +284,58 @@ fn files_that_cannot_be_read_are_named() {
         (arm.name(), arm.dofs(), arm.links().len()),
         ("six_joint", 6, 9)
     );
+}
+
+/// A folder of its own, gone when the test ends.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let folder = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        Self(folder)
+    }
+
+    /// The six-jointed arm whose carriage collides as the mesh `file`.
+    fn read(&self, file: &str) -> Result<Description, DescriptionError> {
+        let mesh = format!("<mesh filename=\"{file}\" scale=\"0.001 0.001 0.001\"/>");
+        let path = self.0.join("arm.urdf");
+        fs::write(&path, SIX_JOINT.replace("<sphere radius=\"0.05\"/>", &mesh)).unwrap();
+        Description::read(&path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn meshes_are_read_from_the_folder_and_from_nowhere_else() {
+    let (folder, other) = (Folder::new("meshes"), Folder::new("elsewhere"));
+    let octahedron = "v 50 0 0\nv -50 0 0\nv 0 50 0\nv 0 -50 0\nv 0 0 50\nv 0 0 -50\n";
+    fs::write(folder.0.join("ball.obj"), octahedron).unwrap();
+    fs::write(other.0.join("ball.obj"), octahedron).unwrap();
+    for name in ["ball.obj", "package://six_joint/ball.obj"] {
+        let arm = folder.read(name).unwrap();
+        let [shape] = arm.links()[2].shapes[..] else {
+            panic!("{:?}", arm.links()[2]);
+        };
+        let Shape::Sphere { radius } = shape.shape else {
+            panic!("{shape:?}");
+        };
+        assert!(
+            (radius - 0.05).abs() < 1e-5 && shape.pose.position.x == 0.1,
+            "{shape:?}"
+        );
+    }
+    let message = |file: &str| folder.read(file).unwrap_err().to_string();
+    assert!(message("none.obj").contains("`none.obj`"));
+    fs::write(folder.0.join("far.obj"), "v 1 2 1e300").unwrap();
+    assert!(message("far.obj").contains("beyond 1e6"));
+    std::os::unix::fs::symlink(other.0.join("ball.obj"), folder.0.join("link.obj")).unwrap();
+    assert!(message("link.obj").contains("outside"));
 }
 
 /// Numbers, names and words that files should not hold, or not there.

@@ -7,6 +7,7 @@ mod guard;
 mod inertia;
 mod joints;
 mod links;
+mod mesh;
 mod names;
 mod tree;
 
@@ -22,15 +23,21 @@ pub use guard::{MAX_BYTES, MAX_DEPTH};
 pub use names::MAX_LINKS;
 
 impl Description {
-    /// Reads a URDF file. Names in the file need not lead anywhere: no other file is opened.
+    /// Reads a URDF file, and the meshes in its folder that its links collide as.
+    ///
+    /// A mesh (STL or OBJ) becomes the capsule that holds its points. `package://NAME/PATH` is
+    /// looked up as `PATH` in the URDF's folder.
     ///
     /// # Errors
     /// [`DescriptionError::Read`], and as [`Description::from_urdf`].
     pub fn read(path: &Path) -> Result<Self, DescriptionError> {
-        Self::from_urdf(&text(path)?)
+        // the folder of a plain name is the empty path, which is no folder
+        let folder = path.parent().filter(|folder| *folder != Path::new(""));
+        Self::parse(&text(path)?, Some(folder.unwrap_or(Path::new("."))))
     }
 
-    /// Reads a URDF. Its root is at the world's origin; [`Description::placed`] moves it.
+    /// Reads a URDF without meshes as collision shapes. Its root is at the world's origin;
+    /// [`Description::placed`] moves it.
     ///
     /// Of a link it reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules), of
     /// a joint everything but `<safety_controller>` and `<calibration>`. Everything else is
@@ -39,16 +46,18 @@ impl Description {
     /// # Errors
     /// A [`DescriptionError`] that says what is wrong where, for whatever is no robot.
     pub fn from_urdf(text: &str) -> Result<Self, DescriptionError> {
+        Self::parse(text, None)
+    }
+
+    fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
         guard::check(text)?;
         let file = urdf_rs::read_from_string(text).map_err(|error| DescriptionError::Syntax {
             message: error.to_string(),
         })?;
         names::check(&file)?;
         let tree = tree::Tree::new(&file)?;
-        let links = tree
-            .links
-            .iter()
-            .map(|&index| links::link(&file.links[index]));
+        let link = |&index: &usize| links::link(&file.links[index], folder);
+        let links = tree.links.iter().map(link);
         let (joints, dofs) = joints::joints(&file, &tree)?;
         let description = Self {
             links: links.collect::<Result<_, _>>()?,
