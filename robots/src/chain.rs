@@ -33,8 +33,8 @@ impl Chain {
     /// The joints that lead to the link `tip`.
     ///
     /// # Errors
-    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::Chain`] where no joint leads there, or
-    /// one that follows another.
+    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::Chain`] where no joint leads there,
+    /// or one that follows another.
     pub fn new(description: &Description, tip: &str) -> Result<Self, DescriptionError> {
         let mut joints = Vec::new();
         let mut pose = description.base();
@@ -77,9 +77,9 @@ impl Chain {
         joints.fold(Pose::IDENTITY, frame) * self.tip
     }
 
-    /// The geometric Jacobian: into `columns` `[len]`, the twist of the tip per unit of each joint's
-    /// velocity (Siciliano, Sciavicco, Villani, Oriolo 2009, "Robotics", section 3.1). Returns the
-    /// frame of the tip.
+    /// The geometric Jacobian: into `columns` `[len]`, the twist of the tip per unit of each
+    /// joint's velocity (Siciliano, Sciavicco, Villani, Oriolo 2009, "Robotics", section 3.1).
+    /// Returns the frame of the tip.
     ///
     /// # Panics
     /// Where a slice is not as long as the chain.

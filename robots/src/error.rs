@@ -35,12 +35,18 @@ pub enum DescriptionError {
         /// What the parser says.
         message: String,
     },
-    /// More links than any robot has.
-    #[error("the URDF has {count} links, expected 1 to {limit}")]
-    LinkCount {
-        /// Links in the file.
+    /// No links, or more links or shapes than any robot has.
+    #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
+    Count {
+        /// The robot, or one of its links.
+        place: String,
+        /// `link` or `collision shape`.
+        kind: &'static str,
+        /// How many there are.
         count: usize,
-        /// Links allowed.
+        /// How many there must be.
+        least: usize,
+        /// How many there may be.
         limit: usize,
     },
     /// A name that cannot be used.
@@ -214,7 +220,10 @@ pub enum ControlError {
         expected: &'static str,
     },
     /// A posture with a joint outside of its range.
-    #[error("the joint `{joint}` is at {position}, outside of its range {} to {}", .range[0], .range[1])]
+    #[error(
+        "the joint `{joint}` is at {position}, outside of its range {} to {}",
+        .range[0], .range[1]
+    )]
     Posture {
         /// The joint.
         joint: String,

@@ -31,10 +31,19 @@ impl KinematicArm {
     /// # Errors
     /// As [`CartesianControl::tick`], and the arm stands still.
     pub fn advance(&mut self, seconds: f64) -> Result<(), ControlError> {
-        self.control.tick(seconds)?;
+        let moved = self.control.tick(seconds);
+        self.unless_failed(moved)?;
         let most = seconds / CLOSING_TIME;
         self.closing += (self.wanted_closing - self.closing).clamp(-most, most);
         Ok(())
+    }
+
+    /// Stops arm and fingers where something failed.
+    fn unless_failed(&mut self, outcome: Result<(), ControlError>) -> Result<(), ControlError> {
+        if outcome.is_err() {
+            self.stop()?;
+        }
+        outcome
     }
 
     /// What turns its commands into joint positions.
@@ -53,11 +62,9 @@ impl Robot for KinematicArm {
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
-        if let Err(refused) = command.check() {
-            self.stop()?;
-            return Err(refused);
-        }
-        self.control.command(command.twist)?;
+        let checked = command.check();
+        let sent = checked.and_then(|()| self.control.command(command.twist));
+        self.unless_failed(sent)?;
         self.wanted_closing = command.closing;
         Ok(())
     }

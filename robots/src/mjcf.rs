@@ -1,11 +1,12 @@
 //! MJCF of a robot, for MuJoCo 2.2.2.
 //!
-//! Read this before editing. Of what MuJoCo 2.2.2 does with MJCF, these points matter here: rotations
-//! are quaternions, because its Euler angles turn with the body and URDF's do not; nothing is
-//! limited unless `limited`, `ctrllimited` and `forcelimited` say so; `fullinertia` is ordered ixx
-//! iyy izz ixy ixz iyz; a link and its parent collide where the parent is fixed to the world; a body
-//! that has shapes but no `inertial` gets the mass of its shapes; a position actuator has no
-//! damping.
+//! Read this before editing. These points of MuJoCo 2.2.2 matter here:
+//! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
+//! - nothing is limited unless `limited`, `ctrllimited` and `forcelimited` say so;
+//! - `fullinertia` is ordered ixx iyy izz ixy ixz iyz;
+//! - a link and its parent collide where the parent is fixed to the world;
+//! - a body that has shapes but no `inertial` gets the mass of its shapes;
+//! - a position actuator has no damping.
 
 use glam::{DQuat, DVec3};
 
@@ -22,14 +23,14 @@ pub struct MjcfSettings {
     pub class: Option<String>,
 }
 
-/// Servos of the free joints: the force is `stiffness` times the position error plus `damping` times
-/// the speed error, up to the joint's effort.
+/// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
+/// times the speed error, up to the joint's effort.
 ///
 /// An actuator has the name of its joint, and [`Servo::control`] is its control. Its damping needs
 /// an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// Position error (radians, metres) at which a joint's whole effort is spent.
+    /// Position error (radians, metres) at which a joint's whole effort is spent; positive.
     pub saturation: f64,
     /// Damping over stiffness (seconds).
     pub damping_time: f64,

@@ -10,8 +10,8 @@ use crate::robot::{Command, Robot, RobotState};
 ///
 /// Time is what `clock` says. For a real robot that is `let start = Instant::now(); move ||
 /// start.elapsed()`; for a simulated one, the simulation's time. Somebody must call
-/// [`Watchdog::check`], or [`Robot::state`], which calls it, more often than the time-out: a thread,
-/// or the loop that reads the camera.
+/// [`Watchdog::check`], or [`Robot::state`], which calls it, more often than the time-out: a
+/// thread, or the loop that reads the camera.
 pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     robot: R,
     clock: C,

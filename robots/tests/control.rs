@@ -303,7 +303,11 @@ fn settings_and_postures_out_of_range_are_refused() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 40,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     /// Whatever is commanded: speeds, accelerations and ranges hold, and joints end where they are
     /// said to be.

@@ -56,9 +56,9 @@ const CAPSULES: [(&str, [f64; 3], [f64; 3], f64); 9] = [
     ("gripper_link", [0.0, 0.0, 0.0], [0.0, 0.0, 0.070], 0.043),
 ];
 
-/// The user guide's table of Denavit and Hartenberg (classical, all a are 0): alpha (quarter turns),
-/// d (metres), theta at zero (quarter turns). It rounds lengths to 0.1 mm and leaves out 0.175 mm at
-/// two joints of the wrist, 0.62 mm in all.
+/// The user guide's table of Denavit and Hartenberg (classical, all a are 0): alpha (quarter
+/// turns), d (metres), theta at zero (quarter turns). It rounds lengths to 0.1 mm and leaves out
+/// 0.175 mm at two joints of the wrist, 0.62 mm in all.
 const DENAVIT_HARTENBERG: [(f64, f64, f64); 8] = [
     (2.0, 0.0, 0.0),
     (1.0, -(0.1564 + 0.1284), 0.0),

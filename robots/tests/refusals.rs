@@ -54,7 +54,7 @@ fn trees_that_are_none_are_refused() {
     );
     let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
     assert!(
-        matches!(alone, DescriptionError::LinkCount { count: 0, .. }),
+        matches!(alone, DescriptionError::Count { count: 0, .. }),
         "{alone}"
     );
     let links: String = (0..=robots::MAX_LINKS)
@@ -63,7 +63,7 @@ fn trees_that_are_none_are_refused() {
     let many = Description::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
     assert!(matches!(
         many,
-        Err(DescriptionError::LinkCount { count: 1001, .. })
+        Err(DescriptionError::Count { count: 1001, .. })
     ));
 }
 
@@ -181,7 +181,8 @@ fn followers_must_follow_a_free_joint() {
 
 #[test]
 fn masses_must_be_those_of_bodies() {
-    let wrist = "<mass value=\"0.5\"/><inertia ixx=\"5e-4\" ixy=\"0\" ixz=\"0\" iyy=\"6e-4\" iyz=\"0\" izz=\"4e-4\"/>";
+    let wrist =
+        r#"<mass value="0.5"/><inertia ixx="5e-4" ixy="0" ixz="0" iyy="6e-4" iyz="0" izz="4e-4"/>"#;
     let inertial = format!("<inertial>\n      {wrist}\n    </inertial>");
     refused(&inertial, "", &["`wrist`", "`twist`", "no mass"]);
     refused(
@@ -251,7 +252,7 @@ fn what_is_no_urdf_is_refused() {
         let error = Description::from_urdf(text).unwrap_err();
         let known = matches!(
             error,
-            DescriptionError::Syntax { .. } | DescriptionError::LinkCount { .. }
+            DescriptionError::Syntax { .. } | DescriptionError::Count { .. }
         );
         assert!(known, "{text:?}: {error}");
     }
@@ -265,6 +266,23 @@ fn what_is_no_urdf_is_refused() {
         Description::from_urdf(&long),
         Err(DescriptionError::TooLong { .. })
     ));
+}
+
+#[test]
+fn links_have_a_thousand_shapes_at_most() {
+    let sphere = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
+    let link = |count| {
+        format!(
+            "<robot><link name=\"l\">{}</link></robot>",
+            sphere.repeat(count)
+        )
+    };
+    assert!(Description::from_urdf(&link(1000)).is_ok());
+    let message = Description::from_urdf(&link(1001)).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "the link `l` has 1001 collision shapes, expected 0 to 1000"
+    );
 }
 
 #[test]
@@ -384,9 +402,14 @@ fn damage(text: &str, generator: &mut ChaCha8Rng) -> String {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 400,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
-    /// A damaged file is refused, or it is a robot: its frames are finite, and MuJoCo takes its MJCF.
+    /// A damaged file is refused, or it is a robot: its frames are finite, and MuJoCo takes its
+    /// MJCF.
     #[test]
     fn no_damaged_file_is_a_panic(seed in any::<u64>(), ours: bool, times in 1..4_usize) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

@@ -168,3 +168,21 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
     );
     assert!(places[8..].iter().all(|place| place == still));
 }
+
+#[test]
+fn a_kinematic_arm_that_refuses_a_command_stands_still() {
+    let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
+    let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let mut arm = KinematicArm::new(control);
+    let closing = |speed: f64| Command {
+        twist: Twist::moving(speed * DVec3::Y),
+        closing: 1.0,
+    };
+    arm.command(&closing(0.1)).unwrap();
+    arm.advance(0.1).unwrap();
+    assert!(arm.command(&closing(f64::NAN)).is_err());
+    let stood = arm.state().unwrap();
+    arm.advance(0.1).unwrap();
+    assert_eq!(arm.state().unwrap(), stood);
+    assert!(stood.closing > 0.0 && stood.tip.position.y > 0.0);
+}

@@ -4,7 +4,7 @@
 use crate::error::DescriptionError;
 
 /// Most bytes of a URDF.
-pub const MAX_BYTES: usize = 4 << 20;
+pub const MAX_BYTES: usize = 2 << 20;
 /// Most levels of elements inside elements.
 pub const MAX_DEPTH: usize = 64;
 

@@ -107,29 +107,17 @@ fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
 /// Highest speed and effort. A joint that follows another one needs neither.
 fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], DescriptionError> {
     let (speed, effort) = (joint.limit.velocity, joint.limit.effort);
-    if matches!(drive, Drive::Follows { .. }) {
-        return Ok([speed, effort]);
-    }
-    finite(
-        || place(joint),
-        "the limit's velocity or effort",
-        &[speed, effort],
-    )?;
+    let place = || place(joint);
+    let what = "the limit's velocity or effort";
+    finite(place, what, &[speed, effort])?;
+    let follows = matches!(drive, Drive::Follows { .. });
     let expected = "a positive number in `<limit>`";
-    require(
-        speed > 0.0,
-        || place(joint),
-        "the limit's velocity",
-        speed,
-        expected,
-    )?;
-    require(
-        effort > 0.0,
-        || place(joint),
-        "the limit's effort",
-        effort,
-        expected,
-    )?;
+    for (what, value) in [
+        ("the limit's velocity", speed),
+        ("the limit's effort", effort),
+    ] {
+        require(follows || value > 0.0, place, what, value, expected)?;
+    }
     Ok([speed, effort])
 }
 

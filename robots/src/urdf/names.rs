@@ -6,23 +6,57 @@ use crate::error::DescriptionError;
 
 /// Most links of a robot.
 pub const MAX_LINKS: usize = 1000;
+/// Most collision shapes of a link.
+const MAX_SHAPES: usize = 1000;
 /// Most bytes of a name.
 const MAX_NAME: usize = 200;
 
 /// Refuses names that are empty, immense, unprintable or given twice, and files that could exhaust
 /// the memory.
 pub(super) fn check(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
-    let (count, limit) = (file.links.len(), MAX_LINKS);
-    if count == 0 || count > limit {
-        return Err(DescriptionError::LinkCount { count, limit });
-    }
+    count(
+        || "the robot".to_owned(),
+        "link",
+        file.links.len(),
+        1,
+        MAX_LINKS,
+    )?;
     // a robot may go without a name
     if !file.name.is_empty() {
         usable("robot", &file.name)?;
     }
     file.links.iter().try_for_each(not_reserved)?;
     unique("link", file.links.iter().map(|link| &link.name[..]))?;
-    unique("joint", file.joints.iter().map(|joint| &joint.name[..]))
+    unique("joint", file.joints.iter().map(|joint| &joint.name[..]))?;
+    file.links.iter().try_for_each(|link| {
+        let place = || format!("the link `{}`", link.name);
+        count(
+            place,
+            "collision shape",
+            link.collision.len(),
+            0,
+            MAX_SHAPES,
+        )
+    })
+}
+
+fn count(
+    place: impl Fn() -> String,
+    kind: &'static str,
+    count: usize,
+    least: usize,
+    limit: usize,
+) -> Result<(), DescriptionError> {
+    if (least..=limit).contains(&count) {
+        return Ok(());
+    }
+    Err(DescriptionError::Count {
+        place: place(),
+        kind,
+        count,
+        least,
+        limit,
+    })
 }
 
 fn unique<'a>(
