@@ -220,7 +220,7 @@ impl CartesianControl {
         self.reference = self.tip();
     }
 
-    /// Moves the references on by `seconds`.
+    /// Moves the references on by `seconds`, of which few should pass at a time: 25 ms at most.
     ///
     /// # Errors
     /// [`ControlError::OutOfReach`] where the arm cannot follow its tip: it is at the end of its

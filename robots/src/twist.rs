@@ -28,9 +28,9 @@ impl Twist {
         }
     }
 
-    /// Whether all six numbers are finite.
+    /// Whether all six numbers are finite, and both speeds.
     pub fn is_finite(&self) -> bool {
-        self.linear.is_finite() && self.angular.is_finite()
+        self.linear.length().is_finite() && self.angular.length().is_finite()
     }
 
     /// Linear, then angular.

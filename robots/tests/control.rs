@@ -233,6 +233,8 @@ fn commands_that_are_not_finite_stop_the_arm() {
     let mut control = at_work();
     for bad in [
         Twist::moving(DVec3::NAN),
+        // its speed is not finite
+        Twist::moving(1e200 * DVec3::X),
         Twist {
             angular: DVec3::INFINITY,
             ..Twist::ZERO
@@ -275,6 +277,18 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
         control.command(Twist::moving(-0.05 * way)).unwrap();
         control.tick(TICK).unwrap();
     }
+}
+
+#[test]
+#[should_panic(expected = "`configuration` has 6 elements, expected 7")]
+fn a_configuration_of_another_length_is_named() {
+    chain("tool_link").tip(&gen3::WORK[..6]);
+}
+
+#[test]
+#[should_panic(expected = "`positions` has 7 elements, expected 8")]
+fn a_position_vector_of_another_length_is_named() {
+    gen3::description().unwrap().poses(&gen3::WORK);
 }
 
 #[test]
