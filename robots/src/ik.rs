@@ -227,3 +227,44 @@ pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) 
 
 /// Room (metres, radians) of a joint that stands at the end of its range.
 const AT_LIMIT: f64 = 1e-6;
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::gen3;
+
+    /// A redundant arm moves its tip as wanted with any one joint held, each at a bound of its own.
+    #[test]
+    fn the_other_joints_do_what_a_held_one_cannot() {
+        let arm = gen3::description().unwrap();
+        let chain = Chain::new(&arm, "tool_link").unwrap();
+        let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
+        let wanted = Twist {
+            linear: DVec3::new(0.1, -0.2, 0.05),
+            angular: DVec3::new(0.0, 0.1, -0.1),
+        };
+        let mut solver = DampedLeastSquares::new(7);
+        let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
+            solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
+            solver.velocities().to_vec()
+        };
+        let free = solve(&|_| [f64::NEG_INFINITY, f64::INFINITY]);
+        let mut columns = [Twist::ZERO; 7];
+        chain.jacobian(&configuration, &mut columns);
+        for (held, velocity) in free.into_iter().enumerate() {
+            let bound = 0.5 * velocity;
+            let bounds = |joint: usize| match joint == held {
+                true => [bound.min(0.0), bound.max(0.0)],
+                false => [f64::NEG_INFINITY, f64::INFINITY],
+            };
+            let velocities = solve(&bounds);
+            assert_eq!(velocities[held], bound);
+            let parts = columns.iter().zip(&velocities);
+            let twist = parts.fold(Twist::ZERO, |sum, (&column, &v)| sum + v * column);
+            let missing = twist + -1.0 * wanted;
+            assert!(missing.dot(&missing).sqrt() < 1e-6, "{held}: {twist:?}");
+        }
+    }
+}
