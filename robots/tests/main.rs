@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod control;
+mod damage;
 mod gen3;
 mod mjcf;
 mod refusals;
