@@ -80,6 +80,8 @@ mod tests {
     use super::*;
 
     proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
         /// All points are inside, and one at least is on the surface.
         #[test]
         fn the_capsule_holds_all_points_and_is_no_larger_than_it_must(
