@@ -2,6 +2,7 @@
 //! acting by its mean.
 
 mod dormancy;
+mod played;
 mod recognition;
 mod score;
 
@@ -18,6 +19,7 @@ use crate::schedule::Schedule;
 use crate::stream::Stream;
 
 use dormancy::Activities;
+use played::Played;
 
 pub use dormancy::{Dormancy, TAU};
 pub use recognition::{Recognition, SHOWN};
@@ -53,6 +55,7 @@ pub struct Evaluator {
     schedule: Schedule,
     seed: u64,
     labels: Labels,
+    played: Played,
 }
 
 impl Evaluator {
@@ -75,6 +78,7 @@ impl Evaluator {
             schedule,
             seed,
             labels,
+            played: Played::default(),
         })
     }
 
@@ -143,7 +147,11 @@ impl Evaluator {
         stream.reseed(self.seed)?;
         let policy = learner.recognise(stream, None, &mut rng)?.policy;
         stream.reseed(self.seed)?;
-        let Performance { stats, activity } = learner.perform(policy, stream, rounds)?;
+        let what = (variant, rounds);
+        let performance = self.played.recall(what, learner, policy, |learner| {
+            learner.perform(policy, stream, rounds)
+        })?;
+        let Performance { stats, activity } = performance;
         findings.activities.add(policy, &activity);
         findings.scores.push(Score {
             group: variant.group,

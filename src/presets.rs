@@ -209,8 +209,8 @@ impl Budget {
         let (cycles, rollouts) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [6, 20, 10, 4]),
-            Self::Full | Self::Table => (3, [5, 15, 8, 25]),
-            Self::ZeroShot => (2, [8, 23, 12, 37]),
+            Self::Full | Self::Table => (3, [6, 18, 9, 35]),
+            Self::ZeroShot => (2, [8, 27, 12, 40]),
         };
         let decisions = rollouts.map(|rollouts| rollouts * rollout);
         let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
@@ -306,7 +306,7 @@ mod tests {
             covers.schedule,
             Budget::Full.experiment(Method::Covers).schedule
         );
-        assert_eq!(covers.schedule.total_decisions(), 159_000);
+        assert_eq!(covers.schedule.total_decisions(), 204_000);
     }
 
     #[test]

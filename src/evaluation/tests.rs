@@ -14,6 +14,8 @@ struct Spy {
     action: f32,
     /// Numbers that it draws while it looks.
     draws: usize,
+    /// Its parameters, if it says which they are.
+    parameters: Option<Vec<f32>>,
     seen: Vec<Observations>,
 }
 
@@ -62,6 +64,10 @@ impl Learner for Spy {
     ) -> Result<Performance, CoversError> {
         self.watch(env, rounds);
         Ok(Performance::default())
+    }
+
+    fn parameters(&self, _: usize) -> Option<&[f32]> {
+        self.parameters.as_deref()
     }
 
     fn policies(&self) -> usize {
@@ -141,4 +147,35 @@ fn what_the_learner_draws_is_not_what_places_the_episodes() {
         words(rng)
     };
     assert!((0..1000).all(|index| placing(index) != words(looking(7))));
+}
+
+#[test]
+fn a_policy_that_has_not_changed_is_not_played_again() {
+    let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
+    let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+    let mut evaluator = Evaluator::of(&run, &tasks, labels).unwrap();
+    let [first, second, ..] = evaluator.variants()[..] else {
+        panic!()
+    };
+    let mut spy = Spy::default();
+    let mut plays = |parameters: Option<Vec<f32>>, variant, rounds| {
+        (spy.parameters, spy.seen) = (parameters, Vec::new());
+        let findings = &mut Findings::default();
+        evaluator
+            .variant(&mut spy, variant, rounds, findings)
+            .unwrap();
+        assert_eq!(findings.scores.len(), 1);
+        // the look before it is another one
+        spy.seen.len() - 1
+    };
+    let some = |parameter| Some(vec![1.0, parameter]);
+    assert_eq!(plays(some(2.0), first, 1), 1);
+    assert_eq!(plays(some(2.0), first, 1), 0);
+    assert_eq!(plays(some(2.0), second, 1), 1);
+    assert_eq!(plays(some(2.0), first, 2), 2);
+    assert_eq!(plays(some(0.0), first, 1), 1);
+    assert_eq!(plays(some(-0.0), first, 1), 1);
+    for _ in 0..2 {
+        assert_eq!(plays(None, first, 1), 1);
+    }
 }

@@ -45,6 +45,12 @@ pub trait Learner: Send {
         rounds: usize,
     ) -> Result<Performance, CoversError>;
 
+    /// All numbers of policy `index` that [`Learner::perform`] depends on, so that a policy which is
+    /// the same need not perform the same again. None where a learner does not say.
+    fn parameters(&self, _index: usize) -> Option<&[f32]> {
+        None
+    }
+
     /// The number of policies, at least 1.
     fn policies(&self) -> usize;
 

@@ -130,6 +130,11 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         Ok(Performance { stats, activity })
     }
 
+    fn parameters(&self, index: usize) -> Option<&[f32]> {
+        let member = self.members.get(index)?;
+        Some(S::params(&member.policy))
+    }
+
     fn policies(&self) -> usize {
         self.members.len()
     }
