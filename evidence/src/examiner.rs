@@ -46,6 +46,8 @@ impl Examiner<'_> {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
+        // one that has an heir counts only where it shows itself that it serves
+        let is_out = memory.is_gone() && role == Role::Stranger;
         let mut opinion = Opinion {
             kinds,
             test: None,
@@ -55,13 +57,13 @@ impl Examiner<'_> {
             learnt: memory.learnt(),
             gained: memory.gained(accounts),
             role,
-            verdict: Verdict::Accepted,
+            verdict: match is_out {
+                true => Verdict::Refused,
+                false => Verdict::Accepted,
+            },
             remembered: remembered.len(),
         };
-        if memory.is_gone {
-            opinion.verdict = Verdict::Refused;
-        }
-        if memory.is_gone || remembered.len() < least {
+        if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
         }
         let sources = sources(&opinion.kinds, &seen, &home)?;
@@ -69,7 +71,9 @@ impl Examiner<'_> {
         let decided = |test: &JointTest| self.is_decided(&opinion, test, look);
         let test = joint_test_until(&sources, &stages, decided, rng)?;
         opinion.test = Some(test);
-        opinion.verdict = self.verdict(&opinion, look);
+        if !is_out {
+            opinion.verdict = self.verdict(&opinion, look);
+        }
         Ok(opinion)
     }
 
@@ -152,7 +156,13 @@ impl Examiner<'_> {
 
     /// Whether a policy earned in these episodes about what it earns at home.
     pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
-        opinion.kinds.contains(&Kind::Earnings) && opinion.lost <= FEW * self.0.min_loss
+        opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost)
+    }
+
+    /// Whether a share of what was learnt to earn is so large that a policy that loses it serves no
+    /// more.
+    pub(crate) fn is_loss(self, lost: f64) -> bool {
+        lost > FEW * self.0.min_loss
     }
 
     /// Whether a policy has learnt so much that it would notice a loss.

@@ -15,14 +15,17 @@ pub(crate) struct Memory {
     /// Mean earnings of the first rollout on which it learnt.
     pub(crate) beginning: Option<f64>,
     /// Policies that were found to serve other groups.
-    #[serde(default)]
     pub(crate) apart: Vec<usize>,
-    /// Whether another policy serves its group.
-    #[serde(default)]
-    pub(crate) is_gone: bool,
+    /// The policy that serves its group, too, and acts for it.
+    pub(crate) heir: Option<usize>,
 }
 
 impl Memory {
+    /// Whether another policy acts for its group.
+    pub(crate) fn is_gone(&self) -> bool {
+        self.heir.is_some()
+    }
+
     /// Remembers the latest of these, `most` at most.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
@@ -32,8 +35,12 @@ impl Memory {
         self.accounts.drain(..too_many);
     }
 
-    /// Whether there are accounts, `most` at most, and the beginning is a number.
-    pub(crate) fn check(&self, most: usize) -> Result<(), EvidenceError> {
+    /// Whether there are accounts, `most` at most, the beginning is a number, and an heir is one of
+    /// so many policies.
+    pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
+        if let Some(policy) = self.heir.filter(|&heir| heir >= policies) {
+            return Err(EvidenceError::NoPolicy { policy, policies });
+        }
         match self.accounts.len() {
             0 => Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 }),
             got if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
@@ -86,7 +93,7 @@ impl Memory {
 }
 
 /// What a policy earns of late.
-pub(crate) fn mean_home(memory: &Memory) -> Option<f64> {
+fn mean_home(memory: &Memory) -> Option<f64> {
     mean_earned(memory.home().into_iter())
 }
 

@@ -7,16 +7,17 @@ use rand_chacha::ChaCha8Rng;
 use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
-use crate::memory::mean_home;
 use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::{Finding, Recogniser};
 
 /// What becomes of two policies that serve one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Merge {
-    /// The one that earns more: it goes on as it is, under its number.
+    /// The one that was heard in the other's group and serves there, too: it goes on as it is, under
+    /// its number.
     pub kept: usize,
-    /// The other one: it is not asked again.
+    /// The other one, which was not heard in the first one's group. It is kept as it is and asked
+    /// again before a new policy is opened.
     pub gone: usize,
 }
 
@@ -31,7 +32,7 @@ impl Recogniser {
             let (memory, opinion) = (&self.memories[*twin], &finding.opinions[*twin]);
             *twin != policy
                 && opinion.verdict() == Verdict::Accepted
-                && !memory.is_gone
+                && !memory.is_gone()
                 && !own.apart.contains(twin)
                 && examiner.has_learnt(memory)
         };
@@ -56,9 +57,8 @@ impl Recogniser {
         self.check_policy(policy)?;
         let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
-        // nor may the one that is at home earn much more there
         let earned: Vec<&Account> = accounts.iter().collect();
-        let lags = self.memories[policy].lost(&earned) >= self.settings().min_loss;
+        let lags = examiner.is_loss(self.memories[policy].lost(&earned));
         let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
@@ -66,8 +66,12 @@ impl Recogniser {
         Ok(is_twin)
     }
 
-    /// Makes one of two policies that [`Recogniser::compare`] found to serve one group, if `policy`
-    /// serves it still in these episodes, in which it acted itself.
+    /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found it to serve,
+    /// if `policy` serves still in these episodes, in which it acted itself. Else the two stay
+    /// apart.
+    ///
+    /// The other way round nothing is known: `policy` was not heard at the home of `twin`, which is
+    /// why it is `twin` that goes on.
     ///
     /// # Errors
     /// Those of [`Recogniser::compare`].
@@ -79,22 +83,31 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
         self.check_policy(twin)?;
-        if policy == twin || self.memories[policy].is_gone || self.memories[twin].is_gone {
+        if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
             return Ok(None);
         }
         let opinion = self.opinion_of(policy, accounts, rng)?;
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
+            self.part(policy, twin);
             return Ok(None);
         }
-        let earns = |policy: usize| mean_home(&self.memories[policy]).unwrap_or(f64::NEG_INFINITY);
-        let (kept, gone) = match earns(twin) > earns(policy) {
-            true => (twin, policy),
-            false => (policy, twin),
-        };
-        self.memories[gone].is_gone = true;
-        let apart = std::mem::take(&mut self.memories[gone].apart);
-        self.memories[kept].apart.extend(apart);
+        self.memories[policy].heir = Some(twin);
+        let apart = self.memories[policy].apart.clone();
+        self.memories[twin].apart.extend(apart);
+        let (kept, gone) = (twin, policy);
         Ok(Some(Merge { kept, gone }))
+    }
+
+    /// For each policy the one that acts for its group, too, since the two were merged.
+    pub fn heirs(&self) -> Vec<Option<usize>> {
+        self.memories.iter().map(|memory| memory.heir).collect()
+    }
+
+    /// Takes a policy that is about to learn for one that is asked; it was not what its heir is.
+    pub(crate) fn revive(&mut self, policy: usize) {
+        if let Some(heir) = self.memories[policy].heir.take() {
+            self.part(policy, heir);
+        }
     }
 
     /// What speaks for and against a policy that acted in these episodes itself.

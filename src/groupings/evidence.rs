@@ -118,6 +118,17 @@ impl Grouping for Evident {
         })
     }
 
+    fn refused(&self) -> Vec<usize> {
+        let last = self.last.borrow();
+        last.as_ref()
+            .map_or_else(Vec::new, |finding| finding.refused.clone())
+    }
+
+    fn is_cut(&self) -> bool {
+        let last = self.last.borrow();
+        last.as_ref().is_some_and(|finding| finding.cut.is_some())
+    }
+
     fn review(
         &self,
         candidates: &mut dyn Candidates,
@@ -182,6 +193,10 @@ impl Grouping for Evident {
     ) -> Result<Option<Merge>, CoversError> {
         let accounts = self.accounts(episodes, index)?;
         Ok(self.recogniser.merge(index, twin, &accounts, rng)?)
+    }
+
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        Some(self.recogniser.heirs())
     }
 
     fn state(&self) -> Value {

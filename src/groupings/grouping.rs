@@ -67,9 +67,19 @@ pub trait Grouping: Send {
         self.assign(candidates, rng)
     }
 
+    /// The policies that the last decision put out of question in this matter.
+    fn refused(&self) -> Vec<usize> {
+        Vec::new()
+    }
+
+    /// Whether the last decision rests on a part of the episodes alone, since they show two groups.
+    fn is_cut(&self) -> bool {
+        false
+    }
+
     /// Judges the policy that a decision named, by a rollout that it collected itself: names another
     /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
-    /// and those that this call adds.
+    /// [`Grouping::refused`] to begin with, and those that this call adds.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -124,9 +134,8 @@ pub trait Grouping: Send {
         Ok(false)
     }
 
-    /// Makes one of two policies that serve one group, unless the episodes that policy `index`
-    /// collected last say otherwise: returns the one that goes on, and the one that is not asked
-    /// again.
+    /// Makes `twin` the heir of policy `index`, unless the episodes that policy `index` collected
+    /// last say otherwise: returns the one that goes on, and the one that has an heir.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -138,6 +147,12 @@ pub trait Grouping: Send {
         _rng: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
         Ok(None)
+    }
+
+    /// For each policy the one that acts for its group since the two were merged; none where no
+    /// policies are ever merged.
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        None
     }
 
     /// Learns that policy `index` took the last rollout.

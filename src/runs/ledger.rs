@@ -2,12 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::learners::Turn;
+
 /// What the stream knows and the learner does not: the books of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ledger {
     /// The group that each policy was opened for: that of its first rollout of one group alone.
     pub opened_for: Vec<Option<String>>,
+    /// Policies for whose groups others act since they were merged ([`Turn::heirs`]). The counts
+    /// below do not follow them: a group's policy is the first that was opened for it.
+    #[serde(default)]
+    pub merged: usize,
     /// Rollouts learnt from.
     pub rollouts: usize,
     /// Decisions taken while learning.
@@ -29,6 +35,11 @@ pub struct Ledger {
 }
 
 impl Ledger {
+    /// Books who acts for whom after a turn.
+    pub(crate) fn record_heirs(&mut self, turn: &Turn) {
+        self.merged = turn.heirs.iter().flatten().count();
+    }
+
     /// Books one rollout of one group; `returns` says that its group was visited before.
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
@@ -55,6 +66,7 @@ impl Ledger {
     pub(crate) fn adds_up(&self) -> bool {
         let of_one_group = self.rollouts.checked_sub(self.straddled);
         self.decisions >= self.rollouts
+            && self.merged <= self.opened_for.len()
             && of_one_group.is_some_and(|of_one| self.right.max(self.returns) <= of_one)
             && self.right_returns <= self.right.min(self.returns)
     }
