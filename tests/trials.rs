@@ -11,8 +11,8 @@ use std::path::Path;
 use bars::{Bars, network, number};
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner, OffPolicy,
-    OffPolicySettings,
+    Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner,
+    OffPolicy, OffPolicySettings,
 };
 use evidence::Merge;
 use rand_chacha::ChaCha8Rng;

@@ -46,23 +46,8 @@ impl Examiner<'_> {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
-        // one that has an heir counts only where it shows itself that it serves
-        let is_out = memory.is_gone() && role == Role::Stranger;
-        let mut opinion = Opinion {
-            kinds,
-            test: None,
-            changed: changed(accounts, &remembered, Kind::Motion),
-            turned: changed(accounts, &remembered, Kind::Slope),
-            lost: memory.lost(accounts),
-            learnt: memory.learnt(),
-            gained: memory.gained(accounts),
-            role,
-            verdict: match is_out {
-                true => Verdict::Refused,
-                false => Verdict::Accepted,
-            },
-            remembered: remembered.len(),
-        };
+        let mut opinion = untested(memory, accounts, kinds, role);
+        let is_out = opinion.is_refused();
         if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
         }
@@ -196,5 +181,26 @@ impl Examiner<'_> {
     pub(crate) fn speaks_against(self, opinion: &Opinion, level: f64) -> bool {
         let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
         against.any(|(kind, source)| self.is_large(opinion, kind, source))
+    }
+}
+
+/// What is known before a test. A policy that has an heir is refused, unless it acted itself to show
+/// that it serves.
+fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role) -> Opinion {
+    let remembered: Vec<&Account> = memory.accounts.iter().collect();
+    Opinion {
+        kinds,
+        test: None,
+        changed: changed(accounts, &remembered, Kind::Motion),
+        turned: changed(accounts, &remembered, Kind::Slope),
+        lost: memory.lost(accounts),
+        learnt: memory.learnt(),
+        gained: memory.gained(accounts),
+        role,
+        verdict: match memory.is_gone() && role == Role::Stranger {
+            true => Verdict::Refused,
+            false => Verdict::Accepted,
+        },
+        remembered: remembered.len(),
     }
 }

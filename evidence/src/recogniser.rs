@@ -4,6 +4,7 @@ use cluster::{Decision, Verdict};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+
 use crate::account::Account;
 use crate::choice::{drifted, keep_or_better, rivals};
 use crate::cut::find_cut;
@@ -262,8 +263,7 @@ impl Recogniser {
         let examiner = Examiner(&self.settings);
         let weighed = opinions.iter().zip(&self.memories);
         let weighed = weighed.map(|(opinion, memory)| Weighed {
-            p_value: (opinion.test().filter(|_| !memory.is_gone()))
-                .map(|_| opinion.tail_p_value()),
+            p_value: (opinion.test().filter(|_| !memory.is_gone())).map(|_| opinion.tail_p_value()),
             may_be_drift: !examiner.speaks_against(opinion, self.settings.doubt),
             misfit: opinion.misfit(),
         });

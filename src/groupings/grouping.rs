@@ -93,8 +93,8 @@ pub trait Grouping: Send {
     }
 
     /// Whether the policy that the last decision named is one of several that might be meant: it is
-    /// worth while to let it act for one episode in each environment, and to review that, before it
-    /// collects a rollout.
+    /// worth while to let it act for [`Grouping::min_episodes`], at least one in each environment,
+    /// and to review that, before it collects a rollout.
     fn is_contested(&self) -> bool {
         false
     }
@@ -114,7 +114,7 @@ pub trait Grouping: Send {
     }
 
     /// A policy that may serve the same group as policy `index`, which the last decision accepted:
-    /// it is to act for one episode in each environment, and [`Grouping::compare`] is to judge it.
+    /// it is to act for [`Grouping::min_episodes`], and [`Grouping::compare`] is to judge it.
     fn twin(&self, _index: usize) -> Option<usize> {
         None
     }

@@ -88,7 +88,11 @@ impl Record {
 
     fn line(&self, plan: &str) -> String {
         let counts = self.counts.map(|count| count.to_string()).join(",");
-        format!("{VERSION},{},{},{plan},{counts}", self.kind.name(), self.seed)
+        format!(
+            "{VERSION},{},{},{plan},{counts}",
+            self.kind.name(),
+            self.seed
+        )
     }
 
     /// The record of a line, and the columns of its plan.

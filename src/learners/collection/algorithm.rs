@@ -376,7 +376,10 @@ fn metrics(
         metrics.per_policy(name, evidence.iter().map(|e| e.test().map(figure)));
     }
     if let Some(heirs) = heirs {
-        metrics.per_policy("heirs", heirs.iter().map(|heir| heir.map(|heir| heir as f64)));
+        metrics.per_policy(
+            "heirs",
+            heirs.iter().map(|heir| heir.map(|heir| heir as f64)),
+        );
     }
     for (name, value) in update {
         metrics.number(name, value);
