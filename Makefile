@@ -64,9 +64,13 @@ sanitise: deps
 	  cargo test -p covers-mujoco --locked --tests --no-fail-fast
 	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-symmetry --locked --lib
 	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-cluster --locked --lib \
-	  --test assigner_input --test certificate -- --skip agrees_with_quadrature
+	  -- --skip agrees_with_quadrature
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-cluster --locked --test suite \
+	  -- assigner_input certificate
 	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-equivariant --locked --lib \
-	  --test errors -- layers hadamard scratch sizes
+	  -- layers hadamard scratch sizes
+	MIRIFLAGS="$(MIRIFLAGS)" cargo +nightly miri test -p covers-equivariant --locked --test suite \
+	  -- errors::sizes
 
 deps:
 	@missing=""; for p in $(DEBIAN_PACKAGES); do \

@@ -1,8 +1,6 @@
 //! What the workspace depends on: licences, crates in several versions, and which crate imports
 //! which. Every check is also shown made-up metadata that it must refuse.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::iter::Peekable;
 use std::process::Command;

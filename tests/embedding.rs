@@ -1,8 +1,6 @@
 //! The networks and the update embed in a program that has neither MuJoCo nor a command line: a
 //! crate outside this repository depends on `covers-rl` and `covers-equivariant` by path.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,18 +1,13 @@
 //! Everything that is read, given the seeds, the corpus and random mutations of both. The folder
 //! `fuzz` runs the same targets under libFuzzer.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::Path;
 
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-#[path = "../fuzz/src/targets/mod.rs"]
-mod targets;
-
-use targets::{TARGETS, Target};
+use crate::targets::{TARGETS, Target};
 
 /// Lengths and counts that arithmetic trips over.
 const EXTREMES: [u64; 6] = [0, 1, 0x7fff_ffff, 0xffff_ffff, 1 << 63, u64::MAX];

@@ -1,11 +1,5 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "common/bars.rs"]
-mod bars;
-
-use bars::{Bars, HORIZON, network, number};
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
@@ -14,6 +8,8 @@ use covers::{
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, VectorEnv};
+
+use crate::common::bars::{Bars, HORIZON, network, number};
 
 fn settings() -> CoversSettings {
     CoversSettings {

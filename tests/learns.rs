@@ -1,7 +1,5 @@
 //! The suite learns: a real group from pixels, which an untrained policy does not solve.
 
-#![allow(clippy::unwrap_used)]
-
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
 use covers::{Experiment, Run, RunFolder};

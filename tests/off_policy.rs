@@ -1,18 +1,12 @@
 //! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
 //! bits.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "common/bars.rs"]
-mod bars;
-#[path = "../rl/tests/common/guess.rs"]
-mod guess;
-
-use bars::{Bars, network, number};
 use covers::{Extent, GroupingSettings, Learner, OffPolicy, OffPolicySettings, Turn};
-use guess::{EPISODE, Guess};
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
 use symmetry::Group;
+
+use crate::common::bars::{Bars, network, number};
+use crate::guess::{EPISODE, Guess};
 
 const ENVS: usize = 16;
 

@@ -1,7 +1,5 @@
 //! The pages of the repository: every relative link leads to a file, and prose is wrapped.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,6 @@
 //! Meta-World itself, recorded by `benches/peers/record_metaworld.sh`, against the `metaworld`
 //! layout; and recordings that are none.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};

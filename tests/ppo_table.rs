@@ -1,8 +1,6 @@
 //! The tables of docs/ppo.md against the code: every value is the preset's, every name is in the
 //! file it is said to be in.
 
-#![allow(clippy::unwrap_used)]
-
 use covers::CoversSettings;
 use rl::Metrics;
 use serde_json::Value;

@@ -1,7 +1,5 @@
 //! The policies that come with the project still load, recognise their groups, and act.
 
-#![allow(clippy::unwrap_used)]
-
 use std::path::Path;
 
 use covers::evaluation::{Evaluator, Findings};

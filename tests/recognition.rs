@@ -1,7 +1,5 @@
 //! From how few episodes a learner recognises a group, on a toy environment.
 
-#![allow(clippy::unwrap_used)]
-
 #[path = "common/bars.rs"]
 #[allow(dead_code, reason = "other tests ask more of it")]
 mod bars;

@@ -1,10 +1,5 @@
 //! What `covers report` says of runs, and what it refuses.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "common/scratch.rs"]
-mod scratch;
-
 use std::fs;
 use std::path::Path;
 
@@ -12,7 +7,8 @@ use clap::Parser;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
-use scratch::Scratch;
+
+use crate::common::scratch::Scratch;
 
 impl Scratch {
     /// Runs to the end in a folder of this name.

@@ -1,10 +1,5 @@
 //! Whole runs: the same bytes for the same seed and any number of threads, and clear refusals.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "common/scratch.rs"]
-mod scratch;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -23,8 +18,9 @@ use envs::{
 };
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
-use scratch::Scratch;
 use symmetry::Group;
+
+use crate::common::scratch::Scratch;
 
 /// The subcommands as the program has them.
 #[derive(Debug, Parser)]

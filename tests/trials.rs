@@ -1,14 +1,7 @@
 //! What a grouping that hears policies, finds twins and cuts rollouts makes the learner do.
 
-#![allow(clippy::unwrap_used)]
-
-#[allow(dead_code, reason = "what teaches by groups is for other tests")]
-#[path = "common/bars.rs"]
-mod bars;
-
 use std::path::Path;
 
-use bars::{Bars, network, number};
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner,
@@ -17,6 +10,8 @@ use covers::{
 use evidence::Merge;
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
+
+use crate::common::bars::{Bars, network, number};
 
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
 #[derive(Clone, Default)]

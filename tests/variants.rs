@@ -1,7 +1,5 @@
 //! The 16 variants as the learner sees them, and what its network makes of them.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::HashSet;
 
 use covers::sheet::{contact_sheet, variant_pictures};

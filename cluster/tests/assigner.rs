@@ -1,17 +1,13 @@
 //! The assigner on synthetic episodes: 64 dimensions, frames of one episode alike.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use cluster::{
     Assigner, Assignment, Calibrated, Candidate, ClusterError, Decision, Frames, Judgement, Rule,
     Verdict,
 };
-use common::{calibrated, fixed, normal, normals};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+
+use crate::common::{calibrated, fixed, normal, normals};
 
 const DIM: usize = 64;
 /// Frames an episode.

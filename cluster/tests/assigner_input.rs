@@ -1,9 +1,8 @@
 //! Frames and settings that the assigner refuses.
 
-mod common;
-
 use cluster::{Assigner, AssignerSettings, Calibrated, Frames};
-use common::{calibrated, fixed};
+
+use crate::common::{calibrated, fixed};
 
 #[test]
 fn malformed_frames_are_refused() {

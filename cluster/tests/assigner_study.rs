@@ -1,17 +1,10 @@
 //! The study of `examples/assigner_study` with fewer decisions.
 
-#![allow(clippy::unwrap_used)]
-
-#[path = "../examples/assigner_study/population.rs"]
-mod population;
-// the study names the rules; here they are numbers
-#[allow(dead_code)]
-#[path = "../examples/assigner_study/rules.rs"]
-mod rules;
-
-use population::MAIN;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+
+use crate::population::MAIN;
+use crate::rules;
 
 fn stream(seed: u64, index: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

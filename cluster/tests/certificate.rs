@@ -1,12 +1,8 @@
 //! The certificate's power to refuse.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use cluster::{ClusterError, Entry, TransportPlan, Weights, certify, transport};
-use common::{random_costs, uniform};
+
+use crate::common::{random_costs, uniform};
 
 const SIDES: (Weights, Weights) = (Weights::Uniform(6), Weights::Uniform(4));
 

@@ -1,16 +1,11 @@
 //! Distances against closed forms, brute force and replication; hostile input.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used, clippy::unwrap_used)]
-
-mod common;
-#[path = "../examples/fuzz/oracle.rs"]
-mod oracle;
-
 use cluster::{ClusterError, EuclideanCosts, Weights, wasserstein1, wasserstein1_line};
-use common::normals;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+
+use crate::common::normals;
+use crate::oracle;
 
 fn brute_force(x: &[f32], y: &[f32], dim: usize) -> f64 {
     let n = x.len() / dim;

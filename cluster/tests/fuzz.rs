@@ -1,9 +1,7 @@
 //! A short run of the fuzz example.
 
-#[path = "../examples/fuzz/case.rs"]
-mod case;
-#[path = "../examples/fuzz/oracle.rs"]
-mod oracle;
+use crate::case;
+use crate::oracle;
 
 #[test]
 fn twenty_thousand_hostile_inputs_get_the_verdict_they_deserve() {

@@ -1,19 +1,15 @@
 //! Input that somebody's bug or malice made: a clear error or a certified answer, never a panic.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use std::cmp::Ordering;
 
 use cluster::{
     ClusterError, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein, Weights, certify,
     transport, wasserstein1_line,
 };
-use common::{normals, random_costs, uniform};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+
+use crate::common::{normals, random_costs, uniform};
 
 fn solved(x: &[f32], a: Weights, y: &[f32], b: Weights, dim: usize) -> Result<f64, ClusterError> {
     Ok(Wasserstein::new().solve((x, a), (y, b), dim)?.cost)

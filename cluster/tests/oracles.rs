@@ -1,18 +1,14 @@
 //! The solver against solvers of others: a general linear program, an assignment solver, recordings
 //! of POT.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use cluster::{Wasserstein, Weights, transport};
-use common::{normals, random_costs, random_weights, uniform};
 use lapjv::{Matrix, lapjv};
 use microlp::{ComparisonOp, OptimizationDirection, Problem, SolveOutcome};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
+
+use crate::common::{normals, random_costs, random_weights, uniform};
 
 /// The transport problem as a linear program in all `n m` entries of the plan.
 fn linear_program(cost: &[f64], a: &[f64], b: &[f64]) -> f64 {

@@ -1,8 +1,5 @@
 //! Metric properties of the distance on random clouds.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
 use cluster::wasserstein1;
 use proptest::prelude::*;
 

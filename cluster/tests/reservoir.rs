@@ -1,8 +1,5 @@
 //! Uniformity, bounds and restoration of the reservoir.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
 use cluster::{ClusterError, Reservoir};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -1,12 +1,8 @@
 //! The solver on cost matrices.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use cluster::{ClusterError, Solver, Weights, certify, transport};
-use common::{random_costs, random_weights, transposed, uniform};
+
+use crate::common::{random_costs, random_weights, transposed, uniform};
 
 #[test]
 fn certifies_random_problems_of_all_shapes() {

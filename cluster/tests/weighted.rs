@@ -1,13 +1,9 @@
 //! Properties of transport between weighted measures.
 
-// lints know tests, but not the helpers that tests call
-#![allow(clippy::expect_used)]
-
-mod common;
-
 use cluster::{Solver, TransportPlan, Wasserstein, Weights, transport};
-use common::random_costs;
 use proptest::prelude::*;
+
+use crate::common::{self, random_costs};
 
 const DIM: usize = 3;
 

@@ -1,7 +1,5 @@
 //! Why Button Press is slow to learn: what Meta-World's reward says of a claw that presses.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
 use std::sync::Arc;
 
 use envs::{Camera, Control, Embodiment, Scene, TableTop, TaskGroup};

@@ -1,15 +1,8 @@
 //! The rules of `envs::conformance` asked of every group, and of tasks that break one each.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
-mod common;
-#[path = "common/spoilt.rs"]
-mod spoilt;
-
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::PushBlock;
 use envs::conformance::{Flaw, check};
 use envs::{
     EnvError, EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
@@ -17,7 +10,9 @@ use envs::{
 };
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
-use spoilt::{Reward, Spoilt};
+
+use crate::common::spoilt::{Reward, Spoilt};
+use crate::common::{self, PushBlock};
 
 fn leaked(task: impl Task + 'static) -> TaskGroup {
     TaskGroup::of(Box::leak(Box::new(task)))

@@ -1,7 +1,5 @@
 //! Figures of experts and of mirror images; `tests/conformance.rs` holds all variants to bounds.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
 use std::sync::Arc;
 
 use envs::conformance::{experts, symmetry};

@@ -1,23 +1,18 @@
 //! Tasks of somebody else's: which are told apart, which names are reserved, and which figures are
 //! refused.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
-mod common;
-#[path = "common/spoilt.rs"]
-mod spoilt;
-
 use std::sync::Arc;
 
-use common::PushBlock;
 use envs::{
     ACTION_DIM, Batch, Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnv,
     VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use spoilt::Spoilt;
 use symmetry::D2;
+
+use crate::common::spoilt::Spoilt;
+use crate::common::{self, PushBlock};
 
 fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
     Scene::new(group, Embodiment::Hand, Camera::default())

@@ -1,14 +1,8 @@
 //! In-painting on the simulation, where its exact limit is at hand: the scene drawn without the
 //! arm.
 
-#![allow(clippy::unwrap_used, reason = "a test")]
-
-#[path = "../examples/inpainting/arm.rs"]
-mod arm;
-
 use std::sync::Arc;
 
-use arm::Arm;
 use envs::{Camera, Control, Embodiment, Light, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
 use glam::DVec3;
 use inpainting::{ColorCorrection, Inpainter, InpainterSettings, Link};
@@ -16,6 +10,9 @@ use mujoco::Model;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
+
+use crate::arm;
+use crate::arm::Arm;
 
 const SIZE: usize = 64;
 

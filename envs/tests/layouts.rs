@@ -1,18 +1,15 @@
 //! What a layout has and has not, and snapshots of other scenes.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
-mod common;
-
 use std::sync::Arc;
 
-use common::PushBlock;
 use envs::{
     Batch, Camera, Embodiment, EnvError, Layout, Scene, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
+
+use crate::common::{self, PushBlock};
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
     let scene = Scene::in_layout(layout, group, Embodiment::Hand, Camera::default());

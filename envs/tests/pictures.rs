@@ -1,7 +1,5 @@
 //! What the learner sees: orientation, symmetry, and that the variants differ.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::HashSet;
 use std::sync::Arc;
 

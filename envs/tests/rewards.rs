@@ -13,8 +13,6 @@
 //! with the table's centre (0, 0.6) moved to the origin; Goal Reach is raised by 0.02 m, since our
 //! hand starts that much higher and the reward's margin is counted from there.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
 use envs::{EpisodeStart, Measurement, Placement, TaskGroup};
 use glam::DVec3;
 

@@ -1,7 +1,5 @@
 //! The compiled scenes themselves: names, masses, springs.
 
-#![allow(clippy::unwrap_used, reason = "test code")]
-
 use std::sync::Arc;
 
 use envs::{Camera, Control, Embodiment, HAND_START, Layout, Scene, TableTop, TaskGroup};

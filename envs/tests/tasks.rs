@@ -1,7 +1,5 @@
 //! Goals that are told, when success holds, and actions, placements and settings that are refused.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::{Arc, LazyLock};
 
 use envs::{

@@ -1,8 +1,6 @@
 //! The vector environment: the same for any number of threads, honest about ends, clear about
 //! errors.
 
-#![allow(clippy::unwrap_used)]
-
 use std::sync::Arc;
 
 use envs::{

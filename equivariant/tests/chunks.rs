@@ -1,14 +1,11 @@
 //! The chunked gradient engine: same bits for any number of threads.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{
-    boxed, conv, forward, largest_deviation, largest_magnitude, network, normal, params, scratch,
-};
 use equivariant::{
     Chunks, FieldType, Group, Layer, Relu, Scalar, Scratch, Sequential, Shape, Signature,
+};
+
+use crate::common::{
+    boxed, conv, forward, largest_deviation, largest_magnitude, network, normal, params, scratch,
 };
 
 const SAMPLES: usize = 150;

@@ -1,14 +1,11 @@
 //! f(g x) = g f(x) for every layer, and a checker that can fail.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{boxed, conv, exact_layers_of, layers, params, rng};
 use equivariant::{
     FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, Signature, equivariance_error,
     equivariance_error_of,
 };
+
+use crate::common::{boxed, conv, exact_layers_of, layers, params, rng};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {

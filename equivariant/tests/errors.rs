@@ -1,15 +1,12 @@
 //! Wrong types, shapes, sizes and slices: refused with the layer's name, what was got and what was
 //! expected.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::kernel;
 use equivariant::{
     AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, LayerError,
     Linear, MaxPool, R2Conv, Relu, Shape, SpatialSoftArgmax, Statistics,
 };
+
+use crate::common::kernel;
 
 fn message<L>(refused: Result<L, LayerError>) -> String {
     refused.err().unwrap().to_string()

@@ -1,16 +1,13 @@
 //! Values and gradients that PyTorch computed (`benches/peers/golden_layers.py`), and filters that
 //! escnn expanded (`benches/peers/escnn_filters.py`).
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{kernel, largest_deviation, run};
 use equivariant::{
     AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
     Relu, Shape, SpatialSoftArgmax, Statistics, hadamard,
 };
 use safetensors::SafeTensors;
+
+use crate::common::{kernel, largest_deviation, run};
 
 const LAYERS: &[u8] = include_bytes!("golden/layers.safetensors");
 const ESCNN: &[u8] = include_bytes!("golden/escnn.safetensors");

@@ -1,12 +1,11 @@
 //! Backward passes against central differences, in double precision.
 
-mod common;
+use equivariant::Layer;
 
-use common::{
+use crate::common::{
     forward, largest, largest_deviation, largest_magnitude, layers, normal, params, run, scratch,
     unwritten,
 };
-use equivariant::Layer;
 
 const SAMPLES: usize = 3;
 const STEP: f64 = 1e-5;

@@ -1,13 +1,10 @@
 //! The recurrent unit: PyTorch's numbers (`benches/peers/golden_gru.py`), finite differences,
 //! symmetry and sequences of different lengths.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{largest_deviation, normal, rng};
 use equivariant::{FieldType, Group, Gru, Scalar, Shape, equivariance_error_of};
 use safetensors::SafeTensors;
+
+use crate::common::{largest_deviation, normal, rng};
 
 const GOLDEN: &[u8] = include_bytes!("golden/gru.safetensors");
 const STEPS: usize = 5;

@@ -1,15 +1,12 @@
 //! Initial weights: variances, gains, biases, determinism.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{boxed, conv, forward, network, normal, rng};
 use equivariant::{
     FieldNorm, FieldType, Group, Layer, LayerError, Linear, Relu, Sequential, Shape, Signature,
     Statistics,
 };
 use rand::Rng;
+
+use crate::common::{boxed, conv, forward, network, normal, rng};
 
 fn second_moment(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64

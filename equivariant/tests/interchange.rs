@@ -1,14 +1,11 @@
 //! Files of networks: what goes in comes out, and nothing else is taken.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
 use std::path::PathBuf;
 
-use common::{boxed, forward, layers, network, normal, params};
 use equivariant::{FieldNorm, Group, Layer, Linear, Sequential, Shape, Statistics, load, save};
 use safetensors::SafeTensors;
+
+use crate::common::{boxed, forward, layers, network, normal, params};
 
 /// A file of this test run that is removed when it is dropped.
 struct File(PathBuf);

@@ -1,10 +1,8 @@
 //! Normalised fields: their moments, and where they come from.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
 use equivariant::{FieldNorm, FieldType, Group, Layer, Shape, Signature, Statistics, hadamard};
+
+use crate::common;
 
 fn waves(len: usize) -> Vec<f64> {
     (0..len)

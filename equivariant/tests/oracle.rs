@@ -1,13 +1,10 @@
 //! Convolutions against a naive one with the expanded kernel, over random types and geometries.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{forward, largest_deviation, normal, params};
 use equivariant::{FieldType, Group, Kernel, R2Conv, Signature, hadamard};
 use proptest::prelude::*;
 use symmetry::D2;
+
+use crate::common::{forward, largest_deviation, normal, params};
 
 /// Ordinary cross-correlation of a `[C_out, C_in, k, k]` kernel with one channels-last image.
 fn naive(layer: &R2Conv, kernel: &[f64], window: Kernel, x: &[f64]) -> Vec<f64> {

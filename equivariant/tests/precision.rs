@@ -1,12 +1,9 @@
 //! The kernels of single precision, on the instruction set of this machine, against those of double
 //! precision, which are plain arrays and which the oracle and finite differences check.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{conv, largest_deviation, largest_magnitude, network, normal, params};
 use equivariant::{Group, Layer, Scalar};
+
+use crate::common::{self, conv, largest_deviation, largest_magnitude, network, normal, params};
 
 const SAMPLES: usize = 3;
 const TOLERANCE: f64 = 1e-5;

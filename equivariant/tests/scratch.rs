@@ -1,12 +1,9 @@
 //! What lies in a scratch does not depend on where the scratch lies.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
-use common::{layers, normal, params, scratch, unwritten};
 use equivariant::{Layer, Relu, Scalar, Scratch, Shape};
 use symmetry::Group;
+
+use crate::common::{layers, normal, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 

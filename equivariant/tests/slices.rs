@@ -1,14 +1,11 @@
 //! Slices and scratches of wrong lengths are refused by every layer, which says which slice it was.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-mod common;
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use common::{boxed, kernel, layers, normal, rng};
 use equivariant::{Concat, Group, Layer, MaxPool, Scratch, Sequential, Shape, SpatialSoftArgmax};
 use proptest::prelude::*;
+
+use crate::common::{boxed, kernel, layers, normal, rng};
 
 const SAMPLES: usize = 3;
 

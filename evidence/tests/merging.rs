@@ -1,13 +1,10 @@
 //! Policies that turn out to serve one group.
 
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
 use cluster::{Decision, Verdict};
-use common::{accounts, knowing, rng, rollout, said, stream};
 use evidence::{Account, Merge, Recogniser, Situation};
 use worlds::Kind;
+
+use crate::common::{accounts, knowing, rng, rollout, said, stream};
 
 /// Two policies that learnt on one group become one, and two that did not stay two; one that has an
 /// heir is not asked while others will do.

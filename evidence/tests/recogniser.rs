@@ -1,14 +1,11 @@
 //! Decisions on episodes of drawn worlds.
 
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
 use cluster::{Decision, Verdict};
-use common::{accounts, knowing, mirrored, rng, rollout, said, stream};
 use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
 use symmetry::{D2, Irrep};
 use worlds::Kind;
+
+use crate::common::{HORIZON, accounts, courses, knowing, mirrored, rng, rollout, said, stream};
 
 #[test]
 fn accounts_of_mirror_images_are_equal_to_the_bit() {
@@ -131,7 +128,7 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
         let visits = [(0, before), (1, 4 - before)];
         let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
         let finding = recogniser.assign(&mixed, 0, &mut rng()).unwrap();
-        let began = before * common::HORIZON * 5;
+        let began = before * HORIZON * 5;
         assert_eq!(
             (finding.decision, finding.cut),
             (Decision::Existing(1), Some(began))
@@ -221,7 +218,7 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
 fn an_album_changes_no_account() {
     let spec = [Irrep::X, Irrep::Y];
     let accountant = Accountant::new([48, 48, 6], &spec, &spec, 32).unwrap();
-    let courses = common::courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
+    let courses = courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
     let mut album = Album::default();
     let first = accountant.accounts_with(&courses, &mut album).unwrap();
     let again = accountant.accounts_with(&courses, &mut album).unwrap();

@@ -1,12 +1,9 @@
 //! What is remembered, and the file that holds it.
 
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
-use common::{knowing, rng, rollout};
 use evidence::{Account, Recogniser};
 use worlds::Kind;
+
+use crate::common::{knowing, rng, rollout};
 
 #[test]
 fn memory_is_bounded_and_survives_a_file() {

@@ -1,20 +1,14 @@
 //! Actions that no environment can execute are refused by name before it sees them.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/ages.rs"]
-mod ages;
-#[path = "common/unseeing.rs"]
-mod unseeing;
-
-use ages::Ages;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     BoxError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
     collect, evaluate,
 };
-use unseeing::{Acting, Unseeing};
+
+use crate::common::ages::Ages;
+use crate::common::unseeing::{Acting, Unseeing};
 
 const ENVS: usize = 3;
 

@@ -1,13 +1,5 @@
 //! Rollouts that are moved by random elements of a group.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/largest.rs"]
-mod largest;
-
-use common::{EPISODE, PointReach};
-use largest::largest;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -15,6 +7,9 @@ use rl::{
     collect,
 };
 use symmetry::Group;
+
+use crate::common::largest::largest;
+use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 5;
 

@@ -1,7 +1,5 @@
 //! The rollout buffer by itself: its order of calls, what it bootstraps and what it refuses.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
 use rl::{Decisions, EnvSpec, Observations, Outcome, RlError, RolloutBuffer, Transition};
 use symmetry::Irrep;
 

@@ -1,7 +1,5 @@
 //! Collection and evaluation in an environment whose every step is written down.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{

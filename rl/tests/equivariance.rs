@@ -1,11 +1,5 @@
 //! The contract of the equivariant policy, for every group and every kind of encoder.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/largest.rs"]
-mod largest;
-
-use largest::largest;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -13,6 +7,8 @@ use rl::{
     Values,
 };
 use symmetry::{D2, Group, Irrep};
+
+use crate::common::largest::largest;
 
 const SAMPLES: usize = 6;
 const TOLERANCE: f32 = 1e-5;

@@ -1,19 +1,14 @@
 //! Rollouts that are shorter than an episode.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/ages.rs"]
-mod ages;
-mod common;
-
-use ages::Ages;
-use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Encoder, NetworkSettings, RlError, RolloutBuffer, RolloutState, VectorEnv,
     collect,
 };
+
+use crate::common::ages::Ages;
+use crate::common::{EPISODE, PointReach};
 
 #[test]
 fn a_rollout_shorter_than_an_episode_is_refused_with_both_numbers() {

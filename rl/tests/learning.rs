@@ -1,20 +1,15 @@
 //! PPO learns a toy task from pixels within seconds, and a frozen policy does not pass the same
 //! threshold.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/joint.rs"]
-mod joint;
-
-use common::{EPISODE, PointReach};
-use joint::joint;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, Encoder, Ppo, PpoSettings, RolloutBuffer, RolloutState,
     VectorEnv, collect,
 };
+
+use crate::common::joint::joint;
+use crate::common::{EPISODE, PointReach};
 
 const ROLLOUTS: usize = 25;
 /// Of at most 10 an episode.

@@ -1,14 +1,6 @@
 //! An actor with a memory: collection and evaluation forget an episode when it ends, and never
 //! before.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/ages.rs"]
-mod ages;
-#[path = "common/unseeing.rs"]
-mod unseeing;
-
-use ages::Ages;
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,7 +8,9 @@ use rl::{
     Actor, Memory, Replay, ReplaySettings, RolloutBuffer, RolloutState, VectorEnv, collect,
     evaluate,
 };
-use unseeing::{Acting, Unseeing};
+
+use crate::common::ages::Ages;
+use crate::common::unseeing::{Acting, Unseeing};
 
 /// Counts the steps of each running episode: the smallest recurrent actor there is.
 struct Counter {

@@ -1,18 +1,13 @@
 //! Numbers that are infinite or not a number are refused by name before they change a parameter.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/parts.rs"]
-mod parts;
-
-use parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, AlgorithmState, Outcome, Ppo, PpoSettings, RlError,
     RolloutBuffer, Transition, evaluate,
 };
+
+use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 
 /// What makes a number wrong.
 type Change<T> = fn(&mut T);

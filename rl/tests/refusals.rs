@@ -1,13 +1,5 @@
 //! Slices of wrong length are refused by name at every public entry.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/parts.rs"]
-mod parts;
-
-use common::PointReach;
-use parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,6 +7,9 @@ use rl::{
     Actor, Adam, Assess, Decisions, Features, GaeInputs, OnPolicy, Outcome, ParamGroup, RlError,
     RolloutBuffer, RolloutState, Values, collect, evaluate, gae,
 };
+
+use crate::common::PointReach;
+use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
 
 fn resize<T: Clone + Default>(values: &mut Vec<T>, change: isize) {
     let len = values.len().saturating_add_signed(change);

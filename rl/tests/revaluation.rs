@@ -1,14 +1,6 @@
 //! A policy that learns from another one's rollout: its own log-probabilities and values replace
 //! the recorded ones.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/largest.rs"]
-mod largest;
-
-use common::{EPISODE, PointReach};
-use largest::largest;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -16,6 +8,9 @@ use rl::{
     OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats,
     Values, VectorEnv, collect,
 };
+
+use crate::common::largest::largest;
+use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 5;
 

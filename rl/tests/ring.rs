@@ -1,15 +1,11 @@
 //! The replay against a list that forgets nothing.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/episodes.rs"]
-mod episodes;
-
-use episodes::{Episodes, Step, settings, spec};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations, Outcome, Recorded, Replay, ReplaySettings, RlError, Transition};
+
+use crate::common::episodes::{Episodes, Step, settings, spec};
 
 /// Records `count` steps of every environment, with a reset before each of the steps in `resets`.
 fn fill(episodes: &mut Episodes, replay: &mut Replay, count: usize, resets: &[usize]) -> Vec<Step> {

@@ -1,20 +1,14 @@
 //! Updates of soft actor-critic: how many, the same bits everywhere, and refusals.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/joint.rs"]
-mod joint;
-#[path = "common/sac.rs"]
-mod sac;
-
-use common::{EPISODE, PointReach};
 use rl::{
     Actor, Algorithm, ContextSettings, Encoder, EnvSpec, Metrics, NetworkSettings, Observations,
     Replay, RlError, Sac, SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
 };
-use sac::{ENVS, Run, network, replay_settings, settings};
 use symmetry::Group;
+
+use crate::common::joint;
+use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
+use crate::common::{EPISODE, PointReach};
 
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
 const LEARNED: Temperature = Temperature::Learned {

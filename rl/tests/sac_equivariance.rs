@@ -1,11 +1,5 @@
 //! The contract of the equivariant tanh-Gaussian policy, with and without a context.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-#[path = "common/largest.rs"]
-mod largest;
-
-use largest::largest;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -13,6 +7,8 @@ use rl::{
     SacPolicy,
 };
 use symmetry::{D2, Group, Irrep};
+
+use crate::common::largest::largest;
 
 const ENVS: usize = 3;
 const A: usize = 3;

@@ -1,17 +1,6 @@
 //! Soft actor-critic learns toy tasks within seconds, from vectors, from pixels and with a memory,
 //! and a policy that does not learn, or does not remember, does not pass the same thresholds.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-#[path = "common/guess.rs"]
-mod guess;
-#[path = "common/joint.rs"]
-mod joint;
-
-use common::PointReach;
-use guess::Guess;
-use joint::joint;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -19,6 +8,10 @@ use rl::{
     Sac, SacPolicy, SacSettings, VectorEnv, collect, evaluate,
 };
 use symmetry::Group;
+
+use crate::common::PointReach;
+use crate::common::guess::Guess;
+use crate::common::joint::joint;
 
 const ENVS: usize = 16;
 

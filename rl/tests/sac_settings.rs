@@ -1,7 +1,5 @@
 //! Settings of soft actor-critic: ranges, files, and what the paper lists.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
 use rl::{
     ContextSettings, Critic, Encoder, EnvSpec, NetworkSettings, PpoSettings, ReplaySettings, Sac,
     SacPolicy, SacSettings, Temperature,

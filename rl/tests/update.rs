@@ -1,10 +1,5 @@
 //! One update: first-minibatch identities, reproducibility on any number of threads, and refusals.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
-
-mod common;
-
-use common::{EPISODE, PointReach};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -12,6 +7,8 @@ use rl::{
     OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
     VectorEnv, collect, evaluate,
 };
+
+use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 9;
 

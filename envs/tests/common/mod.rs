@@ -1,5 +1,7 @@
 //! A task of somebody else's: a block that is pushed along +y.
 
+pub mod spoilt;
+
 use envs::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, reward};
 use glam::DVec3;
 use rand::RngExt;

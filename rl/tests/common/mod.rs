@@ -1,6 +1,15 @@
 //! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly
 //! D2-symmetric.
 
+pub mod ages;
+pub mod episodes;
+pub mod guess;
+pub mod joint;
+pub mod largest;
+pub mod parts;
+pub mod sac;
+pub mod unseeing;
+
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};

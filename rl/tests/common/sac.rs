@@ -7,8 +7,8 @@ use rl::{
     RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
 };
 
+use crate::common::joint::joint;
 use crate::common::{EPISODE, PointReach};
-use crate::joint::joint;
 
 pub const ENVS: usize = 5;
 

@@ -1,15 +1,12 @@
 //! The closed form of steerable kernels against the general solver of the kernel constraint.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests")]
-
-#[path = "../common/mod.rs"]
-mod common;
 mod solver;
 
-use common::{kernel, normal};
 use equivariant::{Dense, FieldType, Group, Layer, Linear, R2Conv};
 use proptest::prelude::*;
 use solver::{Representation, kernel_space};
+
+use crate::common::{self, kernel, normal};
 
 /// The part of `kernel` outside the span of an orthonormal basis, relative to it.
 fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {

@@ -1,0 +1,20 @@
+//! The integration tests of this crate as one program, which is compiled and linked once.
+//! `allocations.rs` is a program of its own.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod button;
+mod common;
+mod conformance;
+mod experts;
+mod foreign_tasks;
+mod inpainting;
+mod layouts;
+mod pictures;
+mod rewards;
+mod scenes;
+mod tasks;
+mod vec_env;
+
+#[path = "../examples/inpainting/arm.rs"]
+mod arm;

@@ -1,0 +1,20 @@
+//! The integration tests of this crate as one program, which is compiled and linked once.
+//! `allocations.rs` is a program of its own.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod chunks;
+mod common;
+mod equivariance;
+mod errors;
+mod golden;
+mod gradients;
+mod gru;
+mod init;
+mod interchange;
+mod kernel_space;
+mod norm;
+mod oracle;
+mod precision;
+mod scratch;
+mod slices;

@@ -1,0 +1,22 @@
+//! The integration tests of this crate as one program, which is compiled and linked once.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod actions;
+mod augmentation;
+mod buffer;
+mod collection;
+mod common;
+mod equivariance;
+mod horizon;
+mod learning;
+mod memory;
+mod numbers;
+mod refusals;
+mod revaluation;
+mod ring;
+mod sac;
+mod sac_equivariance;
+mod sac_learning;
+mod sac_settings;
+mod update;

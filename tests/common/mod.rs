@@ -1,0 +1,4 @@
+//! What several files of tests share.
+
+pub mod bars;
+pub mod scratch;

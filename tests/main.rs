@@ -1,0 +1,27 @@
+//! The integration tests of this crate as one program, which is compiled and linked once.
+//! `faults/` is a program of its own.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod common;
+mod dependencies;
+mod embedding;
+mod fuzz;
+mod learner;
+mod learns;
+mod modules;
+mod off_policy;
+mod pages;
+mod parity;
+mod ppo_table;
+mod pretrained;
+mod recognition;
+mod report;
+mod runs;
+mod trials;
+mod variants;
+
+#[path = "../rl/tests/common/guess.rs"]
+mod guess;
+#[path = "../fuzz/src/targets/mod.rs"]
+mod targets;
