@@ -1,5 +1,7 @@
 //! Episodes of worlds, acted by experts.
 
+#![allow(dead_code, clippy::unwrap_used)]
+
 use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
