@@ -108,10 +108,10 @@ impl Grouping for Script {
         &mut self,
         index: usize,
         twin: usize,
-        episodes: Episodes<'_>,
+        episodes: [Episodes<'_>; 2],
         _: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
-        assert_eq!(episodes.collector, index);
+        assert_eq!(episodes.map(|both| both.collector), [twin, index]);
         Ok(Some(Merge {
             kept: twin,
             gone: index,

@@ -82,7 +82,7 @@ impl Memory {
     /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
-        let home = mean_home(self);
+        let home = mean_earned(self.home().into_iter());
         match (self.beginning, home, now) {
             (Some(beginning), Some(home), Some(now)) if home > beginning => {
                 (home - now) / (home - beginning).max(home.abs() / 2.0)
@@ -90,11 +90,6 @@ impl Memory {
             _ => 0.0,
         }
     }
-}
-
-/// What a policy earns of late.
-fn mean_home(memory: &Memory) -> Option<f64> {
-    mean_earned(memory.home().into_iter())
 }
 
 /// A policy improves if the later half of its earnings is better by so many standard deviations.

@@ -13,11 +13,9 @@ use crate::recogniser::{Finding, Recogniser};
 /// What becomes of two policies that serve one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Merge {
-    /// The one that was heard in the other's group and serves there, too: it goes on as it is, under
-    /// its number.
+    /// The one that acts for both: it goes on as it is, under its number.
     pub kept: usize,
-    /// The other one, which was not heard in the first one's group. It is kept as it is and asked
-    /// again before a new policy is opened.
+    /// The other one, which is kept as it is and asked again before a new policy is opened.
     pub gone: usize,
 }
 
@@ -57,8 +55,8 @@ impl Recogniser {
         self.check_policy(policy)?;
         let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
-        let earned: Vec<&Account> = accounts.iter().collect();
-        let lags = examiner.is_loss(self.memories[policy].lost(&earned));
+        // nor may the one that is at home earn much more there
+        let lags = self.lost(policy, accounts) >= self.settings().min_loss;
         let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
@@ -66,12 +64,10 @@ impl Recogniser {
         Ok(is_twin)
     }
 
-    /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found it to serve,
-    /// if `policy` serves still in these episodes, in which it acted itself. Else the two stay
-    /// apart.
-    ///
-    /// The other way round nothing is known: `policy` was not heard at the home of `twin`, which is
-    /// why it is `twin` that goes on.
+    /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found by `heard`
+    /// that it serves, if `policy` serves still in the episodes `again`, in which it acted itself.
+    /// Else the two stay apart. It is `twin` that goes on, since nobody heard `policy` at the home of
+    /// `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
     ///
     /// # Errors
     /// Those of [`Recogniser::compare`].
@@ -79,23 +75,33 @@ impl Recogniser {
         &mut self,
         policy: usize,
         twin: usize,
-        accounts: &[Account],
+        (heard, again): (&[Account], &[Account]),
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
         self.check_policy(twin)?;
         if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
             return Ok(None);
         }
-        let opinion = self.opinion_of(policy, accounts, rng)?;
+        let opinion = self.opinion_of(policy, again, rng)?;
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
             self.part(policy, twin);
             return Ok(None);
         }
-        self.memories[policy].heir = Some(twin);
-        let apart = self.memories[policy].apart.clone();
-        self.memories[twin].apart.extend(apart);
-        let (kept, gone) = (twin, policy);
+        let lost = self.lost(policy, heard);
+        let (kept, gone) = match Examiner(self.settings()).is_loss(lost) {
+            true => (policy, twin),
+            false => (twin, policy),
+        };
+        self.memories[gone].heir = Some(kept);
+        let apart = self.memories[gone].apart.clone();
+        self.memories[kept].apart.extend(apart);
         Ok(Some(Merge { kept, gone }))
+    }
+
+    /// The share of what `policy` has learnt to earn that these episodes did not pay.
+    fn lost(&self, policy: usize, accounts: &[Account]) -> f64 {
+        let accounts: Vec<&Account> = accounts.iter().collect();
+        self.memories[policy].lost(&accounts)
     }
 
     /// For each policy the one that acts for its group, too, since the two were merged.

@@ -188,11 +188,12 @@ impl Grouping for Evident {
         &mut self,
         index: usize,
         twin: usize,
-        episodes: Episodes<'_>,
+        [heard, again]: [Episodes<'_>; 2],
         rng: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
-        let accounts = self.accounts(episodes, index)?;
-        Ok(self.recogniser.merge(index, twin, &accounts, rng)?)
+        let heard = self.accounts(heard, twin)?;
+        let again = self.accounts(again, index)?;
+        Ok(self.recogniser.merge(index, twin, (&heard, &again), rng)?)
     }
 
     fn heirs(&self) -> Option<Vec<Option<usize>>> {

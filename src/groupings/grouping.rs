@@ -134,8 +134,9 @@ pub trait Grouping: Send {
         Ok(false)
     }
 
-    /// Makes `twin` the heir of policy `index`, unless the episodes that policy `index` collected
-    /// last say otherwise: returns the one that goes on, and the one that has an heir.
+    /// Makes one of two policies the heir of the other one by the episodes that `twin` collected,
+    /// unless those that policy `index` collected after them say otherwise: returns the one that
+    /// goes on, and the one that has an heir.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -143,7 +144,7 @@ pub trait Grouping: Send {
         &mut self,
         _index: usize,
         _twin: usize,
-        _episodes: Episodes<'_>,
+        _episodes: [Episodes<'_>; 2],
         _rng: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
         Ok(None)

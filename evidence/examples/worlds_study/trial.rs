@@ -269,7 +269,8 @@ impl Trial {
         self.current = policy;
         if is_twin {
             let again = self.roll_out(1)?;
-            let merge = self.recogniser.merge(policy, twin, &again, &mut self.rng)?;
+            let both = (&heard[..], &again[..]);
+            let merge = self.recogniser.merge(policy, twin, both, &mut self.rng)?;
             self.current = merge.map_or(policy, |merge| merge.kept);
         }
         let heirs = self.recogniser.heirs();

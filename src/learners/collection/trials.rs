@@ -70,8 +70,9 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Lets a policy act that may serve the group of the current one, too; if it does, it goes on
-    /// there, with its parameters, its optimiser and its number. Returns the decisions taken.
+    /// Lets a policy act that may serve the group of the current one, too; if it does, one of the two
+    /// goes on for both, with its parameters, its optimiser and its number. Returns the decisions
+    /// taken.
     pub(super) fn look_for_twin(&mut self, env: &mut dyn VectorEnv) -> Result<usize, CoversError> {
         let mut decisions = 0;
         let policy = self.current;
@@ -84,34 +85,26 @@ impl<S: CollectionSettings> Collection<S> {
         let Some(heard) = heard else {
             return Ok(decisions);
         };
-        let courses = courses(&heard, 0);
-        let seen = Episodes {
-            spec: &self.spec,
-            collector: twin,
-            courses: &courses,
+        let spec = self.spec.clone();
+        let seen = |collector, courses| Episodes {
+            spec: &spec,
+            collector,
+            courses,
         };
+        let heard = courses(&heard, 0);
         let rng = &mut self.generators.assignment;
-        if self.grouping.compare(policy, twin, seen, rng)?
+        if self
+            .grouping
+            .compare(policy, twin, seen(twin, &heard), rng)?
             && let Some(again) = self.hear(env, &mut decisions)?
         {
-            self.merge(twin, &again)?;
+            let again = courses(&again, 0);
+            let both = [seen(twin, &heard), seen(policy, &again)];
+            let rng = &mut self.generators.assignment;
+            let merge = self.grouping.merge(policy, twin, both, rng)?;
+            self.current = merge.map_or(policy, |merge| merge.kept);
         }
         Ok(decisions)
-    }
-
-    /// Lets `twin` go on for the current policy, unless what that one did last says otherwise.
-    fn merge(&mut self, twin: usize, again: &RolloutOf<S>) -> Result<(), CoversError> {
-        let courses = courses(again, 0);
-        let seen = Episodes {
-            spec: &self.spec,
-            collector: self.current,
-            courses: &courses,
-        };
-        let rng = &mut self.generators.assignment;
-        if let Some(merge) = self.grouping.merge(self.current, twin, seen, rng)? {
-            self.current = merge.kept;
-        }
-        Ok(())
     }
 
     /// Lets the current policy act for [`Collection::hearing`] steps, and adds the decisions to
