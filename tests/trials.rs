@@ -26,6 +26,7 @@ struct Script {
     learns: Option<usize>,
     /// Policies that serve one group, the first of which goes on.
     twins: Option<(usize, usize)>,
+    heirs: Option<Vec<Option<usize>>>,
     /// Whether every rollout shows two groups.
     is_cut: bool,
 }
@@ -112,10 +113,15 @@ impl Grouping for Script {
         _: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
         assert_eq!(episodes.map(|both| both.collector), [twin, index]);
+        self.heirs = Some(vec![None, Some(twin)]);
         Ok(Some(Merge {
             kept: twin,
             gone: index,
         }))
+    }
+
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        self.heirs.clone()
     }
 }
 
@@ -195,6 +201,7 @@ fn twins() -> Script {
     Script {
         decisions: vec![Decision::New, Decision::Existing(0)],
         twins: Some((0, 1)),
+        heirs: Some(Vec::new()),
         ..Script::default()
     }
 }
@@ -211,6 +218,20 @@ fn of_twins_one_goes_on() {
         ..twins()
     });
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
+}
+
+/// What a turn tells and logs of policies that were merged in it.
+#[test]
+fn merges_are_seen() {
+    let (mut env, mut covers) = learner(twins());
+    let told = (0..3).map(|_| {
+        let turn = covers.learn(&mut env).unwrap();
+        let logged = turn.metrics.get("heirs").unwrap().to_string();
+        (turn.heirs.iter().flatten().count(), logged)
+    });
+    let merged = || (1, ";0".to_owned());
+    let expected = [(0, String::new()), merged(), merged()];
+    assert_eq!(told.collect::<Vec<_>>(), expected);
 }
 
 /// A replay takes what another policy collected, so that only twins cost decisions.

@@ -272,7 +272,7 @@ impl Run {
         } else {
             ledger.record(group.name(), returns, turn.policy);
         }
-        ledger.record_heirs(&turn);
+        ledger.record_heirs(&turn.heirs);
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
