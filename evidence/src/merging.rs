@@ -22,7 +22,7 @@ pub struct Merge {
 impl Recogniser {
     /// A policy that may serve the group of `policy`, which `finding` accepted: it looks alike
     /// there, both have learnt, and the two were never compared. Let it act for some episodes of
-    /// that group and [`Recogniser::compare`] them. Each two policies are compared once.
+    /// that group and [`Recogniser::compare`] them. Two that differ are not compared again.
     pub fn twin(&self, policy: usize, finding: &Finding) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -66,8 +66,8 @@ impl Recogniser {
 
     /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found by `heard`
     /// that it serves, if `policy` serves still in the episodes `again`, in which it acted itself.
-    /// Else the two stay apart. It is `twin` that goes on, since nobody heard `policy` at the home of
-    /// `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
+    /// Else they may be compared again. It is `twin` that goes on, since nobody heard `policy` at the
+    /// home of `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
     ///
     /// # Errors
     /// Those of [`Recogniser::compare`].
@@ -84,7 +84,6 @@ impl Recogniser {
         }
         let opinion = self.opinion_of(policy, again, rng)?;
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
-            self.part(policy, twin);
             return Ok(None);
         }
         let lost = self.lost(policy, heard);
