@@ -27,6 +27,7 @@ test: deps
 	$(EXAMPLES)/embed_cluster
 	$(EXAMPLES)/embed_env
 	$(EXAMPLES)/embed_equivariant
+	$(EXAMPLES)/embed_robot
 	$(EXAMPLES)/continual_stream --budget smoke --json
 	$(EXAMPLES)/own_task --budget smoke
 	packages=$$(mktemp -d -p $(TARGET)) && trap 'rm -rf "$$packages"' EXIT && \

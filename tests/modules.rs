@@ -28,7 +28,16 @@ fn stems(folder: &Path) -> io::Result<Vec<String>> {
 #[test]
 fn every_file_of_tests_is_compiled() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    for package in ["cluster", "envs", "equivariant", "evidence", "rl", "."] {
+    let packages = [
+        "cluster",
+        "envs",
+        "equivariant",
+        "evidence",
+        "rl",
+        "robots",
+        ".",
+    ];
+    for package in packages {
         let package = root.join(package);
         let read = |file: &str| fs::read_to_string(package.join(file)).unwrap();
         let files = stems(&package.join("tests")).unwrap();

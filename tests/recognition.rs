@@ -1,14 +1,11 @@
 //! From how few episodes a learner recognises a group, on a toy environment.
 
-#[path = "common/bars.rs"]
-#[allow(dead_code, reason = "other tests ask more of it")]
-mod bars;
-
-use bars::Bars;
 use covers::{Covers, CoversSettings, GroupingSettings, Learner};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Encoder, NetworkSettings, PpoSettings, VectorEnv};
+
+use crate::common::bars::Bars;
 
 fn settings(grouping: GroupingSettings) -> CoversSettings {
     CoversSettings {

@@ -1,0 +1,206 @@
+//! Shapes that links collide as, and the capsules that hold them.
+
+use glam::DVec3;
+
+use crate::pose::Pose;
+
+/// All points within `radius` of a segment (metres).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Capsule {
+    /// Ends of the segment; equal for a sphere.
+    pub ends: [DVec3; 2],
+    /// Distance from the segment to the surface.
+    pub radius: f64,
+}
+
+impl Capsule {
+    /// Distance of `point` from the surface, negative inside.
+    pub fn distance(&self, point: DVec3) -> f64 {
+        let [start, end] = self.ends;
+        let (axis, way) = (end - start, point - start);
+        // a sphere's axis has no length
+        let along = way.dot(axis) / axis.length_squared().max(f64::MIN_POSITIVE);
+        way.distance(along.clamp(0.0, 1.0) * axis) - self.radius
+    }
+}
+
+/// A shape about the origin; the axis of what has one is z (metres).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    /// A sphere.
+    Sphere {
+        /// Its radius.
+        radius: f64,
+    },
+    /// A cylinder between two half spheres.
+    Capsule {
+        /// Radius of the cylinder and of the spheres.
+        radius: f64,
+        /// Length of the cylinder.
+        length: f64,
+    },
+    /// A cylinder.
+    Cylinder {
+        /// Its radius.
+        radius: f64,
+        /// Its length.
+        length: f64,
+    },
+    /// A box.
+    Box {
+        /// Half of its sizes.
+        half: DVec3,
+    },
+}
+
+/// A shape in the frame of its link.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedShape {
+    /// Where it is.
+    pub pose: Pose,
+    /// What it is.
+    pub shape: Shape,
+}
+
+impl PlacedShape {
+    /// A capsule that holds the shape where its link is at `link`.
+    ///
+    /// Spheres and capsules fill it. The capsule of a cylinder is longer than the cylinder by two
+    /// half spheres; that of a box has the box's longest axis and passes through its edges.
+    pub fn capsule(&self, link: &Pose) -> Capsule {
+        let (half, radius) = match self.shape {
+            Shape::Sphere { radius } => (DVec3::ZERO, radius),
+            Shape::Capsule { radius, length } | Shape::Cylinder { radius, length } => {
+                (0.5 * length * DVec3::Z, radius)
+            }
+            Shape::Box { half } => along_longest(half),
+        };
+        let pose = *link * self.pose;
+        Capsule {
+            ends: [pose.point(-half), pose.point(half)],
+            radius,
+        }
+    }
+}
+
+/// The part of a box's half size along its longest axis, and the length of the rest.
+fn along_longest(half: DVec3) -> (DVec3, f64) {
+    let axis = DVec3::AXES[half.max_position()];
+    let along = half * axis;
+    (along, (half - along).length())
+}
+
+/// Largest difference (metres) between figures of a file that mean the same.
+const SAME: f64 = 1e-6;
+
+/// Replaces every cylinder that has a sphere of its radius at both ends by the capsule that the
+/// three are. URDF has no capsule, and this is the usual way to write one.
+pub(crate) fn join_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
+    let mut left: Vec<Option<PlacedShape>> = shapes.into_iter().map(Some).collect();
+    for index in 0..left.len() {
+        if let Some((capsule, caps)) = left[index].and_then(|one| capsule_of(one, &left)) {
+            left[index] = Some(capsule);
+            for cap in caps {
+                left[cap] = None;
+            }
+        }
+    }
+    left.into_iter().flatten().collect()
+}
+
+/// The capsule that a cylinder is part of, and which of `shapes` are its caps.
+fn capsule_of(
+    PlacedShape { pose, shape }: PlacedShape,
+    shapes: &[Option<PlacedShape>],
+) -> Option<(PlacedShape, [usize; 2])> {
+    let Shape::Cylinder { radius, length } = shape else {
+        return None;
+    };
+    let cap = |side: f64| {
+        let end = pose.point(side * 0.5 * length * DVec3::Z);
+        shapes
+            .iter()
+            .position(|other| other.is_some_and(|other| is_cap(&other, end, radius)))
+    };
+    let capsule = PlacedShape {
+        pose,
+        shape: Shape::Capsule { radius, length },
+    };
+    Some((capsule, [cap(-1.0)?, cap(1.0)?]))
+}
+
+fn is_cap(shape: &PlacedShape, end: DVec3, expected: f64) -> bool {
+    match shape.shape {
+        Shape::Sphere { radius } => {
+            (radius - expected).abs() < SAME && shape.pose.position.distance(end) < SAME
+        }
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    fn placed(shape: Shape, position: DVec3) -> PlacedShape {
+        PlacedShape {
+            pose: Pose::at(position),
+            shape,
+        }
+    }
+
+    #[test]
+    fn a_capsule_holds_every_corner_of_its_box() {
+        let half = DVec3::new(0.1, 0.3, 0.2);
+        let link = Pose::from_xyz_rpy([1.0, 2.0, 3.0], [0.3, -0.7, 2.0]);
+        let shape = PlacedShape {
+            pose: Pose::from_xyz_rpy([0.1, 0.0, -0.2], [1.0, 0.2, 0.0]),
+            shape: Shape::Box { half },
+        };
+        let capsule = shape.capsule(&link);
+        assert!((capsule.radius - 0.05_f64.sqrt()).abs() < 1e-15);
+        for corner in 0..8 {
+            let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
+            let point = DVec3::new(sign(0), sign(1), sign(2)) * half;
+            let outside = capsule.distance((link * shape.pose).point(point));
+            assert!(outside.abs() < 1e-12, "{outside}");
+        }
+        assert!(capsule.distance((link * shape.pose).point(1.9 * DVec3::Y)) > 1.0);
+    }
+
+    #[test]
+    fn a_cylinder_between_two_spheres_is_one_capsule() {
+        let cylinder = Shape::Cylinder {
+            radius: 0.1,
+            length: 0.4,
+        };
+        let sphere = Shape::Sphere { radius: 0.1 };
+        let at = DVec3::new(0.0, 1.0, 0.0);
+        let turned = PlacedShape {
+            pose: Pose {
+                position: at,
+                rotation: DQuat::from_rotation_x(0.3),
+            },
+            shape: cylinder,
+        };
+        let ends = [-0.2, 0.2].map(|z| placed(sphere, turned.pose.point(z * DVec3::Z)));
+        let joined = join_capsules(vec![ends[0], turned, ends[1]]);
+        let expected = PlacedShape {
+            shape: Shape::Capsule {
+                radius: 0.1,
+                length: 0.4,
+            },
+            ..turned
+        };
+        assert_eq!(joined, [expected]);
+        // one cap alone, or caps of another size, are shapes of their own
+        assert_eq!(join_capsules(vec![turned, ends[0]]).len(), 2);
+        let wider = ends.map(|end| placed(Shape::Sphere { radius: 0.11 }, end.pose.position));
+        assert_eq!(
+            join_capsules([vec![turned], wider.to_vec()].concat()).len(),
+            3
+        );
+    }
+}

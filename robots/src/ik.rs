@@ -1,0 +1,270 @@
+//! Inverse kinematics by damped least squares: of velocities, and of a pose.
+
+use crate::chain::{Chain, ChainJoint};
+use crate::description::check_length;
+use crate::error::ControlError;
+use crate::pose::Pose;
+use crate::spd;
+use crate::twist::Twist;
+
+/// Solves for joint velocities again and again without allocating.
+#[derive(Clone, Debug)]
+pub(crate) struct DampedLeastSquares {
+    columns: Vec<Twist>,
+    /// Joints whose velocity is given by a bound.
+    held: Vec<bool>,
+    velocities: Vec<f64>,
+}
+
+impl DampedLeastSquares {
+    pub(crate) fn new(joints: usize) -> Self {
+        Self {
+            columns: vec![Twist::ZERO; joints],
+            held: vec![false; joints],
+            velocities: vec![0.0; joints],
+        }
+    }
+
+    /// What was solved last, one velocity for each joint.
+    pub(crate) fn velocities(&self) -> &[f64] {
+        &self.velocities
+    }
+
+    /// Joint velocities within `bounds` that move the tip by `wanted` and, as far as that leaves a
+    /// choice, are those that `posture` asks for.
+    ///
+    /// With damping `l` it minimises `|J v - wanted|^2 + l^2 |v - posture|^2` (Wampler 1986,
+    /// "Manipulator inverse kinematic solutions based on vector formulations and damped
+    /// least-squares methods"). The joint that leaves its bounds the most is held at its bound, and
+    /// the others are solved again, until all are within (Flacco, De Luca, Khatib 2012, "Motion
+    /// control of redundant robots under joint constraints: saturation in the null space").
+    pub(crate) fn solve(
+        &mut self,
+        chain: &Chain,
+        configuration: &[f64],
+        wanted: Twist,
+        damping: f64,
+        posture: impl Fn(usize) -> f64,
+        bounds: impl Fn(usize) -> [f64; 2],
+    ) {
+        chain.jacobian(configuration, &mut self.columns);
+        self.held.fill(false);
+        for _ in 0..=self.held.len() {
+            self.solve_free(wanted, damping, &posture);
+            let Some((joint, bound)) = self.worst(&bounds) else {
+                return;
+            };
+            self.held[joint] = true;
+            self.velocities[joint] = bound;
+        }
+    }
+
+    /// Solves for the joints that are not held.
+    fn solve_free(&mut self, wanted: Twist, damping: f64, posture: impl Fn(usize) -> f64) {
+        let mut system = [[0.0; 6]; 6];
+        let mut rest = wanted;
+        for joint in 0..self.held.len() {
+            let column = self.columns[joint];
+            if !self.held[joint] {
+                self.velocities[joint] = posture(joint);
+                add_square(&mut system, column);
+            }
+            rest = rest + -self.velocities[joint] * column;
+        }
+        (0..6).for_each(|row| system[row][row] += damping * damping);
+        let multipliers = Twist::from(spd::solve(&system, rest.to_array()));
+        for joint in (0..self.held.len()).filter(|&joint| !self.held[joint]) {
+            self.velocities[joint] += self.columns[joint].dot(&multipliers);
+        }
+    }
+
+    /// The free joint that is out of its bounds the most, and the bound that it should be held at.
+    fn worst(&self, bounds: impl Fn(usize) -> [f64; 2]) -> Option<(usize, f64)> {
+        let mut worst = None;
+        let mut furthest = 0.0;
+        for joint in (0..self.held.len()).filter(|&joint| !self.held[joint]) {
+            let velocity = self.velocities[joint];
+            let [low, high] = bounds(joint);
+            let bound = velocity.max(low).min(high);
+            if (velocity - bound).abs() > furthest {
+                furthest = (velocity - bound).abs();
+                worst = Some((joint, bound));
+            }
+        }
+        worst
+    }
+}
+
+/// Adds `column column^T`.
+fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
+    let column = column.to_array();
+    for (row, left) in system.iter_mut().zip(column) {
+        row.iter_mut()
+            .zip(column)
+            .for_each(|(sum, right)| *sum += left * right);
+    }
+}
+
+/// Most iterations of [`Chain::solve`].
+const ITERATIONS: usize = 500;
+/// How near [`Chain::solve`] comes to its target (metres, radians).
+const PRECISION: f64 = 1e-10;
+/// Furthest that a joint moves in one iteration (metres, radians).
+const STRIDE: f64 = 0.3;
+/// Part of the way back to the seed that one iteration goes, where the target leaves a choice.
+const PULL: f64 = 0.1;
+/// Iterations in which that counts. The last ones are for the target alone.
+const PULLED: usize = 100;
+/// Added to half of the squared error, it is the damping of [`Chain::solve`]
+/// (Sugihara 2011, "Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method").
+const LEAST_DAMPING: f64 = 1e-3;
+
+impl Chain {
+    /// A configuration `[len]` within all ranges that brings the tip to `target`. Of several it
+    /// prefers one near `seed`, which is also where the search starts.
+    ///
+    /// # Errors
+    /// [`ControlError::NotFinite`], [`ControlError::Posture`] for a seed out of range,
+    /// [`ControlError::OutOfReach`] with the nearest place that was found.
+    ///
+    /// # Panics
+    /// Where `seed` is not as long as the chain.
+    pub fn solve(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
+        check_length("seed", seed.len(), self.joints().len());
+        check_posture(self, seed)?;
+        if !(target.position.is_finite() && target.rotation.is_finite()) {
+            return Err(ControlError::NotFinite {
+                what: "the target",
+                value: format!("{target:?}"),
+            });
+        }
+        let mut solver = DampedLeastSquares::new(seed.len());
+        let mut configuration = seed.to_vec();
+        for iteration in 0..ITERATIONS {
+            let error = error(&self.tip(&configuration), target);
+            if error.linear.length().max(error.angular.length()) < PRECISION {
+                return Ok(configuration);
+            }
+            let damping = (0.5 * error.dot(&error) + LEAST_DAMPING * LEAST_DAMPING).sqrt();
+            let bounds = |joint: usize| {
+                let [low, high] = room(&self.joints()[joint], configuration[joint]);
+                [low.max(-STRIDE), high.min(STRIDE)]
+            };
+            let pull = if iteration < PULLED { PULL } else { 0.0 };
+            let posture = |joint: usize| pull * (seed[joint] - configuration[joint]);
+            solver.solve(self, &configuration, error, damping, posture, bounds);
+            step(self.joints(), &mut configuration, solver.velocities(), 1.0);
+        }
+        Err(out_of_reach(self, &configuration, target))
+    }
+}
+
+/// The way of the tip to its target, as a twist of one second.
+pub(crate) fn error(tip: &Pose, target: &Pose) -> Twist {
+    let [linear, angular] = tip.way_to(target);
+    Twist { linear, angular }
+}
+
+/// How far down and up a joint at `position` can go.
+pub(crate) fn room(joint: &ChainJoint, position: f64) -> [f64; 2] {
+    let [low, high] = joint
+        .motion
+        .range
+        .unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+    [low - position, high - position]
+}
+
+/// Moves joints by `seconds` of their velocities, within their ranges.
+pub(crate) fn step(
+    joints: &[ChainJoint],
+    configuration: &mut [f64],
+    velocities: &[f64],
+    seconds: f64,
+) {
+    for ((joint, position), velocity) in joints.iter().zip(configuration).zip(velocities) {
+        let [low, high] = joint
+            .motion
+            .range
+            .unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        // the bounds hold but for a rounding
+        *position = (*position + seconds * velocity).clamp(low, high);
+    }
+}
+
+/// Refuses a configuration with a joint outside of its range.
+pub(crate) fn check_posture(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
+    for (joint, &position) in chain.joints().iter().zip(configuration) {
+        let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+        if !(range[0]..=range[1]).contains(&position) {
+            let joint = joint.name.clone();
+            return Err(ControlError::Posture {
+                joint,
+                position,
+                range,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// What keeps the tip from its target.
+pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) -> ControlError {
+    let tip = chain.tip(configuration);
+    let error = error(&tip, target);
+    let mut joints = chain.joints().iter().zip(configuration);
+    let stuck = joints.find(|&(joint, &position)| {
+        let [low, high] = room(joint, position);
+        (-low).min(high) < AT_LIMIT
+    });
+    ControlError::OutOfReach {
+        target: target.position,
+        reached: tip.position,
+        distance: error.linear.length(),
+        angle: error.angular.length(),
+        joint: stuck.map(|(joint, _)| joint.name.clone()),
+    }
+}
+
+/// Room (metres, radians) of a joint that stands at the end of its range.
+const AT_LIMIT: f64 = 1e-6;
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::gen3;
+
+    /// A redundant arm moves its tip as wanted with any one joint held, each at a bound of its own.
+    #[test]
+    fn the_other_joints_do_what_a_held_one_cannot() {
+        let arm = gen3::description().unwrap();
+        let chain = Chain::new(&arm, "tool_link").unwrap();
+        let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
+        let wanted = Twist {
+            linear: DVec3::new(0.1, -0.2, 0.05),
+            angular: DVec3::new(0.0, 0.1, -0.1),
+        };
+        let mut solver = DampedLeastSquares::new(7);
+        let mut solve = |bounds: &dyn Fn(usize) -> [f64; 2]| {
+            solver.solve(&chain, &configuration, wanted, 1e-6, |_| 0.0, bounds);
+            solver.velocities().to_vec()
+        };
+        let free = solve(&|_| [f64::NEG_INFINITY, f64::INFINITY]);
+        let mut columns = [Twist::ZERO; 7];
+        chain.jacobian(&configuration, &mut columns);
+        for (held, velocity) in free.into_iter().enumerate() {
+            let bound = 0.5 * velocity;
+            let bounds = |joint: usize| match joint == held {
+                true => [bound.min(0.0), bound.max(0.0)],
+                false => [f64::NEG_INFINITY, f64::INFINITY],
+            };
+            let velocities = solve(&bounds);
+            assert_eq!(velocities[held], bound);
+            let parts = columns.iter().zip(&velocities);
+            let twist = parts.fold(Twist::ZERO, |sum, (&column, &v)| sum + v * column);
+            let missing = twist + -1.0 * wanted;
+            assert!(missing.dot(&missing).sqrt() < 1e-6, "{held}: {twist:?}");
+        }
+    }
+}

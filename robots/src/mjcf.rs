@@ -1,0 +1,272 @@
+//! MJCF of a robot, for MuJoCo 2.2.2.
+//!
+//! Read this before editing. These points of MuJoCo 2.2.2 matter here:
+//! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
+//! - nothing is limited unless `limited`, `ctrllimited` and `forcelimited` say so;
+//! - `fullinertia` is ordered ixx iyy izz ixy ixz iyz;
+//! - a link and its parent collide where the parent is fixed to the world;
+//! - a body that has shapes but no `inertial` gets the mass of its shapes;
+//! - a position actuator has no damping.
+
+use glam::{DQuat, DVec3};
+
+use crate::capsule::{PlacedShape, Shape};
+use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
+use crate::pose::Pose;
+
+/// What MJCF holds beside the robot itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MjcfSettings {
+    /// How joints are driven; without it, the model has no actuators.
+    pub servo: Option<Servo>,
+    /// Default class of everything in the robot (`childclass`), which the scene must declare.
+    pub class: Option<String>,
+}
+
+/// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
+/// times the speed error, up to the joint's effort.
+///
+/// An actuator has the name of its joint, and [`Servo::control`] is its control. Its damping needs
+/// an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Servo {
+    /// Position error (radians, metres) at which a joint's whole effort is spent; positive.
+    pub saturation: f64,
+    /// Damping over stiffness (seconds).
+    pub damping_time: f64,
+}
+
+impl Default for Servo {
+    /// For a Kinova Gen3 about the stiffness that others simulate it with: 1950 and 450 N m/rad.
+    fn default() -> Self {
+        Self {
+            saturation: 0.02,
+            damping_time: 0.03,
+        }
+    }
+}
+
+impl Servo {
+    /// The control that makes a joint follow a position and its velocity (radians, metres; 1/s).
+    pub fn control(&self, position: f64, velocity: f64) -> f64 {
+        position + self.damping_time * velocity
+    }
+}
+
+impl Description {
+    /// A model of the robot alone: links with masses and collision shapes, joints with limits and
+    /// friction, servos in the order of position vectors, an equality for each joint that follows
+    /// another. Bodies and joints have the names of links and joints; a shape has its link's name
+    /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on.
+    pub fn to_mjcf(&self, settings: &MjcfSettings) -> String {
+        let name = escaped(&self.name);
+        let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
+        let sections = self.sections(settings);
+        format!("<mujoco model=\"{name}\">\n{head}{sections}</mujoco>\n")
+    }
+
+    /// The same as a part for a scene to include. The scene must count angles in radians and, with
+    /// servos, use an implicit integrator.
+    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> String {
+        format!(
+            "<mujocoinclude>\n{}</mujocoinclude>\n",
+            self.sections(settings)
+        )
+    }
+
+    fn sections(&self, settings: &MjcfSettings) -> String {
+        let servos = settings
+            .servo
+            .map_or(String::new(), |servo| self.servos(&servo));
+        let section = |(name, text): (&str, String)| match &text[..] {
+            "" => String::new(),
+            text => format!("<{name}>\n{text}</{name}>\n"),
+        };
+        [
+            ("worldbody", self.bodies(settings)),
+            ("contact", self.excludes()),
+            ("equality", self.equalities()),
+            ("actuator", servos),
+        ]
+        .map(section)
+        .concat()
+    }
+
+    /// Bodies inside their parents. Links come parents first, each followed by all that hangs on
+    /// it, so a link closes those that it does not hang on.
+    fn bodies(&self, settings: &MjcfSettings) -> String {
+        let class = settings.class.as_ref();
+        let class = class.map_or(String::new(), |class| {
+            format!(" childclass=\"{}\"", escaped(class))
+        });
+        let mut text = body(&self.links[0], &self.base, &class) + &contents(&self.links[0]);
+        let mut open = vec![0];
+        for (index, joint) in self.joints.iter().enumerate() {
+            while open.last().is_some_and(|&link| link != joint.parent) {
+                open.pop();
+                text += "</body>\n";
+            }
+            let link = index + 1;
+            open.push(link);
+            text += &body(&self.links[link], &joint.origin, "");
+            text += &joint
+                .motion
+                .map_or(String::new(), |motion| moving(&joint.name, &motion));
+            text += &contents(&self.links[link]);
+        }
+        text + &"</body>\n".repeat(open.len())
+    }
+
+    fn excludes(&self) -> String {
+        let links = 0..self.links.len();
+        let pairs =
+            links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| (n, link)));
+        let exclude = |(first, second): (usize, usize)| {
+            let [first, second] = [first, second].map(|link| escaped(&self.links[link].name));
+            format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n")
+        };
+        pairs.map(exclude).collect()
+    }
+
+    /// The links below `link` that it moves on or is fixed to, as far as both have shapes.
+    fn neighbours(&self, link: usize) -> Vec<usize> {
+        let has_shapes = |link: usize| !self.links[link].shapes.is_empty();
+        let mut found = Vec::new();
+        let mut below = link.checked_sub(1).filter(|_| has_shapes(link));
+        let mut moves = 0;
+        while let Some(joint) = below {
+            let Joint { parent, motion, .. } = &self.joints[joint];
+            moves += usize::from(motion.is_some());
+            if moves > 1 {
+                break;
+            }
+            found.extend(has_shapes(*parent).then_some(*parent));
+            below = parent.checked_sub(1);
+        }
+        found
+    }
+
+    fn equalities(&self) -> String {
+        let names: Vec<&str> = self
+            .free_joints()
+            .map(|(joint, _)| &joint.name[..])
+            .collect();
+        let equality = |joint: &Joint| match joint.motion?.drive {
+            Drive::Free { .. } => None,
+            Drive::Follows {
+                dof,
+                multiplier,
+                offset,
+            } => Some(format!(
+                "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {multiplier} 0 0 0\"/>\n",
+                escaped(&joint.name),
+                escaped(names[dof]),
+            )),
+        };
+        self.joints.iter().filter_map(equality).collect()
+    }
+
+    fn servos(&self, servo: &Servo) -> String {
+        let of_joint = |(joint, motion): (&Joint, &Motion)| {
+            let name = escaped(&joint.name);
+            let (stiffness, effort) = (motion.effort / servo.saturation, motion.effort);
+            let damping = stiffness * servo.damping_time;
+            format!(
+                "<general name=\"{name}\" joint=\"{name}\" biastype=\"affine\" \
+                 gainprm=\"{stiffness}\" biasprm=\"0 -{stiffness} -{damping}\" \
+                 forcelimited=\"true\" forcerange=\"-{effort} {effort}\"/>\n"
+            )
+        };
+        self.free_joints().map(of_joint).collect()
+    }
+}
+
+/// Start of a body. The name `world` is MuJoCo's own; only a root without shapes may have it.
+fn body(link: &Link, pose: &Pose, class: &str) -> String {
+    let name = match &link.name[..] {
+        "world" => String::new(),
+        name => format!(" name=\"{}\"", escaped(name)),
+    };
+    format!("<body{name}{class}{}>\n", placed(pose))
+}
+
+/// Mass and shapes of a link.
+fn contents(link: &Link) -> String {
+    let shapes = link.shapes.iter().enumerate();
+    let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
+    link.inertia
+        .map_or(String::new(), |inertia| inertial(&inertia))
+        + &geoms.collect::<String>()
+}
+
+fn inertial(inertia: &Inertia) -> String {
+    let [x, y, z] = [
+        inertia.tensor.x_axis,
+        inertia.tensor.y_axis,
+        inertia.tensor.z_axis,
+    ];
+    format!(
+        "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
+        numbers(inertia.centre),
+        inertia.mass,
+        x.x,
+        y.y,
+        z.z,
+        x.y,
+        x.z,
+        y.z
+    )
+}
+
+fn moving(name: &str, motion: &Motion) -> String {
+    let kind = match motion.kind {
+        MotionKind::Hinge => "hinge",
+        MotionKind::Slide => "slide",
+    };
+    let range = |[low, high]: [f64; 2]| format!(" limited=\"true\" range=\"{low} {high}\"");
+    format!(
+        "<joint name=\"{}\" type=\"{kind}\" axis=\"{}\" damping=\"{}\" frictionloss=\"{}\"{}/>\n",
+        escaped(name),
+        numbers(motion.axis),
+        motion.damping,
+        motion.friction,
+        motion.range.map_or(String::new(), range)
+    )
+}
+
+/// A shape, which has no mass of its own.
+fn geom(name: &str, placed_shape: &PlacedShape) -> String {
+    let (kind, size) = match placed_shape.shape {
+        Shape::Sphere { radius } => ("sphere", format!("{radius}")),
+        Shape::Capsule { radius, length } => ("capsule", format!("{radius} {}", 0.5 * length)),
+        Shape::Cylinder { radius, length } => ("cylinder", format!("{radius} {}", 0.5 * length)),
+        Shape::Box { half } => ("box", numbers(half)),
+    };
+    let (name, place) = (escaped(name), placed(&placed_shape.pose));
+    format!("<geom name=\"{name}\" type=\"{kind}\" size=\"{size}\"{place} mass=\"0\"/>\n")
+}
+
+/// Attributes of a pose; a quaternion starts with its real part.
+fn placed(pose: &Pose) -> String {
+    let DQuat { x, y, z, w } = pose.rotation;
+    format!(
+        " pos=\"{}\" quat=\"{w} {x} {y} {z}\"",
+        numbers(pose.position)
+    )
+}
+
+fn numbers(DVec3 { x, y, z }: DVec3) -> String {
+    format!("{x} {y} {z}")
+}
+
+/// A name as the value of an attribute.
+fn escaped(name: &str) -> String {
+    let escape = |character: char| match character {
+        '&' => "&amp;".to_owned(),
+        '<' => "&lt;".to_owned(),
+        '>' => "&gt;".to_owned(),
+        '"' => "&quot;".to_owned(),
+        plain => plain.to_string(),
+    };
+    name.chars().map(escape).collect()
+}

@@ -1,0 +1,146 @@
+//! Masses and inertias that a body can have.
+
+use glam::{DMat3, DVec3};
+
+use super::{finite, origin, require};
+use crate::description::{Description, Inertia};
+use crate::error::DescriptionError;
+
+/// Smallest mass of a link that has any (kg).
+const LEAST_MASS: f64 = 1e-6;
+/// Smallest principal inertia of a link that has mass (kg m^2).
+const LEAST_INERTIA: f64 = 1e-12;
+/// By how much the largest principal inertia may exceed the sum of the others, relative to the sum
+/// of all: figures of a file are rounded.
+const ROUNDING: f64 = 1e-6;
+
+/// The mass of a link; none where it has no `<inertial>`, which `urdf-rs` reads as zeros.
+pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, DescriptionError> {
+    let stated = &link.inertial;
+    let place = || format!("inertial of link `{}`", link.name);
+    let mass = stated.mass.value;
+    finite(place, "the mass", &[mass])?;
+    let tensor = &stated.inertia;
+    let [xx, yy, zz] = [tensor.ixx, tensor.iyy, tensor.izz];
+    let [xy, xz, yz] = [tensor.ixy, tensor.ixz, tensor.iyz];
+    let figures = [xx, yy, zz, xy, xz, yz];
+    finite(place, "the inertia", &figures)?;
+    let pose = origin(place, &stated.origin)?;
+    if mass == 0.0 && figures == [0.0; 6] {
+        return Ok(None);
+    }
+    require(
+        mass >= LEAST_MASS,
+        place,
+        "the mass",
+        mass,
+        "a milligram or more",
+    )?;
+    let own = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
+    let own = checked(&link.name, own)?;
+    let turn = DMat3::from_quat(pose.rotation);
+    Ok(Some(Inertia {
+        mass,
+        centre: pose.position,
+        tensor: turn * own * turn.transpose(),
+    }))
+}
+
+/// The inertia of a body: all principal inertias are positive, and none is larger than the sum of
+/// the others (the triangle inequality). What misses the second by a rounding is mended.
+///
+/// The triangle inequality holds exactly where the second moment of mass, half the trace times the
+/// identity less the inertia, has no negative eigenvalue (Wensing, Kim, Slotine 2018, "Linear
+/// matrix inequalities for physically consistent inertial parameter identification", section III).
+fn checked(link: &str, tensor: DMat3) -> Result<DMat3, DescriptionError> {
+    let identity = |scale: f64| DMat3::from_diagonal(DVec3::splat(scale));
+    let trace = tensor.x_axis.x + tensor.y_axis.y + tensor.z_axis.z;
+    let rounding = ROUNDING * trace;
+    let second = identity(0.5 * trace) - tensor;
+    let reason = "a principal inertia is below 1e-12";
+    refuse_unless(
+        is_positive(&(tensor - identity(LEAST_INERTIA))),
+        link,
+        &tensor,
+        reason,
+    )?;
+    let reason = "a principal inertia exceeds the sum of the others";
+    refuse_unless(
+        is_positive(&(second + identity(rounding))),
+        link,
+        &tensor,
+        reason,
+    )?;
+    let sound = is_positive(&(second - identity(rounding)));
+    // a multiple of the identity adds twice as much to two of three as to the third
+    Ok(if sound {
+        tensor
+    } else {
+        tensor + identity(4.0 * rounding)
+    })
+}
+
+/// Refuses links that a joint moves but that have no mass.
+pub(super) fn check_moving(description: &Description) -> Result<(), DescriptionError> {
+    let carried = description.joints.iter().zip(&description.links[1..]);
+    let mut moved = carried.filter(|(joint, _)| joint.motion.is_some());
+    match moved.find(|(_, link)| link.inertia.is_none()) {
+        None => Ok(()),
+        Some((joint, link)) => Err(DescriptionError::MissingInertia {
+            link: link.name.clone(),
+            joint: joint.name.clone(),
+        }),
+    }
+}
+
+fn refuse_unless(
+    holds: bool,
+    link: &str,
+    tensor: &DMat3,
+    reason: &'static str,
+) -> Result<(), DescriptionError> {
+    if holds {
+        return Ok(());
+    }
+    let [x, y, z] = [tensor.x_axis, tensor.y_axis, tensor.z_axis];
+    Err(DescriptionError::Inertia {
+        link: link.to_owned(),
+        tensor: [x.x, y.y, z.z, x.y, x.z, y.z],
+        reason,
+    })
+}
+
+/// Whether a symmetric matrix has positive eigenvalues alone (Sylvester's criterion).
+fn is_positive(matrix: &DMat3) -> bool {
+    let [x, y] = [matrix.x_axis, matrix.y_axis];
+    x.x > 0.0 && x.x * y.y - x.y * y.x > 0.0 && matrix.determinant() > 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn diagonal(x: f64, y: f64, z: f64) -> DMat3 {
+        DMat3::from_diagonal(DVec3::new(x, y, z))
+    }
+
+    #[test]
+    fn the_triangle_inequality_holds_in_any_axes() {
+        let turn = DMat3::from_euler(glam::EulerRot::XYZ, 0.4, 1.1, -2.0);
+        for (moments, holds) in [
+            ((1.0, 1.0, 1.0), true),
+            ((1.0, 2.0, 2.9), true),
+            // a thin plate
+            ((1.0, 1.0, 2.0), true),
+            ((1.0, 1.0, 2.01), false),
+            ((5.0, 1.0, 1.0), false),
+            ((-1.0, 1.0, 1.0), false),
+            ((-1.0, -1.0, -1.0), false),
+            ((0.0, 1.0, 1.0), false),
+        ] {
+            let (x, y, z) = moments;
+            let tensor = turn * diagonal(x, y, z) * turn.transpose();
+            assert_eq!(checked("l", tensor).is_ok(), holds, "{moments:?}");
+        }
+    }
+}

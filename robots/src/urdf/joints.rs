@@ -1,0 +1,161 @@
+//! Joints: kinds, axes, limits, and which follows which.
+
+use glam::DVec3;
+use urdf_rs::JointType;
+
+use super::tree::Tree;
+use super::{finite, origin, require};
+use crate::description::{Drive, Joint, Motion, MotionKind};
+use crate::error::DescriptionError;
+
+/// Shortest axis that has a direction.
+const SHORTEST_AXIS: f64 = 1e-6;
+
+/// The joints in the tree's order, and how many of them are free.
+pub(super) fn joints(
+    file: &urdf_rs::Robot,
+    tree: &Tree,
+) -> Result<(Vec<Joint>, usize), DescriptionError> {
+    let in_order = || tree.joints.iter().map(|&index| &file.joints[index]);
+    let free: Vec<&str> = in_order()
+        .filter(|joint| is_free(joint))
+        .map(|j| &j.name[..])
+        .collect();
+    let joint = |(stated, &parent): (&urdf_rs::Joint, &usize)| {
+        Ok(Joint {
+            name: stated.name.clone(),
+            parent,
+            origin: origin(|| place(stated), &stated.origin)?,
+            motion: motion(stated, &free)?,
+        })
+    };
+    let joints = in_order().zip(&tree.parents).map(joint);
+    Ok((joints.collect::<Result<_, _>>()?, free.len()))
+}
+
+fn is_free(joint: &urdf_rs::Joint) -> bool {
+    joint.joint_type != JointType::Fixed && joint.mimic.is_none()
+}
+
+fn place(joint: &urdf_rs::Joint) -> String {
+    format!("joint `{}`", joint.name)
+}
+
+fn motion(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Option<Motion>, DescriptionError> {
+    let Some((kind, limited)) = kind(joint)? else {
+        return Ok(None);
+    };
+    let drive = drive(joint, free)?;
+    let [speed, effort] = strength(joint, &drive)?;
+    let [damping, friction] = resistance(joint)?;
+    let range = if limited { Some(range(joint)?) } else { None };
+    Ok(Some(Motion {
+        kind,
+        axis: axis(joint)?,
+        range,
+        speed,
+        effort,
+        damping,
+        friction,
+        drive,
+    }))
+}
+
+/// How the joint moves, and whether it has limits; none for a fixed one.
+fn kind(joint: &urdf_rs::Joint) -> Result<Option<(MotionKind, bool)>, DescriptionError> {
+    let kind = match joint.joint_type {
+        JointType::Fixed => return Ok(None),
+        JointType::Revolute => return Ok(Some((MotionKind::Hinge, true))),
+        JointType::Continuous => return Ok(Some((MotionKind::Hinge, false))),
+        JointType::Prismatic => return Ok(Some((MotionKind::Slide, true))),
+        JointType::Floating => "floating",
+        JointType::Planar => "planar",
+        JointType::Spherical => "spherical",
+    };
+    let joint = joint.name.clone();
+    Err(DescriptionError::JointKind { joint, kind })
+}
+
+fn axis(joint: &urdf_rs::Joint) -> Result<DVec3, DescriptionError> {
+    let place = || place(joint);
+    finite(place, "the axis", &*joint.axis.xyz)?;
+    let axis = DVec3::from_array(*joint.axis.xyz);
+    let (length, expected) = (axis.length(), "a direction");
+    require(
+        length > SHORTEST_AXIS,
+        place,
+        "the axis's length",
+        length,
+        expected,
+    )?;
+    Ok(axis / length)
+}
+
+fn range(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
+    let (lower, upper) = (joint.limit.lower, joint.limit.upper);
+    finite(|| place(joint), "a limit", &[lower, upper])?;
+    if lower < upper {
+        return Ok([lower, upper]);
+    }
+    Err(DescriptionError::Limits {
+        joint: joint.name.clone(),
+        lower,
+        upper,
+    })
+}
+
+/// Highest speed and effort. A joint that follows another one needs neither.
+fn strength(joint: &urdf_rs::Joint, drive: &Drive) -> Result<[f64; 2], DescriptionError> {
+    let (speed, effort) = (joint.limit.velocity, joint.limit.effort);
+    let place = || place(joint);
+    let what = "the limit's velocity or effort";
+    finite(place, what, &[speed, effort])?;
+    let follows = matches!(drive, Drive::Follows { .. });
+    let expected = "a positive number in `<limit>`";
+    for (what, value) in [
+        ("the limit's velocity", speed),
+        ("the limit's effort", effort),
+    ] {
+        require(follows || value > 0.0, place, what, value, expected)?;
+    }
+    Ok([speed, effort])
+}
+
+fn resistance(joint: &urdf_rs::Joint) -> Result<[f64; 2], DescriptionError> {
+    let stated = joint.dynamics.as_ref();
+    let resistance = stated.map_or([0.0; 2], |stated| [stated.damping, stated.friction]);
+    let least = resistance[0].min(resistance[1]);
+    let what = "damping or friction";
+    finite(|| place(joint), what, &resistance)?;
+    require(least >= 0.0, || place(joint), what, least, "zero or more")?;
+    Ok(resistance)
+}
+
+/// Where the joint's position comes from, `free` being the joints that follow none.
+fn drive(joint: &urdf_rs::Joint, free: &[&str]) -> Result<Drive, DescriptionError> {
+    let dof = |name: &str| free.iter().position(|free| *free == name);
+    let Some(mimic) = &joint.mimic else {
+        let own = dof(&joint.name).map(|dof| Drive::Free { dof });
+        return own.ok_or_else(|| unknown(joint, &joint.name));
+    };
+    let (multiplier, offset) = (mimic.multiplier.unwrap_or(1.0), mimic.offset.unwrap_or(0.0));
+    finite(
+        || place(joint),
+        "the mimic's multiplier or offset",
+        &[multiplier, offset],
+    )?;
+    let followed = dof(&mimic.joint).ok_or_else(|| unknown(joint, &mimic.joint))?;
+    Ok(Drive::Follows {
+        dof: followed,
+        multiplier,
+        offset,
+    })
+}
+
+fn unknown(joint: &urdf_rs::Joint, followed: &str) -> DescriptionError {
+    DescriptionError::Mimic {
+        joint: joint.name.clone(),
+        followed: followed.to_owned(),
+        reason: "it must name a joint that moves and follows no other",
+    }
+}

@@ -1,0 +1,128 @@
+//! Descriptions from URDF: read by `urdf-rs`, then held to what a robot is.
+//!
+//! `urdf-rs` accepts trees that are none and numbers that are not finite, and fills what is missing
+//! with zeros. Everything below distrusts it.
+
+mod guard;
+mod inertia;
+mod joints;
+mod links;
+mod mesh;
+mod names;
+mod tree;
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
+
+use crate::description::Description;
+use crate::error::DescriptionError;
+use crate::pose::Pose;
+
+pub use guard::{MAX_BYTES, MAX_DEPTH};
+pub use names::MAX_LINKS;
+
+impl Description {
+    /// Reads a URDF file, and the meshes in its folder that its links collide as.
+    ///
+    /// A mesh (STL or OBJ) becomes the capsule that holds its points. `package://NAME/PATH` is
+    /// looked up as `PATH` in the URDF's folder.
+    ///
+    /// # Errors
+    /// [`DescriptionError::Read`], and as [`Description::from_urdf`].
+    pub fn read(path: &Path) -> Result<Self, DescriptionError> {
+        // the folder of a plain name is the empty path, which is no folder
+        let folder = path.parent().filter(|folder| *folder != Path::new(""));
+        Self::parse(&text(path)?, Some(folder.unwrap_or(Path::new("."))))
+    }
+
+    /// Reads a URDF without meshes as collision shapes. Its root is at the world's origin;
+    /// [`Description::placed`] moves it.
+    ///
+    /// Of a link it reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules), of
+    /// a joint everything but `<safety_controller>` and `<calibration>`. Everything else is
+    /// skipped. Units are those of URDF: metres, kilograms, seconds, radians.
+    ///
+    /// # Errors
+    /// A [`DescriptionError`] that says what is wrong where, for whatever is no robot.
+    pub fn from_urdf(text: &str) -> Result<Self, DescriptionError> {
+        Self::parse(text, None)
+    }
+
+    fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
+        guard::check(text)?;
+        let file = urdf_rs::read_from_string(text).map_err(|error| DescriptionError::Syntax {
+            message: error.to_string(),
+        })?;
+        names::check(&file)?;
+        let tree = tree::Tree::new(&file)?;
+        let link = |&index: &usize| links::link(&file.links[index], folder);
+        let links = tree.links.iter().map(link);
+        let (joints, dofs) = joints::joints(&file, &tree)?;
+        let description = Self {
+            links: links.collect::<Result<_, _>>()?,
+            joints,
+            dofs,
+            base: Pose::IDENTITY,
+            name: file.name,
+        };
+        inertia::check_moving(&description)?;
+        Ok(description)
+    }
+}
+
+/// A file's content, or as much of it as shows that it is too long.
+fn text(path: &Path) -> Result<String, DescriptionError> {
+    let read = || -> io::Result<String> {
+        let mut text = String::new();
+        let most = MAX_BYTES as u64 + 1;
+        File::open(path)?.take(most).read_to_string(&mut text)?;
+        Ok(text)
+    };
+    read().map_err(|source| DescriptionError::Read {
+        path: path.to_owned(),
+        source,
+    })
+}
+
+/// Refuses a number that makes no sense.
+fn require(
+    holds: bool,
+    place: impl Fn() -> String,
+    what: &'static str,
+    value: f64,
+    expected: &'static str,
+) -> Result<(), DescriptionError> {
+    if holds {
+        return Ok(());
+    }
+    Err(DescriptionError::Number {
+        place: place(),
+        what,
+        value,
+        expected,
+    })
+}
+
+/// Largest number that a robot's file may hold, in any unit.
+const LARGEST: f64 = 1e6;
+
+/// Refuses numbers that are not finite, and immense ones.
+fn finite(
+    place: impl Fn() -> String,
+    what: &'static str,
+    values: &[f64],
+) -> Result<(), DescriptionError> {
+    let sound = |value: &f64| value.abs() <= LARGEST;
+    let absurd = values.iter().find(|value| !sound(value));
+    let value = absurd.copied().unwrap_or(0.0);
+    let expected = "finite numbers up to 1e6";
+    require(absurd.is_none(), place, what, value, expected)
+}
+
+/// An `<origin>` with finite numbers.
+fn origin(place: impl Fn() -> String, origin: &urdf_rs::Pose) -> Result<Pose, DescriptionError> {
+    finite(&place, "the origin's xyz", &*origin.xyz)?;
+    finite(&place, "the origin's rpy", &*origin.rpy)?;
+    Ok(Pose::from_xyz_rpy(*origin.xyz, *origin.rpy))
+}

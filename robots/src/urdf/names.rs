@@ -1,0 +1,102 @@
+//! Names that MuJoCo and other tools can look things up by.
+
+use std::collections::HashSet;
+
+use crate::error::DescriptionError;
+
+/// Most links of a robot.
+pub const MAX_LINKS: usize = 1000;
+/// Most collision shapes of a link.
+const MAX_SHAPES: usize = 1000;
+/// Most bytes of a name.
+const MAX_NAME: usize = 200;
+
+/// Refuses names that are empty, immense, unprintable or given twice, and files that could exhaust
+/// the memory.
+pub(super) fn check(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
+    count(
+        || "the robot".to_owned(),
+        "link",
+        file.links.len(),
+        1,
+        MAX_LINKS,
+    )?;
+    // a robot may go without a name
+    if !file.name.is_empty() {
+        usable("robot", &file.name)?;
+    }
+    file.links.iter().try_for_each(not_reserved)?;
+    unique("link", file.links.iter().map(|link| &link.name[..]))?;
+    unique("joint", file.joints.iter().map(|joint| &joint.name[..]))?;
+    file.links.iter().try_for_each(|link| {
+        let place = || format!("the link `{}`", link.name);
+        count(
+            place,
+            "collision shape",
+            link.collision.len(),
+            0,
+            MAX_SHAPES,
+        )
+    })
+}
+
+fn count(
+    place: impl Fn() -> String,
+    kind: &'static str,
+    count: usize,
+    least: usize,
+    limit: usize,
+) -> Result<(), DescriptionError> {
+    if (least..=limit).contains(&count) {
+        return Ok(());
+    }
+    Err(DescriptionError::Count {
+        place: place(),
+        kind,
+        count,
+        least,
+        limit,
+    })
+}
+
+fn unique<'a>(
+    kind: &'static str,
+    names: impl Iterator<Item = &'a str>,
+) -> Result<(), DescriptionError> {
+    let mut seen = HashSet::new();
+    for name in names {
+        usable(kind, name)?;
+        if !seen.insert(name) {
+            let name = name.to_owned();
+            return Err(DescriptionError::Duplicate { kind, name });
+        }
+    }
+    Ok(())
+}
+
+fn usable(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
+    let reason = if name.is_empty() {
+        "it is empty"
+    } else if name.len() > MAX_NAME {
+        "it has more than 200 bytes"
+    } else if name.chars().any(char::is_control) {
+        "it holds a control character"
+    } else {
+        return Ok(());
+    };
+    // names end up in messages
+    let name = name.chars().take(MAX_NAME).collect();
+    Err(DescriptionError::Name { kind, name, reason })
+}
+
+/// MuJoCo calls the world's own body `world`, and many files call a root without shapes so.
+fn not_reserved(link: &urdf_rs::Link) -> Result<(), DescriptionError> {
+    if link.name != "world" || (link.collision.is_empty() && link.inertial.mass.value == 0.0) {
+        return Ok(());
+    }
+    Err(DescriptionError::Name {
+        kind: "link",
+        name: link.name.clone(),
+        reason: "it is the simulated world's; only a root without shapes and mass may have it",
+    })
+}

@@ -1,0 +1,361 @@
+//! Kinematics and control: the Jacobian, inverse kinematics, and twists that become joint motion.
+
+use glam::{DQuat, DVec3};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use robots::{
+    CartesianControl, Chain, ControlError, ControlSettings, Description, Pose, Twist, TwistLimits,
+    gen3,
+};
+
+use crate::SIX_JOINT;
+
+/// Seconds of a tick.
+const TICK: f64 = 0.0125;
+
+fn chain(tip: &str) -> Chain {
+    Chain::new(&gen3::description().unwrap(), tip).unwrap()
+}
+
+fn at_work() -> CartesianControl {
+    CartesianControl::new(chain("tool_link"), &gen3::WORK, ControlSettings::default()).unwrap()
+}
+
+fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
+    let within = chain.joints().iter().map(|joint| {
+        let [low, high] = joint.motion.range.unwrap_or([-3.0, 3.0]);
+        generator.random_range(low..high)
+    });
+    within.collect()
+}
+
+#[test]
+fn the_jacobian_is_the_derivative_of_the_tip() {
+    let six = Description::from_urdf(SIX_JOINT).unwrap();
+    let placed = six.placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0]));
+    for chain in [chain("tool_link"), Chain::new(&placed, "tip").unwrap()] {
+        let mut generator = ChaCha8Rng::seed_from_u64(1003);
+        let mut columns = vec![Twist::ZERO; chain.joints().len()];
+        for _ in 0..50 {
+            let joints = random(&chain, &mut generator);
+            assert_eq!(chain.jacobian(&joints, &mut columns), chain.tip(&joints));
+            for (joint, column) in columns.iter().enumerate() {
+                let moved = |by: f64| {
+                    let mut joints = joints.clone();
+                    joints[joint] += by;
+                    chain.tip(&joints)
+                };
+                let [linear, angular] = moved(-1e-6).way_to(&moved(1e-6)).map(|way| way / 2e-6);
+                assert!(linear.distance(column.linear) < 1e-8, "{linear} {column:?}");
+                assert!(
+                    angular.distance(column.angular) < 1e-8,
+                    "{angular} {column:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn chains_that_cannot_be_moved_are_refused() {
+    let arm = gen3::description().unwrap();
+    let refused = |tip: &str| Chain::new(&arm, tip).unwrap_err().to_string();
+    assert!(refused("base_link").contains("no joint on it moves"));
+    assert!(refused("finger_r_link").contains("`finger_r` on it follows"));
+    let unknown = refused("hand");
+    assert!(
+        unknown.contains("`hand`") && unknown.contains("tool_link"),
+        "{unknown}"
+    );
+}
+
+/// Postures with the tool straight down: radius and height of the tool frame (metres), then joints
+/// 2, 4 and 6 (radians).
+const TOOL_DOWN: [[f64; 5]; 9] = [
+    [0.25, 0.10, 0.338, -2.445, -0.359],
+    [0.30, 0.05, 0.557, -2.335, -0.250],
+    [0.30, 0.25, 0.080, -2.050, -1.012],
+    [0.45, 0.05, 0.722, -1.841, -0.579],
+    [0.45, 0.15, 0.537, -1.761, -0.844],
+    [0.45, 0.25, 0.405, -1.607, -1.130],
+    [0.60, 0.05, 0.968, -1.236, -0.938],
+    [0.60, 0.25, 0.760, -0.977, -1.404],
+    [0.68, 0.05, 1.166, -0.773, -1.203],
+];
+
+/// A pose with the tool straight down, the fingers opening sideways.
+fn tool_down(x: f64, y: f64, z: f64) -> Pose {
+    Pose {
+        position: DVec3::new(x, y, z),
+        rotation: chain("tool_link").tip(&gen3::WORK).rotation,
+    }
+}
+
+#[test]
+fn the_inverse_finds_the_postures_of_the_sheet() {
+    let chain = chain("tool_link");
+    for [radius, height, second, fourth, sixth] in TOOL_DOWN {
+        let target = tool_down(radius, 0.0, height);
+        let joints = chain.solve(&target, &gen3::WORK).unwrap();
+        let tip = chain.tip(&joints);
+        assert!(tip.position.distance(target.position) < 1e-9);
+        for (joint, expected) in [(1, second), (3, fourth), (5, sixth)] {
+            // the redundant arm has a choice, of which the sheet names one
+            let off = (joints[joint] - expected).abs();
+            assert!(
+                off < 0.02,
+                "joint {joint} at {radius}, {height}: {} {expected}",
+                joints[joint]
+            );
+        }
+    }
+}
+
+#[test]
+fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
+    let chain = chain("tool_link");
+    let mut generator = ChaCha8Rng::seed_from_u64(1004);
+    let mut solved = 0;
+    for _ in 0..200 {
+        let (joints, seed) = (
+            random(&chain, &mut generator),
+            random(&chain, &mut generator),
+        );
+        let near: Vec<f64> = joints
+            .iter()
+            .zip(&seed)
+            .map(|(a, b)| a + 0.2 * (b - a))
+            .collect();
+        let target = chain.tip(&joints);
+        if let Ok(found) = chain.solve(&target, &near) {
+            let tip = chain.tip(&found);
+            assert!(tip.position.distance(target.position) < 1e-9);
+            assert!(tip.rotation.dot(target.rotation).abs() > 1.0 - 1e-12);
+            for (joint, &position) in chain.joints().iter().zip(&found) {
+                let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+                assert!(
+                    (low..=high).contains(&position),
+                    "{}: {position}",
+                    joint.name
+                );
+            }
+            solved += 1;
+        }
+    }
+    println!("{solved} of 200");
+    assert!(solved >= 190, "{solved}");
+}
+
+#[test]
+fn places_out_of_reach_and_targets_that_are_none_are_refused() {
+    let chain = chain("tool_link");
+    let far = chain
+        .solve(&tool_down(0.9, 0.0, 0.1), &gen3::WORK)
+        .unwrap_err();
+    let ControlError::OutOfReach {
+        target,
+        reached,
+        distance,
+        ..
+    } = &far
+    else {
+        panic!("{far}");
+    };
+    assert!(
+        target.x == 0.9 && reached.x < 0.85 && *distance > 0.05,
+        "{far}"
+    );
+    let nowhere = Pose {
+        position: DVec3::NAN,
+        rotation: DQuat::IDENTITY,
+    };
+    let error = chain.solve(&nowhere, &gen3::WORK).unwrap_err();
+    assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
+    let mut bent = gen3::WORK;
+    bent[3] = -2.6;
+    let error = chain.solve(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
+    assert!(
+        error.to_string().contains("`joint_4` is at -2.6"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_twist_moves_the_tip_and_keeps_its_orientation() {
+    let mut control = at_work();
+    let start = control.tip();
+    let limits = ControlSettings::default().limits;
+    for (way, seconds) in [
+        (DVec3::Y, 1.0),
+        (-DVec3::Y, 2.0),
+        (DVec3::new(0.6, 0.0, -0.8), 0.5),
+    ] {
+        let before = control.tip();
+        control.command(Twist::moving(0.1 * way)).unwrap();
+        let mut travelled = DVec3::ZERO;
+        for _ in 0..(seconds / TICK) as usize {
+            control.tick(TICK).unwrap();
+            travelled += TICK * control.twist().linear;
+        }
+        let tip = control.tip();
+        assert!((tip.position - before.position).distance(travelled) < 2e-3);
+        assert!(travelled.dot(way) > 0.1 * seconds - 0.1 * 0.2 / limits.acceleration - 0.01);
+        let [_, turn] = start.way_to(&tip);
+        assert!(turn.length() < 5e-3, "{turn}");
+    }
+}
+
+#[test]
+fn an_arm_at_rest_moves_no_joint() {
+    let mut control = at_work();
+    let mut elsewhere = gen3::WORK;
+    elsewhere[2] += 0.5;
+    control.restart(&elsewhere).unwrap();
+    for _ in 0..100 {
+        control.tick(TICK).unwrap();
+    }
+    assert_eq!(control.joints(), elsewhere);
+    // but as soon as the tip moves, the elbow goes back towards its posture
+    for round in 0..20 {
+        let way = if round % 2 == 0 { 0.1 } else { -0.1 };
+        control.command(Twist::moving(way * DVec3::Z)).unwrap();
+        for _ in 0..40 {
+            control.tick(TICK).unwrap();
+        }
+    }
+    let left = (control.joints()[2] - gen3::WORK[2]).abs();
+    assert!(left < 0.35, "{left}");
+}
+
+#[test]
+fn commands_that_are_not_finite_stop_the_arm() {
+    let mut control = at_work();
+    for bad in [
+        Twist::moving(DVec3::NAN),
+        // its speed is not finite
+        Twist::moving(1e200 * DVec3::X),
+        Twist {
+            angular: DVec3::INFINITY,
+            ..Twist::ZERO
+        },
+    ] {
+        control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
+        control.tick(TICK).unwrap();
+        assert!(control.velocities().iter().any(|&velocity| velocity != 0.0));
+        let error = control.command(bad).unwrap_err();
+        assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
+        stands(&mut control);
+    }
+    let error = control.tick(f64::NAN).unwrap_err().to_string();
+    assert!(error.contains("seconds is NaN"), "{error}");
+}
+
+#[track_caller]
+fn stands(control: &mut CartesianControl) {
+    let joints = control.joints().to_vec();
+    control.tick(TICK).unwrap();
+    assert_eq!(control.joints(), joints);
+    assert_eq!(control.twist(), Twist::ZERO);
+    assert!(control.velocities().iter().all(|&velocity| velocity == 0.0));
+}
+
+#[test]
+fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
+    for way in [DVec3::X, -DVec3::X, DVec3::Z, -DVec3::Z, DVec3::Y] {
+        let mut control = at_work();
+        control.command(Twist::moving(0.3 * way)).unwrap();
+        let stopped = (0..2000).find_map(|_| {
+            let command = control.command(Twist::moving(0.3 * way));
+            command.and_then(|()| control.tick(TICK)).err()
+        });
+        let error = stopped.unwrap();
+        println!("{way}: {error}");
+        assert!(matches!(error, ControlError::OutOfReach { .. }), "{error}");
+        stands(&mut control);
+        // it can go back the way it came
+        control.command(Twist::moving(-0.05 * way)).unwrap();
+        control.tick(TICK).unwrap();
+    }
+}
+
+#[test]
+#[should_panic(expected = "`configuration` has 6 elements, expected 7")]
+fn a_configuration_of_another_length_is_named() {
+    chain("tool_link").tip(&gen3::WORK[..6]);
+}
+
+#[test]
+#[should_panic(expected = "`positions` has 7 elements, expected 8")]
+fn a_position_vector_of_another_length_is_named() {
+    gen3::description().unwrap().poses(&gen3::WORK);
+}
+
+#[test]
+fn settings_and_postures_out_of_range_are_refused() {
+    let limits = TwistLimits {
+        acceleration: 0.0,
+        ..TwistLimits::default()
+    };
+    let settings = ControlSettings {
+        limits,
+        ..ControlSettings::default()
+    };
+    let error = CartesianControl::new(chain("tool_link"), &gen3::WORK, settings).unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "acceleration is 0, expected a positive number"
+    );
+    let settings = ControlSettings {
+        horizon: f64::NAN,
+        ..ControlSettings::default()
+    };
+    assert!(settings.check().is_err());
+    let mut bent = gen3::WORK;
+    bent[1] = 3.0;
+    assert!(at_work().restart(&bent).is_err());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 40,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
+    /// Whatever is commanded: speeds, accelerations and ranges hold, and joints end where they are
+    /// said to be.
+    #[test]
+    fn limits_hold_whatever_is_commanded(seed in any::<u64>()) {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let mut control = at_work();
+        let limits = ControlSettings::default().limits;
+        for _ in 0..10 {
+            let mut any = |most: f64| DVec3::from_array(
+                std::array::from_fn(|_| generator.random_range(-most..most)),
+            );
+            let twist = Twist { linear: any(1.0), angular: any(1.0) };
+            let commanded = control.command(twist).is_ok();
+            for _ in 0..8 {
+                let (joints, before) = (control.joints().to_vec(), control.twist());
+                let moved = control.tick(TICK).is_ok();
+                let now = control.twist();
+                prop_assert!(now.linear.length() <= limits.speed + 1e-12);
+                prop_assert!(now.angular.length() <= limits.angular_speed + 1e-12);
+                let faster = now.linear.length() - before.linear.length();
+                prop_assert!(faster <= limits.acceleration * TICK + 1e-12, "{faster}");
+                prop_assert!(commanded || now == Twist::ZERO);
+                let rows = control.chain().joints().iter().zip(control.joints()).zip(&joints);
+                for ((joint, now), before) in rows {
+                    let speed = (now - before).abs() / TICK;
+                    prop_assert!(speed <= joint.motion.speed + 1e-9, "{}: {speed}", joint.name);
+                    let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+                    prop_assert!((low..=high).contains(now));
+                }
+                if !moved {
+                    break;
+                }
+            }
+        }
+    }
+}

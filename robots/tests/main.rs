@@ -1,0 +1,13 @@
+//! The integration tests of this crate as one program, which is compiled and linked once.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod control;
+mod damage;
+mod gen3;
+mod mjcf;
+mod refusals;
+mod watchdog;
+
+/// A small arm of our own.
+const SIX_JOINT: &str = include_str!("six_joint.urdf");

@@ -1,0 +1,195 @@
+//! Our MJCF against MuJoCo's own reading of the same URDF, and in motion.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+use mujoco::{Data, Model};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use robots::{
+    CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Servo, Twist, gen3,
+};
+
+use crate::SIX_JOINT;
+
+/// The text without everything from `start` to `end`, wherever it is.
+fn without(text: &str, start: &str, end: &str) -> String {
+    let mut parts = text.split(start);
+    let first = parts.next().unwrap().to_owned();
+    let rests = parts.map(|part| part.split_once(end).unwrap().1);
+    rests.fold(first, |left, rest| left + rest)
+}
+
+fn model(xml: &str, name: &str) -> Arc<Model> {
+    let model = Model::from_files(name, &[(name, xml.as_bytes())]);
+    Arc::new(model.unwrap_or_else(|error| panic!("{error}\n{xml}")))
+}
+
+/// Velocities of `joints` 20 steps after they were put at `positions` and let go.
+fn fall(model: &Arc<Model>, joints: &[&str], positions: &[f64]) -> Vec<f64> {
+    let mut data = Data::new(Arc::clone(model));
+    let ids: Vec<_> = joints
+        .iter()
+        .map(|joint| model.joint(joint).unwrap())
+        .collect();
+    for (&joint, &position) in ids.iter().zip(positions) {
+        data.qpos_mut()[model.joint_qpos_address(joint)] = position;
+    }
+    data.step(20).unwrap();
+    ids.iter()
+        .map(|&joint| data.qvel()[model.joint_dof_address(joint)])
+        .collect()
+}
+
+/// Masses, centres, inertias, axes, damping and friction: a difference in any shows in how the arm
+/// falls.
+#[test]
+fn arms_fall_as_mujoco_has_them_fall() {
+    for urdf in [gen3::URDF, SIX_JOINT] {
+        // what collides, and what follows, is ours alone
+        let urdf = without(
+            &without(urdf, "<collision>", "</collision>"),
+            "<mimic",
+            "/>",
+        );
+        let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
+        let arm = Description::from_urdf(&urdf).unwrap();
+        let ours = arm
+            .to_mjcf(&MjcfSettings::default())
+            .replace("\"implicit\"", "\"Euler\"");
+        let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
+        let joints: Vec<&str> = arm
+            .free_joints()
+            .map(|(joint, _)| &joint.name[..])
+            .collect();
+        let mut generator = ChaCha8Rng::seed_from_u64(1002);
+        for _ in 0..20 {
+            let positions: Vec<f64> = arm
+                .free_joints()
+                .map(|(_, motion)| {
+                    let [low, high] = motion.range.unwrap_or([-3.0, 3.0]);
+                    generator.random_range(low..high)
+                })
+                .collect();
+            let [theirs, ours] = models
+                .each_ref()
+                .map(|model| fall(model, &joints, &positions));
+            for (theirs, ours) in theirs.iter().zip(&ours) {
+                assert!(
+                    (theirs - ours).abs() < 1e-7 * (1.0 + theirs.abs()),
+                    "{theirs} {ours}"
+                );
+            }
+            assert!(ours.iter().any(|velocity| velocity.abs() > 0.1), "{ours:?}");
+        }
+    }
+}
+
+#[test]
+fn limits_names_and_servos_are_in_the_model() {
+    let settings = MjcfSettings {
+        servo: Some(Servo::default()),
+        class: None,
+    };
+    for urdf in [gen3::URDF, SIX_JOINT] {
+        let arm = Description::from_urdf(urdf).unwrap();
+        let model = model(&arm.to_mjcf(&settings), "arm.xml");
+        assert_eq!(model.nu(), arm.dofs());
+        for (index, (joint, motion)) in arm.free_joints().enumerate() {
+            assert_eq!(
+                model.joint_range(model.joint(&joint.name).unwrap()),
+                motion.range
+            );
+            assert_eq!(model.actuator(&joint.name).unwrap().index(), index);
+        }
+        for link in arm.links().iter().filter(|link| link.name != "world") {
+            model.body(&link.name).unwrap();
+            for shape in 0..link.shapes.len() {
+                model.geom(&format!("{}_{shape}", link.name)).unwrap();
+            }
+        }
+    }
+}
+
+/// A scene includes the part, whose geoms take what the class says.
+#[test]
+fn a_scene_includes_the_part() {
+    let settings = MjcfSettings {
+        servo: None,
+        class: Some("arm".to_owned()),
+    };
+    let part = gen3::description().unwrap().to_mjcf_part(&settings);
+    let scene = r#"<mujoco><compiler angle="radian"/>
+        <default><default class="arm"><geom contype="0" conaffinity="0" group="3"/></default></default>
+        <include file="arm.xml"/></mujoco>"#;
+    let files = [
+        ("scene.xml", scene.as_bytes()),
+        ("arm.xml", part.as_bytes()),
+    ];
+    let model = Model::from_files("scene.xml", &files).unwrap();
+    let capsule = model.geom("forearm_link_0").unwrap();
+    assert_eq!(
+        (
+            model.geom_group(capsule),
+            model.geom_collision_masks(capsule)
+        ),
+        (3, (0, 0))
+    );
+}
+
+#[test]
+fn neighbours_do_not_collide_and_the_arm_hits_itself() {
+    let arm = gen3::description().unwrap();
+    let model = model(&arm.to_mjcf(&MjcfSettings::default()), "arm.xml");
+    let contacts = |joints: &[f64]| {
+        let mut data = Data::new(Arc::clone(&model));
+        data.qpos_mut()[..7].copy_from_slice(joints);
+        data.forward().unwrap();
+        data.contact_count()
+    };
+    for free in [gen3::HOME, gen3::RETRACT, gen3::ZERO, gen3::WORK] {
+        assert_eq!(contacts(&free), 0, "{free:?}");
+    }
+    // the forearm folded onto the upper arm, the hand into the base
+    assert!(contacts(&[0.0, 1.5, 0.0, 2.57, 0.0, 2.0, 0.0]) > 0);
+}
+
+/// The simulated arm draws a square with its servos, under gravity.
+#[test]
+fn the_simulated_arm_follows_its_control() {
+    let arm = gen3::description().unwrap();
+    let servo = Servo::default();
+    let settings = MjcfSettings {
+        servo: Some(servo),
+        class: None,
+    };
+    let model = model(&arm.to_mjcf(&settings), "arm.xml");
+    let chain = Chain::new(&arm, "pinch_link").unwrap();
+    let mut control =
+        CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let mut data = Data::new(Arc::clone(&model));
+    data.qpos_mut()[..7].copy_from_slice(&gen3::WORK);
+    let pinch = model.body("pinch_link").unwrap();
+    let mut furthest: f64 = 0.0;
+    let speed = 0.2;
+    for way in [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y] {
+        control.command(Twist::moving(speed * way)).unwrap();
+        // 0.75 s in ticks of 12.5 ms
+        for _ in 0..60 {
+            control.tick(0.0125).unwrap();
+            let targets = control.joints().iter().zip(control.velocities());
+            let mut controls: Vec<f64> = targets
+                .map(|(&joint, &velocity)| servo.control(joint, velocity))
+                .collect();
+            controls.push(0.0);
+            data.set_ctrl(&controls).unwrap();
+            data.step((0.0125 / model.timestep()).round() as usize)
+                .unwrap();
+            data.forward_kinematics().unwrap();
+            let tip = DVec3::from_array(data.body_position(pinch));
+            furthest = furthest.max(tip.distance(control.tip().position));
+        }
+    }
+    println!("furthest {furthest}");
+    assert!(furthest < 0.02, "{furthest}");
+}

@@ -1,0 +1,353 @@
+//! Files that are no robots: each is a clear error.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use robots::{Description, DescriptionError, MAX_BYTES, Shape};
+
+use crate::SIX_JOINT;
+
+/// The message about the six-jointed arm with `old` replaced by `new`.
+fn refusal(old: &str, new: &str) -> String {
+    assert!(SIX_JOINT.contains(old), "{old}");
+    let changed = SIX_JOINT.replacen(old, new, 1);
+    let message = Description::from_urdf(&changed).unwrap_err().to_string();
+    println!("{message}");
+    message
+}
+
+#[track_caller]
+fn refused(old: &str, new: &str, words: &[&str]) {
+    let message = refusal(old, new);
+    for word in words {
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+}
+
+#[test]
+fn trees_that_are_none_are_refused() {
+    let (forearm, wrist) = ("<parent link=\"forearm\"/>", "<parent link=\"wrist\"/>");
+    refused(forearm, wrist, &["`wrist`", "hangs on itself"]);
+    refused(
+        "<parent link=\"world\"/>",
+        "<parent link=\"column\"/>",
+        &["hangs on itself"],
+    );
+    refused(
+        forearm,
+        "<parent link=\"arm\"/>",
+        &["`arm`", "joint `twist`", "carriage"],
+    );
+    refused(
+        "<child link=\"wrist\"/>",
+        "<child link=\"forearm\"/>",
+        &["`forearm`", "`swing`", "`twist`"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"tip\"/><link name=\"spare\"/>",
+        &["world, spare", "one root"],
+    );
+    let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
+    assert!(
+        matches!(alone, DescriptionError::Count { count: 0, .. }),
+        "{alone}"
+    );
+    let links: String = (0..=robots::MAX_LINKS)
+        .map(|i| format!("<link name=\"{i}\"/>"))
+        .collect();
+    let many = Description::from_urdf(&format!("<robot name=\"many\">{links}</robot>"));
+    assert!(matches!(
+        many,
+        Err(DescriptionError::Count { count: 1001, .. })
+    ));
+}
+
+#[test]
+fn names_must_be_unique_and_usable() {
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"column\"/>",
+        &["two links", "`column`"],
+    );
+    refused(
+        "<joint name=\"nod\"",
+        "<joint name=\"twist\"",
+        &["two joints", "`twist`"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        "<link name=\"\"/>",
+        &["link name \"\"", "empty"],
+    );
+    refused(
+        "<link name=\"tip\"/>",
+        &format!("<link name=\"{}\"/>", "x".repeat(201)),
+        &["200 bytes"],
+    );
+    let taken = SIX_JOINT
+        .replace("\"world\"", "\"ground\"")
+        .replace("\"column\"", "\"world\"");
+    let message = Description::from_urdf(&taken).unwrap_err().to_string();
+    assert!(message.contains("simulated world"), "{message}");
+}
+
+#[test]
+fn joints_must_be_possible() {
+    for kind in ["floating", "planar", "spherical"] {
+        refused(
+            "name=\"twist\" type=\"revolute\"",
+            &format!("name=\"twist\" type=\"{kind}\""),
+            &["`twist`", kind],
+        );
+    }
+    refused(
+        "type=\"continuous\"",
+        "type=\"rubber\"",
+        &["cannot be parsed", "rubber"],
+    );
+    refused(
+        "lower=\"-3\" upper=\"3\"",
+        "lower=\"3\" upper=\"-3\"",
+        &["`twist`", "from 3 to -3"],
+    );
+    refused(
+        "lower=\"-3\" upper=\"3\"",
+        "",
+        &["`twist`", "from 0 to 0", "continuous"],
+    );
+    refused(
+        "upper=\"0.3\"",
+        "upper=\"inf\"",
+        &["joint `lift`", "inf", "finite"],
+    );
+    refused(
+        "velocity=\"0.4\"",
+        "velocity=\"0\"",
+        &["joint `lift`", "velocity is 0", "positive"],
+    );
+    refused("effort=\"60\"", "effort=\"NaN\"", &["joint `turn`", "NaN"]);
+    refused(
+        "effort=\"60\"",
+        "effort=\"-60\"",
+        &["joint `turn`", "effort is -60", "positive"],
+    );
+    refused(
+        "<limit effort=\"60\" velocity=\"1.5\"/>",
+        "",
+        &["joint `turn`", "velocity is 0"],
+    );
+    refused(
+        "damping=\"20\"",
+        "damping=\"-20\"",
+        &["joint `lift`", "-20"],
+    );
+    refused(
+        "xyz=\"0 0 2\"",
+        "xyz=\"0 0 0\"",
+        &["joint `lift`", "axis", "direction"],
+    );
+    refused("xyz=\"0 0 2\"", "xyz=\"0 0\"", &["expected 3 found 2"]);
+    refused(
+        "rpy=\"0 0.4 0\"",
+        "rpy=\"0 nan 0\"",
+        &["joint `swing`", "rpy"],
+    );
+}
+
+#[test]
+fn followers_must_follow_a_free_joint() {
+    for (joint, words) in [
+        ("flange", "`flange`"),
+        ("balance", "`balance`"),
+        ("none", "`none`"),
+    ] {
+        refused(
+            "<mimic joint=\"swing\"",
+            &format!("<mimic joint=\"{joint}\""),
+            &["`balance`", words, "follows no other"],
+        );
+    }
+    refused(
+        "multiplier=\"-0.5\"",
+        "multiplier=\"1e9\"",
+        &["`balance`", "1000000000"],
+    );
+}
+
+#[test]
+fn masses_must_be_those_of_bodies() {
+    let wrist =
+        r#"<mass value="0.5"/><inertia ixx="5e-4" ixy="0" ixz="0" iyy="6e-4" iyz="0" izz="4e-4"/>"#;
+    let inertial = format!("<inertial>\n      {wrist}\n    </inertial>");
+    refused(&inertial, "", &["`wrist`", "`twist`", "no mass"]);
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"-0.5\"/>",
+        &["link `wrist`", "-0.5"],
+    );
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"nan\"/>",
+        &["link `wrist`", "NaN"],
+    );
+    refused(
+        "<mass value=\"0.5\"/>",
+        "<mass value=\"0\"/>",
+        &["link `wrist`", "mass is 0"],
+    );
+    refused(
+        "ixx=\"5e-4\"",
+        "ixx=\"11e-4\"",
+        &["`wrist`", "exceeds the sum", "0.0011"],
+    );
+    refused("ixx=\"5e-4\"", "ixx=\"-5e-4\"", &["`wrist`", "below 1e-12"]);
+    refused("ixy=\"1e-4\"", "ixy=\"1\"", &["`forearm`", "below 1e-12"]);
+    refused("izz=\"0.02\"", "izz=\"inf\"", &["link `column`", "inf"]);
+}
+
+#[test]
+fn shapes_must_be_primitive_and_have_a_size() {
+    let sphere = "<sphere radius=\"0.05\"/>";
+    refused(
+        sphere,
+        "<sphere radius=\"0\"/>",
+        &["link `carriage`", "size is 0"],
+    );
+    refused(
+        "size=\"0.1 0.12 0.3\"",
+        "size=\"0.1 -0.12 0.3\"",
+        &["link `column`", "-0.12"],
+    );
+    refused(
+        sphere,
+        "<mesh filename=\"meshes/a.stl\"/>",
+        &["`carriage`", "`meshes/a.stl`", "without its folder"],
+    );
+    for file in ["/etc/passwd", "../a.stl", "file:///etc/passwd"] {
+        refused(
+            sphere,
+            &format!("<mesh filename=\"{file}\"/>"),
+            &["`carriage`", file, "outside"],
+        );
+        let visual = "package://six_joint/meshes/upper_arm.stl";
+        refused(visual, file, &["`upper_arm`", file, "outside"]);
+    }
+}
+
+#[test]
+fn what_is_no_urdf_is_refused() {
+    for text in [
+        "",
+        "no",
+        "<robot",
+        "<model/>",
+        "<robot name=\"a\"><link/></robot>",
+        "\0\u{feff}",
+    ] {
+        let error = Description::from_urdf(text).unwrap_err();
+        let known = matches!(
+            error,
+            DescriptionError::Syntax { .. } | DescriptionError::Count { .. }
+        );
+        assert!(known, "{text:?}: {error}");
+    }
+    let deep = "<a>".repeat(100_000);
+    assert!(matches!(
+        Description::from_urdf(&deep),
+        Err(DescriptionError::TooDeep { .. })
+    ));
+    let long = format!("{SIX_JOINT}{}", " ".repeat(MAX_BYTES));
+    assert!(matches!(
+        Description::from_urdf(&long),
+        Err(DescriptionError::TooLong { .. })
+    ));
+}
+
+#[test]
+fn links_have_a_thousand_shapes_at_most() {
+    let sphere = "<collision><geometry><sphere radius=\"1\"/></geometry></collision>";
+    let link = |count| {
+        format!(
+            "<robot><link name=\"l\">{}</link></robot>",
+            sphere.repeat(count)
+        )
+    };
+    assert!(Description::from_urdf(&link(1000)).is_ok());
+    let message = Description::from_urdf(&link(1001)).unwrap_err().to_string();
+    assert_eq!(
+        message,
+        "the link `l` has 1001 collision shapes, expected 0 to 1000"
+    );
+}
+
+#[test]
+fn files_that_cannot_be_read_are_named() {
+    let missing = Description::read(Path::new("/none/arm.urdf"))
+        .unwrap_err()
+        .to_string();
+    assert!(missing.contains("/none/arm.urdf"), "{missing}");
+    // it never ends
+    let endless = Description::read(Path::new("/dev/zero")).unwrap_err();
+    assert!(
+        matches!(endless, DescriptionError::TooLong { .. }),
+        "{endless}"
+    );
+    let arm = Description::read(Path::new("tests/six_joint.urdf")).unwrap();
+    assert_eq!(
+        (arm.name(), arm.dofs(), arm.links().len()),
+        ("six_joint", 6, 9)
+    );
+}
+
+/// A folder of its own, gone when the test ends.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let folder = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        Self(folder)
+    }
+
+    /// The six-jointed arm whose carriage collides as the mesh `file`.
+    fn read(&self, file: &str) -> Result<Description, DescriptionError> {
+        let mesh = format!("<mesh filename=\"{file}\" scale=\"0.001 0.001 0.001\"/>");
+        let path = self.0.join("arm.urdf");
+        fs::write(&path, SIX_JOINT.replace("<sphere radius=\"0.05\"/>", &mesh)).unwrap();
+        Description::read(&path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn meshes_are_read_from_the_folder_and_from_nowhere_else() {
+    let (folder, other) = (Folder::new("meshes"), Folder::new("elsewhere"));
+    let octahedron = "v 50 0 0\nv -50 0 0\nv 0 50 0\nv 0 -50 0\nv 0 0 50\nv 0 0 -50\n";
+    fs::write(folder.0.join("ball.obj"), octahedron).unwrap();
+    fs::write(other.0.join("ball.obj"), octahedron).unwrap();
+    for name in ["ball.obj", "package://six_joint/ball.obj"] {
+        let arm = folder.read(name).unwrap();
+        let [shape] = arm.links()[2].shapes[..] else {
+            panic!("{:?}", arm.links()[2]);
+        };
+        let Shape::Sphere { radius } = shape.shape else {
+            panic!("{shape:?}");
+        };
+        assert!(
+            (radius - 0.05).abs() < 1e-5 && shape.pose.position.x == 0.1,
+            "{shape:?}"
+        );
+    }
+    let message = |file: &str| folder.read(file).unwrap_err().to_string();
+    assert!(message("none.obj").contains("`none.obj`"));
+    fs::write(folder.0.join("far.obj"), "v 1 2 1e300").unwrap();
+    assert!(message("far.obj").contains("beyond 1e6"));
+    std::os::unix::fs::symlink(other.0.join("ball.obj"), folder.0.join("link.obj")).unwrap();
+    assert!(message("link.obj").contains("outside"));
+}

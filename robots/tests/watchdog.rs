@@ -1,0 +1,188 @@
+//! The watchdog, with a clock that the test moves.
+
+use std::cell::{Cell, RefCell};
+use std::time::Duration;
+
+use glam::DVec3;
+use robots::{
+    CartesianControl, Chain, Command, ControlError, ControlSettings, KinematicArm, Pose, Robot,
+    RobotState, Twist, Watchdog, gen3,
+};
+
+/// What happens to a robot that may fail to stop.
+#[derive(Default)]
+struct Tape {
+    calls: RefCell<Vec<&'static str>>,
+    stuck: Cell<bool>,
+}
+
+struct Recorded<'a>(&'a Tape);
+
+impl Robot for Recorded<'_> {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        let (joints, tip) = (Vec::new(), Pose::IDENTITY);
+        Ok(RobotState {
+            joints,
+            tip,
+            closing: 0.0,
+        })
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.0.calls.borrow_mut().push("command");
+        if command.twist.linear.z > 0.0 {
+            let source = "the cable is out".into();
+            return Err(ControlError::Driver { source });
+        }
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        self.0.calls.borrow_mut().push("stop");
+        if self.0.stuck.get() {
+            let source = "no answer".into();
+            return Err(ControlError::Driver { source });
+        }
+        Ok(())
+    }
+}
+
+const UP: Command = Command {
+    twist: Twist {
+        linear: DVec3::Z,
+        angular: DVec3::ZERO,
+    },
+    closing: 0.0,
+};
+
+fn ms(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
+
+#[test]
+fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    assert!(!watched.check().unwrap(), "nobody commanded it yet");
+    for at in [5000, 5150, 5300] {
+        now.set(ms(at));
+        watched.command(&Command::default()).unwrap();
+    }
+    now.set(ms(5499));
+    assert!(!watched.check().unwrap());
+    now.set(ms(5500));
+    assert!(watched.check().unwrap());
+    now.set(ms(9000));
+    watched.state().unwrap();
+    assert_eq!(
+        *tape.calls.borrow(),
+        ["command", "command", "command", "stop"]
+    );
+    // a new command starts it again
+    watched.command(&Command::default()).unwrap();
+    now.set(ms(9200));
+    watched.state().unwrap();
+    assert_eq!(tape.calls.borrow()[4..], ["command", "stop"]);
+}
+
+#[test]
+fn it_stops_where_a_command_is_refused() {
+    let tape = Tape::default();
+    let mut watched = Watchdog::new(Recorded(&tape), || Duration::ZERO);
+    let lost = Command {
+        twist: Twist::moving(DVec3::NAN),
+        closing: 0.0,
+    };
+    assert!(matches!(
+        watched.command(&lost),
+        Err(ControlError::NotFinite { .. })
+    ));
+    let wide = Command {
+        closing: 1.5,
+        ..Command::default()
+    };
+    let message = watched.command(&wide).unwrap_err().to_string();
+    assert!(message.contains("closing is 1.5"), "{message}");
+    // neither has reached the robot, which refuses this one itself
+    assert!(matches!(
+        watched.command(&UP),
+        Err(ControlError::Driver { .. })
+    ));
+    assert_eq!(*tape.calls.borrow(), ["stop", "stop", "command", "stop"]);
+}
+
+#[test]
+fn a_robot_that_does_not_stop_is_told_again() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(0)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    tape.stuck.set(true);
+    let message = watched.command(&UP).unwrap_err().to_string();
+    assert!(
+        message.contains("cable") && message.contains("COULD NOT BE STOPPED"),
+        "{message}"
+    );
+    assert!(matches!(
+        watched.state(),
+        Err(ControlError::NotStopped { .. })
+    ));
+    tape.stuck.set(false);
+    assert!(watched.check().unwrap());
+    assert!(!watched.check().unwrap());
+    assert_eq!(*tape.calls.borrow(), ["command", "stop", "stop", "stop"]);
+}
+
+#[test]
+fn dropping_it_stops_the_robot() {
+    let tape = Tape::default();
+    drop(Watchdog::new(Recorded(&tape), || Duration::ZERO));
+    assert_eq!(*tape.calls.borrow(), ["stop"]);
+}
+
+#[test]
+fn a_kinematic_arm_moves_until_nobody_commands_it() {
+    let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
+    let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let now = Cell::new(ms(0));
+    let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
+    let command = Command {
+        twist: Twist::moving(0.1 * DVec3::Y),
+        closing: 1.0,
+    };
+    watched.command(&command).unwrap();
+    let start = watched.state().unwrap();
+    let mut places = Vec::new();
+    for tick in 1..=40 {
+        now.set(ms(25 * tick));
+        watched.robot_mut().advance(0.025).unwrap();
+        places.push(watched.state().unwrap());
+    }
+    let still = &places[8];
+    assert!(
+        still.tip.position.y > start.tip.position.y + 5e-3,
+        "{still:?}"
+    );
+    assert!(
+        still.closing > 0.3 && still.closing < 0.5,
+        "{}",
+        still.closing
+    );
+    assert!(places[8..].iter().all(|place| place == still));
+}
+
+#[test]
+fn a_kinematic_arm_that_refuses_a_command_stands_still() {
+    let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
+    let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let mut arm = KinematicArm::new(control);
+    let closing = |speed: f64| Command {
+        twist: Twist::moving(speed * DVec3::Y),
+        closing: 1.0,
+    };
+    arm.command(&closing(0.1)).unwrap();
+    arm.advance(0.1).unwrap();
+    assert!(arm.command(&closing(f64::NAN)).is_err());
+    let stood = arm.state().unwrap();
+    arm.advance(0.1).unwrap();
+    assert_eq!(arm.state().unwrap(), stood);
+    assert!(stood.closing > 0.0 && stood.tip.position.y > 0.0);
+}
