@@ -93,6 +93,9 @@ pub fn summary_table(summary: &Summary) -> String {
         summary.seconds,
         number(summary.decisions_per_second, 0),
     );
+    if summary.merged > 0 {
+        let _ = write!(table, ", {} policies merged into others", summary.merged);
+    }
     if summary.straddled > 0 {
         let _ = write!(table, ", {} rollouts of two groups", summary.straddled);
     }
@@ -110,12 +113,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn failures_of_environments_are_mentioned_where_there_were_any() {
+    fn failures_and_merges_are_mentioned_where_there_were_any() {
         let mut summary = Summary {
             decisions: 100,
             seconds: 2.0,
             decisions_per_second: Some(50.0),
             policies: 1,
+            merged: 0,
             failures: 0,
             straddled: 0,
             assignment_accuracy: Some(1.0),
@@ -126,6 +130,8 @@ mod tests {
         assert!(!summary_table(&summary).contains("failures"));
         summary.failures = 3;
         assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
+        summary.merged = 2;
+        assert!(summary_table(&summary).contains(", 2 policies merged into others, 3 failures"));
     }
 
     #[test]

@@ -1,24 +1,23 @@
 //! What a grouping that hears policies, finds twins and cuts rollouts makes the learner do.
 
-#[allow(
-    dead_code,
-    reason = "what teaches by groups and reads metrics is for other tests"
-)]
 use std::path::Path;
 
-use cluster::{Assignment, Decision};
+use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
     Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner,
+    OffPolicy, OffPolicySettings,
 };
 use evidence::Merge;
 use rand_chacha::ChaCha8Rng;
-use rl::{Critic, PpoSettings, VectorEnv};
+use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
 
-use crate::common::bars::{Bars, network};
+use crate::common::bars::{Bars, network, number};
 
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Script {
+    /// Episodes that a decision takes; 0 for one.
+    needs: usize,
     decisions: Vec<Decision>,
     turns: usize,
     /// Policies that are refused once they acted.
@@ -27,11 +26,14 @@ struct Script {
     learns: Option<usize>,
     /// Policies that serve one group, the first of which goes on.
     twins: Option<(usize, usize)>,
+    heirs: Option<Vec<Option<usize>>>,
+    /// Whether every rollout shows two groups.
+    is_cut: bool,
 }
 
 impl Grouping for Script {
     fn min_episodes(&self) -> usize {
-        1
+        self.needs.max(1)
     }
 
     fn assign(
@@ -39,10 +41,20 @@ impl Grouping for Script {
         _: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
+        // what speaks against a policy does not put it out of question
+        let against = Evidence {
+            distance: 1.0,
+            judgement: Judgement::Threshold { limit: 0.0 },
+            verdict: Verdict::Refused,
+        };
         Ok(Assignment {
             decision: self.decisions[self.turns - 1],
-            evidence: Vec::new(),
+            evidence: vec![against; 2],
         })
+    }
+
+    fn is_cut(&self) -> bool {
+        self.is_cut
     }
 
     fn review(
@@ -52,8 +64,11 @@ impl Grouping for Script {
         _: &mut ChaCha8Rng,
     ) -> Result<Option<Assignment>, CoversError> {
         let collector = candidates.episodes().collector;
+        assert!(!refused.contains(&collector), "{collector} was refused");
         let is_refused = self.refuses.contains(&collector);
-        refused.push(collector);
+        if is_refused {
+            refused.push(collector);
+        }
         Ok(is_refused.then_some(Assignment {
             decision: Decision::New,
             evidence: Vec::new(),
@@ -94,20 +109,35 @@ impl Grouping for Script {
         &mut self,
         index: usize,
         twin: usize,
-        episodes: Episodes<'_>,
+        episodes: [Episodes<'_>; 2],
         _: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
-        assert_eq!(episodes.collector, index);
+        assert_eq!(episodes.map(|both| both.collector), [twin, index]);
+        self.heirs = Some(vec![None, Some(twin)]);
         Ok(Some(Merge {
             kept: twin,
             gone: index,
         }))
     }
+
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        self.heirs.clone()
+    }
+}
+
+fn bars() -> Bars {
+    let mut env = Bars::new();
+    env.limited = true;
+    env
 }
 
 fn learner(script: Script) -> (Bars, Covers) {
-    let mut env = Bars::new();
-    env.limited = true;
+    learner_of(100, script)
+}
+
+/// A learner whose rollouts take so many decisions.
+fn learner_of(rollout_steps: usize, script: Script) -> (Bars, Covers) {
+    let env = bars();
     let settings = CoversSettings {
         network: network(Critic::Pooled { width: 8 }),
         ppo: PpoSettings {
@@ -115,15 +145,33 @@ fn learner(script: Script) -> (Bars, Covers) {
             minibatch: 20,
             ..PpoSettings::default()
         },
-        rollout_steps: 100,
+        rollout_steps,
         ..CoversSettings::default()
     };
     let covers = Covers::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
     (env, covers)
 }
 
+/// The same by soft actor-critic.
+fn off_policy(script: Script) -> (Bars, OffPolicy) {
+    let env = bars();
+    let method = OffPolicySettings::equi_sac();
+    let settings = OffPolicySettings {
+        network: network(Critic::Joint { fields: 4 }),
+        sac: SacSettings {
+            burn_in: 1000,
+            ..method.sac
+        },
+        still_channels: 0,
+        rollout_steps: 100,
+        ..method
+    };
+    let learner = OffPolicy::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
+    (env, learner)
+}
+
 /// Policies and decisions of so many turns.
-fn turns(covers: &mut Covers, env: &mut Bars, count: usize) -> Vec<(usize, usize)> {
+fn turns(covers: &mut dyn Learner, env: &mut Bars, count: usize) -> Vec<(usize, usize)> {
     let turns = (0..count).map(|_| covers.learn(env).unwrap());
     turns.map(|turn| (turn.policy, turn.decisions)).collect()
 }
@@ -148,16 +196,80 @@ fn a_policy_that_is_refused_when_it_is_heard_costs_one_round() {
     );
 }
 
-#[test]
-fn of_twins_one_goes_on() {
-    let (mut env, mut covers) = learner(Script {
+/// Opens policy 1, which serves the group of policy 0.
+fn twins() -> Script {
+    Script {
         decisions: vec![Decision::New, Decision::Existing(0)],
         twins: Some((0, 1)),
+        heirs: Some(Vec::new()),
         ..Script::default()
-    });
+    }
+}
+
+#[test]
+fn of_twins_one_goes_on() {
+    let (mut env, mut covers) = learner(twins());
     // policy 1 learns, both act for a round, and policy 0 collects the next rollout
     let expected = [(0, 100), (1, 300), (0, 100)];
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
+    // a rollout that lost its end says nothing of how long policies may be heard
+    let (mut env, mut covers) = learner(Script {
+        learns: Some(50),
+        ..twins()
+    });
+    assert_eq!(turns(&mut covers, &mut env, 3), expected);
+}
+
+/// What a turn tells and logs of policies that were merged in it.
+#[test]
+fn merges_are_seen() {
+    let (mut env, mut covers) = learner(twins());
+    let told = (0..3).map(|_| {
+        let turn = covers.learn(&mut env).unwrap();
+        let logged = turn.metrics.get("heirs").unwrap().to_string();
+        (turn.heirs.iter().flatten().count(), logged)
+    });
+    let merged = || (1, ";0".to_owned());
+    let expected = [(0, String::new()), merged(), merged()];
+    assert_eq!(told.collect::<Vec<_>>(), expected);
+}
+
+/// A replay takes what another policy collected, so that only twins cost decisions.
+#[test]
+fn twins_are_looked_for_whatever_trains_them() {
+    let (mut env, mut learner) = off_policy(twins());
+    let expected = [(0, 100), (1, 200), (0, 100)];
+    assert_eq!(turns(&mut learner, &mut env, 3), expected);
+}
+
+/// Ten environments show twenty episodes in two rounds, which must be less than a rollout.
+#[test]
+fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
+    let script = Script {
+        needs: 20,
+        ..twins()
+    };
+    let (mut env, mut covers) = learner(script.clone());
+    assert_eq!(turns(&mut covers, &mut env, 2), [(0, 100), (1, 200)]);
+    let (mut env, mut covers) = learner_of(150, script);
+    assert_eq!(turns(&mut covers, &mut env, 2), [(0, 150), (1, 500)]);
+}
+
+/// A replay holds what its policy collected after a rollout of two groups, and nothing of that one.
+#[test]
+fn no_replay_takes_a_rollout_of_two_groups() {
+    let held = |is_cut| {
+        let (mut env, mut learner) = off_policy(Script {
+            decisions: vec![Decision::New, Decision::Existing(0)],
+            is_cut,
+            ..Script::default()
+        });
+        let turns = (0..3).map(|_| learner.learn(&mut env).unwrap());
+        let held = turns.map(|turn| (turn.decisions, number(&turn, "replay") as usize));
+        held.collect::<Vec<_>>()
+    };
+    assert_eq!(held(false), [(100, 100), (100, 100), (100, 200)]);
+    assert_eq!(held(true), [(100, 100), (200, 100), (250, 200)]);
 }
 
 /// The first half of a rollout is learnt from where the second shows another group.

@@ -66,6 +66,17 @@ pub enum EvidenceError {
         /// The setting `memory`.
         most: usize,
     },
+    /// A state that another version wrote.
+    #[error(
+        "the state has format {got}, expected {expected}: go on with the version that wrote it, or \
+         begin anew"
+    )]
+    StateVersion {
+        /// The format of the state.
+        got: u32,
+        /// The format that is read.
+        expected: u32,
+    },
     /// A policy that was never told of.
     #[error("policy {policy} was named, {policies} are known")]
     NoPolicy {

@@ -46,22 +46,9 @@ impl Examiner<'_> {
             Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
             None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
         };
-        let mut opinion = Opinion {
-            kinds,
-            test: None,
-            changed: changed(accounts, &remembered, Kind::Motion),
-            turned: changed(accounts, &remembered, Kind::Slope),
-            lost: memory.lost(accounts),
-            learnt: memory.learnt(),
-            gained: memory.gained(accounts),
-            role,
-            verdict: Verdict::Accepted,
-            remembered: remembered.len(),
-        };
-        if memory.is_gone {
-            opinion.verdict = Verdict::Refused;
-        }
-        if memory.is_gone || remembered.len() < least {
+        let mut opinion = untested(memory, accounts, kinds, role);
+        let is_out = opinion.is_refused();
+        if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
         }
         let sources = sources(&opinion.kinds, &seen, &home)?;
@@ -69,7 +56,9 @@ impl Examiner<'_> {
         let decided = |test: &JointTest| self.is_decided(&opinion, test, look);
         let test = joint_test_until(&sources, &stages, decided, rng)?;
         opinion.test = Some(test);
-        opinion.verdict = self.verdict(&opinion, look);
+        if !is_out {
+            opinion.verdict = self.verdict(&opinion, look);
+        }
         Ok(opinion)
     }
 
@@ -152,7 +141,13 @@ impl Examiner<'_> {
 
     /// Whether a policy earned in these episodes about what it earns at home.
     pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
-        opinion.kinds.contains(&Kind::Earnings) && opinion.lost <= FEW * self.0.min_loss
+        opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost)
+    }
+
+    /// Whether a share of what was learnt to earn is so large that a policy that loses it serves no
+    /// more.
+    pub(crate) fn is_loss(self, lost: f64) -> bool {
+        lost > FEW * self.0.min_loss
     }
 
     /// Whether a policy has learnt so much that it would notice a loss.
@@ -186,5 +181,26 @@ impl Examiner<'_> {
     pub(crate) fn speaks_against(self, opinion: &Opinion, level: f64) -> bool {
         let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
         against.any(|(kind, source)| self.is_large(opinion, kind, source))
+    }
+}
+
+/// What is known before a test. A policy that has an heir is refused, unless it acted itself to show
+/// that it serves.
+fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role) -> Opinion {
+    let remembered: Vec<&Account> = memory.accounts.iter().collect();
+    Opinion {
+        kinds,
+        test: None,
+        changed: changed(accounts, &remembered, Kind::Motion),
+        turned: changed(accounts, &remembered, Kind::Slope),
+        lost: memory.lost(accounts),
+        learnt: memory.learnt(),
+        gained: memory.gained(accounts),
+        role,
+        verdict: match memory.is_gone() && role == Role::Stranger {
+            true => Verdict::Refused,
+            false => Verdict::Accepted,
+        },
+        remembered: remembered.len(),
     }
 }

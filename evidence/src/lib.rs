@@ -30,6 +30,7 @@ mod opinion;
 mod probability;
 mod recogniser;
 mod settings;
+mod state;
 
 pub use account::{Account, Accountant, Course};
 pub use album::Album;

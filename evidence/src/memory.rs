@@ -15,14 +15,17 @@ pub(crate) struct Memory {
     /// Mean earnings of the first rollout on which it learnt.
     pub(crate) beginning: Option<f64>,
     /// Policies that were found to serve other groups.
-    #[serde(default)]
     pub(crate) apart: Vec<usize>,
-    /// Whether another policy serves its group.
-    #[serde(default)]
-    pub(crate) is_gone: bool,
+    /// The policy that serves its group, too, and acts for it.
+    pub(crate) heir: Option<usize>,
 }
 
 impl Memory {
+    /// Whether another policy acts for its group.
+    pub(crate) fn is_gone(&self) -> bool {
+        self.heir.is_some()
+    }
+
     /// Remembers the latest of these, `most` at most.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
@@ -32,8 +35,12 @@ impl Memory {
         self.accounts.drain(..too_many);
     }
 
-    /// Whether there are accounts, `most` at most, and the beginning is a number.
-    pub(crate) fn check(&self, most: usize) -> Result<(), EvidenceError> {
+    /// Whether there are accounts, `most` at most, the beginning is a number, and an heir is one of
+    /// so many policies.
+    pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
+        if let Some(policy) = self.heir.filter(|&heir| heir >= policies) {
+            return Err(EvidenceError::NoPolicy { policy, policies });
+        }
         match self.accounts.len() {
             0 => Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 }),
             got if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
@@ -75,7 +82,7 @@ impl Memory {
     /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
-        let home = mean_home(self);
+        let home = mean_earned(self.home().into_iter());
         match (self.beginning, home, now) {
             (Some(beginning), Some(home), Some(now)) if home > beginning => {
                 (home - now) / (home - beginning).max(home.abs() / 2.0)
@@ -83,11 +90,6 @@ impl Memory {
             _ => 0.0,
         }
     }
-}
-
-/// What a policy earns of late.
-pub(crate) fn mean_home(memory: &Memory) -> Option<f64> {
-    mean_earned(memory.home().into_iter())
 }
 
 /// A policy improves if the later half of its earnings is better by so many standard deviations.

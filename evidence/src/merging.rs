@@ -7,23 +7,22 @@ use rand_chacha::ChaCha8Rng;
 use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
-use crate::memory::mean_home;
 use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::{Finding, Recogniser};
 
 /// What becomes of two policies that serve one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Merge {
-    /// The one that earns more: it goes on as it is, under its number.
+    /// The one that acts for both: it goes on as it is, under its number.
     pub kept: usize,
-    /// The other one: it is not asked again.
+    /// The other one, which is kept as it is and asked again before a new policy is opened.
     pub gone: usize,
 }
 
 impl Recogniser {
     /// A policy that may serve the group of `policy`, which `finding` accepted: it looks alike
     /// there, both have learnt, and the two were never compared. Let it act for some episodes of
-    /// that group and [`Recogniser::compare`] them. Each two policies are compared once.
+    /// that group and [`Recogniser::compare`] them. Two that differ are not compared again.
     pub fn twin(&self, policy: usize, finding: &Finding) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
@@ -31,7 +30,7 @@ impl Recogniser {
             let (memory, opinion) = (&self.memories[*twin], &finding.opinions[*twin]);
             *twin != policy
                 && opinion.verdict() == Verdict::Accepted
-                && !memory.is_gone
+                && !memory.is_gone()
                 && !own.apart.contains(twin)
                 && examiner.has_learnt(memory)
         };
@@ -57,8 +56,7 @@ impl Recogniser {
         let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
         // nor may the one that is at home earn much more there
-        let earned: Vec<&Account> = accounts.iter().collect();
-        let lags = self.memories[policy].lost(&earned) >= self.settings().min_loss;
+        let lags = self.lost(policy, accounts) >= self.settings().min_loss;
         let is_twin = !lags && !opinion.is_refused() && examiner.is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
@@ -66,8 +64,10 @@ impl Recogniser {
         Ok(is_twin)
     }
 
-    /// Makes one of two policies that [`Recogniser::compare`] found to serve one group, if `policy`
-    /// serves it still in these episodes, in which it acted itself.
+    /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found by `heard`
+    /// that it serves, if `policy` serves still in the episodes `again`, in which it acted itself.
+    /// Else they may be compared again. It is `twin` that goes on, since nobody heard `policy` at the
+    /// home of `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
     ///
     /// # Errors
     /// Those of [`Recogniser::compare`].
@@ -75,26 +75,44 @@ impl Recogniser {
         &mut self,
         policy: usize,
         twin: usize,
-        accounts: &[Account],
+        (heard, again): (&[Account], &[Account]),
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
         self.check_policy(twin)?;
-        if policy == twin || self.memories[policy].is_gone || self.memories[twin].is_gone {
+        if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
             return Ok(None);
         }
-        let opinion = self.opinion_of(policy, accounts, rng)?;
+        let opinion = self.opinion_of(policy, again, rng)?;
         if opinion.is_refused() || !Examiner(self.settings()).keeps(&opinion) {
             return Ok(None);
         }
-        let earns = |policy: usize| mean_home(&self.memories[policy]).unwrap_or(f64::NEG_INFINITY);
-        let (kept, gone) = match earns(twin) > earns(policy) {
-            true => (twin, policy),
-            false => (policy, twin),
+        let lost = self.lost(policy, heard);
+        let (kept, gone) = match Examiner(self.settings()).is_loss(lost) {
+            true => (policy, twin),
+            false => (twin, policy),
         };
-        self.memories[gone].is_gone = true;
-        let apart = std::mem::take(&mut self.memories[gone].apart);
+        self.memories[gone].heir = Some(kept);
+        let apart = self.memories[gone].apart.clone();
         self.memories[kept].apart.extend(apart);
         Ok(Some(Merge { kept, gone }))
+    }
+
+    /// The share of what `policy` has learnt to earn that these episodes did not pay.
+    fn lost(&self, policy: usize, accounts: &[Account]) -> f64 {
+        let accounts: Vec<&Account> = accounts.iter().collect();
+        self.memories[policy].lost(&accounts)
+    }
+
+    /// For each policy the one that acts for its group, too, since the two were merged.
+    pub fn heirs(&self) -> Vec<Option<usize>> {
+        self.memories.iter().map(|memory| memory.heir).collect()
+    }
+
+    /// Takes a policy that is about to learn for one that is asked; it was not what its heir is.
+    pub(crate) fn revive(&mut self, policy: usize) {
+        if let Some(heir) = self.memories[policy].heir.take() {
+            self.part(policy, heir);
+        }
     }
 
     /// What speaks for and against a policy that acted in these episodes itself.

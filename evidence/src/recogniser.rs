@@ -4,8 +4,6 @@ use cluster::{Decision, Verdict};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
-use serde::de::Error as _;
-use serde::{Deserialize, Serialize as _};
 
 use crate::account::Account;
 use crate::choice::{drifted, keep_or_better, rivals};
@@ -73,33 +71,8 @@ impl Recogniser {
         self.memories.len()
     }
 
-    /// The state as a value that [`Recogniser::restore`] takes.
-    ///
-    /// # Errors
-    /// A serialiser's.
-    pub fn state<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.memories.serialize(serializer)
-    }
-
-    /// Takes a state back.
-    ///
-    /// # Errors
-    /// A deserialiser's, numbers that are not finite, lists of other lengths, or a policy without
-    /// accounts or with more than `memory`.
-    pub fn restore<'de, D: serde::Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
-        let memories: Vec<Memory> = Vec::deserialize(state)?;
-        let most = self.settings.memory;
-        let mut checks = memories.iter().map(|memory| memory.check(most));
-        let checked = checks.try_for_each(|check| check);
-        checked
-            .and_then(|()| check(known(&memories)))
-            .map_err(D::Error::custom)?;
-        self.memories = memories;
-        Ok(())
-    }
-
     /// Tells that `policy` learns from episodes of its own; the next new policy has the number of
-    /// those that are known. What shows another group than the first of these episodes is not
+    /// those that are known. One that was merged is asked again from here on. What shows another group than the first of these episodes is not
     /// remembered: returns the number of decisions before the first episode that is left out, if
     /// one is.
     ///
@@ -128,6 +101,7 @@ impl Recogniser {
         if policy == policies {
             self.memories.push(Memory::default());
         }
+        self.revive(policy);
         if self.is_outdated(policy, &accounts, rng)? {
             self.memories[policy].accounts.clear();
         }
@@ -287,21 +261,21 @@ impl Recogniser {
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
         let examiner = Examiner(&self.settings);
-        let weighed = opinions.iter().map(|opinion| Weighed {
-            p_value: opinion.test().map(|_| opinion.tail_p_value()),
+        let weighed = opinions.iter().zip(&self.memories);
+        let weighed = weighed.map(|(opinion, memory)| Weighed {
+            p_value: (opinion.test().filter(|_| !memory.is_gone())).map(|_| opinion.tail_p_value()),
             may_be_drift: !examiner.speaks_against(opinion, self.settings.doubt),
             misfit: opinion.misfit(),
         });
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
-    /// Whether a policy that looks another may be meant all the same: it was away, and has learnt so
-    /// much that it can show it.
+    /// Whether a policy may be meant that looks another, or has an heir: it was away, and has learnt
+    /// so much that it can show it.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
         let memory = &self.memories[policy];
         policy != situation.collector
             && !situation.refused.contains(&policy)
-            && !memory.is_gone
             && Examiner(&self.settings).knows(memory)
     }
 
@@ -376,8 +350,14 @@ impl Recogniser {
             (_, Some(&policy)) => Decision::Existing(policy),
             (_, None) => suspect.map_or(Decision::New, Decision::Existing),
         };
+        // one that has an heir is out of question for good once it was tried
+        let is_tried = |policy: &usize| {
+            !self.memories[*policy].is_gone() || situation.refused.contains(policy)
+        };
         let refused = |policy: &usize| {
-            opinions[*policy].is_refused() && decision != Decision::Existing(*policy)
+            opinions[*policy].is_refused()
+                && decision != Decision::Existing(*policy)
+                && is_tried(policy)
         };
         Ok(Finding {
             decision,

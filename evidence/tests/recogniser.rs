@@ -1,46 +1,11 @@
 //! Decisions on episodes of drawn worlds.
 
-#![allow(clippy::unwrap_used)]
-
-mod common;
-
 use cluster::{Decision, Verdict};
-use common::{accounts, mirrored, stream};
-use evidence::{Account, Accountant, Album, Finding, Recogniser, RecogniserSettings, Situation};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
+use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
 use symmetry::{D2, Irrep};
 use worlds::Kind;
 
-/// What was said of each policy.
-fn said(finding: &Finding) -> Vec<String> {
-    finding.opinions.iter().map(ToString::to_string).collect()
-}
-
-fn rng() -> ChaCha8Rng {
-    ChaCha8Rng::seed_from_u64(0)
-}
-
-/// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;
-/// the first of them earned nothing.
-fn knowing(kind: Kind, seed: u64, groups: usize) -> Recogniser {
-    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
-    for group in 0..groups {
-        let mut learnt = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
-        let (first, later) = learnt.split_at_mut(20);
-        first.iter_mut().for_each(|a| a.earned = Some(0.0));
-        recogniser.learn(group, first, &mut rng()).unwrap();
-        recogniser.learn(group, later, &mut rng()).unwrap();
-        recogniser.learn(group, later, &mut rng()).unwrap();
-    }
-    recogniser
-}
-
-/// 20 episodes of a group that come later than what the recogniser learnt from.
-fn rollout(kind: Kind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
-    let all = accounts(stream(kind, seed, &[(group, 12)], 5), 12, Some(as_group));
-    all[40..].to_vec()
-}
+use crate::common::{HORIZON, accounts, courses, knowing, mirrored, rng, rollout, said, stream};
 
 #[test]
 fn accounts_of_mirror_images_are_equal_to_the_bit() {
@@ -139,7 +104,7 @@ fn a_switch_is_found_before_a_running_tail() {
     let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
     recogniser.learn(0, &mixed, &mut rng()).unwrap();
     let state = recogniser.state(serde_json::value::Serializer).unwrap();
-    let remembered = state[0]["accounts"].as_array().unwrap().len();
+    let remembered = state["policies"][0]["accounts"].as_array().unwrap().len();
     assert_eq!(remembered, 10);
 }
 
@@ -163,7 +128,7 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
         let visits = [(0, before), (1, 4 - before)];
         let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
         let finding = recogniser.assign(&mixed, 0, &mut rng()).unwrap();
-        let began = before * common::HORIZON * 5;
+        let began = before * HORIZON * 5;
         assert_eq!(
             (finding.decision, finding.cut),
             (Decision::Existing(1), Some(began))
@@ -248,43 +213,12 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
     assert_eq!(other.decision, Decision::New);
 }
 
-#[test]
-fn memory_is_bounded_and_survives_a_file() {
-    let mut recogniser = knowing(Kind::Appearance, 1000, 2);
-    let size = |recogniser: &Recogniser| {
-        recogniser
-            .state(serde_json::value::Serializer)
-            .unwrap()
-            .to_string()
-            .len()
-    };
-    let before = size(&recogniser);
-    let seen = rollout(Kind::Appearance, 1000, 0, 0);
-    for _ in 0..1000 {
-        recogniser.learn(0, &seen, &mut rng()).unwrap();
-    }
-    assert!(
-        size(&recogniser) < 11 * before / 10,
-        "a thousand visits later"
-    );
-    let state = recogniser.state(serde_json::value::Serializer).unwrap();
-    let mut restored = Recogniser::new(*recogniser.settings()).unwrap();
-    restored.restore(&state).unwrap();
-    assert_eq!(restored, recogniser);
-    assert!(restored.restore(&serde_json::json!([3])).is_err());
-    let message = restored
-        .learn(7, &seen, &mut rng())
-        .unwrap_err()
-        .to_string();
-    assert_eq!(message, "policy 7 was named, 2 are known");
-}
-
 /// Pictures that an album holds are not described again, and the accounts are the same.
 #[test]
 fn an_album_changes_no_account() {
     let spec = [Irrep::X, Irrep::Y];
     let accountant = Accountant::new([48, 48, 6], &spec, &spec, 32).unwrap();
-    let courses = common::courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
+    let courses = courses(stream(Kind::Drift, 1000, &[(0, 2)], 5), 2, None);
     let mut album = Album::default();
     let first = accountant.accounts_with(&courses, &mut album).unwrap();
     let again = accountant.accounts_with(&courses, &mut album).unwrap();
@@ -294,38 +228,6 @@ fn an_album_changes_no_account() {
     other.image[0] ^= 255;
     let changed = accountant.accounts_with(&[other], &mut album).unwrap();
     assert_ne!(changed[0].picture, first[0].picture);
-}
-
-/// Two policies that learnt on one group become one, and two that did not stay two; what is gone is
-/// not asked again.
-#[test]
-fn policies_that_serve_one_group_are_merged() {
-    let kind = Kind::Target;
-    let mut recogniser = knowing(kind, 1000, 2);
-    let twin = accounts(stream(kind, 1000, &[(0, 16)], 5), 16, None)[40..].to_vec();
-    let mut beginning = twin[..20].to_vec();
-    beginning.iter_mut().for_each(|a| a.earned = Some(0.0));
-    recogniser.learn(2, &beginning, &mut rng()).unwrap();
-    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
-    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
-    let seen = rollout(kind, 1000, 0, 0);
-    let finding = recogniser.assign(&seen, 0, &mut rng()).unwrap();
-    assert_eq!(recogniser.twin(0, &finding), Some(1), "it looks alike");
-    let of_other = rollout(kind, 1000, 0, 1);
-    assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
-    assert_eq!(recogniser.twin(0, &finding), Some(2));
-    assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
-    let merge = recogniser
-        .merge(0, 2, &seen[5..], &mut rng())
-        .unwrap()
-        .unwrap();
-    let ends = [merge.kept.min(merge.gone), merge.kept.max(merge.gone)];
-    assert_eq!(ends, [0, 2]);
-    let finding = recogniser.assign(&seen, merge.kept, &mut rng()).unwrap();
-    assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
-    assert_eq!(recogniser.twin(merge.kept, &finding), None);
-    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
-    assert_eq!(found.policies[merge.gone], 0.0);
 }
 
 /// Colours stray while a policy is away: it is heard before a new one is opened, and what it
@@ -369,58 +271,6 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
         assert_eq!(next.opinions[1].verdict(), Verdict::Accepted, "seed {seed}");
     }
     assert!(heard > 0);
-}
-
-/// Nothing is learnt and nothing taken back that no comparison could use.
-#[test]
-fn damaged_accounts_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 2);
-    let seen = rollout(Kind::Appearance, 1000, 0, 0);
-    let damaged = |damage: fn(&mut Account)| {
-        let mut accounts = seen.clone();
-        damage(&mut accounts[7]);
-        let mut learning = recogniser.clone();
-        let error = learning.learn(1, &accounts, &mut rng()).unwrap_err();
-        assert_eq!(learning, recogniser, "nothing is learnt by halves");
-        error.to_string()
-    };
-    assert!(damaged(|a| a.picture[3] = f32::NAN).contains("picture holds NaN"));
-    assert!(damaged(|a| a.earned = Some(f32::INFINITY)).contains("earnings holds inf"));
-    assert!(damaged(|a| a.vector = Vec::new()).contains("vector holds 0 values, expected 2"));
-    assert!(damaged(|a| a.motion = Some(vec![0.0])).contains("motion holds 1 values, expected 4"));
-    let none = recogniser.clone().learn(0, &[], &mut rng()).unwrap_err();
-    assert_eq!(none.to_string(), "got 0 episodes, expected at least 1");
-}
-
-#[test]
-fn damaged_states_are_refused() {
-    let recogniser = knowing(Kind::Appearance, 1000, 2);
-    let state = recogniser.state(serde_json::value::Serializer).unwrap();
-    let damaged = |damage: fn(&mut serde_json::Value)| {
-        let mut damaged = state.clone();
-        damage(&mut damaged);
-        let mut restored = recogniser.clone();
-        let error = restored.restore(&damaged).unwrap_err();
-        assert_eq!(restored, recogniser, "nothing is taken back by halves");
-        error.to_string()
-    };
-    let huge = damaged(|s| s[1]["accounts"][0]["picture"][0] = 1e300.into());
-    assert!(huge.contains("picture holds inf"), "{huge}");
-    let short = damaged(|s| s[0]["accounts"][3]["vector"] = serde_json::json!([0.5]));
-    assert!(
-        short.contains("vector holds 1 values, expected 2"),
-        "{short}"
-    );
-    let empty = damaged(|s| s[1]["accounts"] = serde_json::json!([]));
-    assert!(empty.contains("got 0 episodes"), "{empty}");
-    let long = damaged(|s| {
-        let first = s[0]["accounts"][0].clone();
-        s[0]["accounts"].as_array_mut().unwrap().push(first);
-    });
-    assert!(
-        long.contains("41 accounts of one policy, expected at most 40"),
-        "{long}"
-    );
 }
 
 /// Colours stray over hundreds of rounds; what is remembered is the latest.

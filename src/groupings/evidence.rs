@@ -118,6 +118,17 @@ impl Grouping for Evident {
         })
     }
 
+    fn refused(&self) -> Vec<usize> {
+        let last = self.last.borrow();
+        last.as_ref()
+            .map_or_else(Vec::new, |finding| finding.refused.clone())
+    }
+
+    fn is_cut(&self) -> bool {
+        let last = self.last.borrow();
+        last.as_ref().is_some_and(|finding| finding.cut.is_some())
+    }
+
     fn review(
         &self,
         candidates: &mut dyn Candidates,
@@ -177,11 +188,16 @@ impl Grouping for Evident {
         &mut self,
         index: usize,
         twin: usize,
-        episodes: Episodes<'_>,
+        [heard, again]: [Episodes<'_>; 2],
         rng: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
-        let accounts = self.accounts(episodes, index)?;
-        Ok(self.recogniser.merge(index, twin, &accounts, rng)?)
+        let heard = self.accounts(heard, twin)?;
+        let again = self.accounts(again, index)?;
+        Ok(self.recogniser.merge(index, twin, (&heard, &again), rng)?)
+    }
+
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        Some(self.recogniser.heirs())
     }
 
     fn state(&self) -> Value {

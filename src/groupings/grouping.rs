@@ -67,9 +67,19 @@ pub trait Grouping: Send {
         self.assign(candidates, rng)
     }
 
+    /// The policies that the last decision put out of question in this matter.
+    fn refused(&self) -> Vec<usize> {
+        Vec::new()
+    }
+
+    /// Whether the last decision rests on a part of the episodes alone, since they show two groups.
+    fn is_cut(&self) -> bool {
+        false
+    }
+
     /// Judges the policy that a decision named, by a rollout that it collected itself: names another
     /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
-    /// and those that this call adds.
+    /// [`Grouping::refused`] to begin with, and those that this call adds.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -83,8 +93,8 @@ pub trait Grouping: Send {
     }
 
     /// Whether the policy that the last decision named is one of several that might be meant: it is
-    /// worth while to let it act for one episode in each environment, and to review that, before it
-    /// collects a rollout.
+    /// worth while to let it act for [`Grouping::min_episodes`], at least one in each environment,
+    /// and to review that, before it collects a rollout.
     fn is_contested(&self) -> bool {
         false
     }
@@ -104,7 +114,7 @@ pub trait Grouping: Send {
     }
 
     /// A policy that may serve the same group as policy `index`, which the last decision accepted:
-    /// it is to act for one episode in each environment, and [`Grouping::compare`] is to judge it.
+    /// it is to act for [`Grouping::min_episodes`], and [`Grouping::compare`] is to judge it.
     fn twin(&self, _index: usize) -> Option<usize> {
         None
     }
@@ -124,9 +134,9 @@ pub trait Grouping: Send {
         Ok(false)
     }
 
-    /// Makes one of two policies that serve one group, unless the episodes that policy `index`
-    /// collected last say otherwise: returns the one that goes on, and the one that is not asked
-    /// again.
+    /// Makes one of two policies the heir of the other one by the episodes that `twin` collected,
+    /// unless those that policy `index` collected after them say otherwise: returns the one that
+    /// goes on, and the one that has an heir.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
@@ -134,10 +144,16 @@ pub trait Grouping: Send {
         &mut self,
         _index: usize,
         _twin: usize,
-        _episodes: Episodes<'_>,
+        _episodes: [Episodes<'_>; 2],
         _rng: &mut ChaCha8Rng,
     ) -> Result<Option<Merge>, CoversError> {
         Ok(None)
+    }
+
+    /// For each policy the one that acts for its group since the two were merged; none where no
+    /// policies are ever merged.
+    fn heirs(&self) -> Option<Vec<Option<usize>>> {
+        None
     }
 
     /// Learns that policy `index` took the last rollout.

@@ -111,6 +111,9 @@ pub struct Turn {
     /// Evidence of the first look, where it left the grouping undecided and one more rollout was
     /// collected: `evidence` is that of both.
     pub first_look: Option<Vec<Evidence>>,
+    /// For each policy the one that acts for its group since the two were merged; empty for learners
+    /// and groupings that merge no policies.
+    pub heirs: Vec<Option<usize>>,
     /// Decisions taken, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was learnt from.

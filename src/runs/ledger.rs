@@ -8,6 +8,10 @@ use serde::{Deserialize, Serialize};
 pub struct Ledger {
     /// The group that each policy was opened for: that of its first rollout of one group alone.
     pub opened_for: Vec<Option<String>>,
+    /// Policies for whose groups others act since they were merged ([`crate::Turn::heirs`]). The counts
+    /// below do not follow them: a group's policy is the first that was opened for it.
+    #[serde(default)]
+    pub merged: usize,
     /// Rollouts learnt from.
     pub rollouts: usize,
     /// Decisions taken while learning.
@@ -29,6 +33,11 @@ pub struct Ledger {
 }
 
 impl Ledger {
+    /// Books who acts for whom after a turn.
+    pub(crate) fn record_heirs(&mut self, heirs: &[Option<usize>]) {
+        self.merged = heirs.iter().flatten().count();
+    }
+
     /// Books one rollout of one group; `returns` says that its group was visited before.
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
@@ -55,6 +64,7 @@ impl Ledger {
     pub(crate) fn adds_up(&self) -> bool {
         let of_one_group = self.rollouts.checked_sub(self.straddled);
         self.decisions >= self.rollouts
+            && self.merged <= self.opened_for.len()
             && of_one_group.is_some_and(|of_one| self.right.max(self.returns) <= of_one)
             && self.right_returns <= self.right.min(self.returns)
     }
@@ -118,6 +128,21 @@ mod tests {
         assert_eq!(ledger.accuracy(), Some(1.0));
         assert_eq!(ledger.opened_for[1].as_deref(), Some(D));
         assert_eq!(Ledger::default().accuracy(), None);
+    }
+
+    /// Policies that were merged are counted, and what they were opened for stays.
+    #[test]
+    fn merged_policies_are_counted() {
+        let mut ledger = ledger(&[(B, false, 0), (D, false, 1)]);
+        ledger.decisions = 2;
+        ledger.record_heirs(&[None, Some(0)]);
+        assert!(ledger.adds_up() && ledger.merged == 1);
+        ledger.record(D, true, 0);
+        assert_eq!(accuracies(&ledger), [Some(2.0 / 3.0), Some(0.0)]);
+        ledger.record_heirs(&[None, None]);
+        assert_eq!(ledger.merged, 0, "asked again");
+        ledger.merged = 3;
+        assert!(!ledger.adds_up());
     }
 
     #[test]

@@ -272,6 +272,7 @@ impl Run {
         } else {
             ledger.record(group.name(), returns, turn.policy);
         }
+        ledger.record_heirs(&turn.heirs);
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
@@ -374,6 +375,7 @@ impl Run {
             seconds: ledger.seconds,
             decisions_per_second: self.logs.timings().decisions_per_second(),
             policies: self.learner.policies(),
+            merged: ledger.merged,
             failures: ledger.failures,
             straddled: ledger.straddled,
             assignment_accuracy: ledger.accuracy(),

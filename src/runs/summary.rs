@@ -16,6 +16,8 @@ pub struct Summary {
     pub decisions_per_second: Option<f64>,
     /// Policies created.
     pub policies: usize,
+    /// Those of them for whose groups others act since they were merged.
+    pub merged: usize,
     /// Failures of single environments while learning, see [`crate::Stream::failures`].
     pub failures: usize,
     /// Rollouts within which the group changed; the shares below leave them out.

@@ -58,6 +58,9 @@ impl Arguments {
                 _ => positional.push(word),
             }
         }
+        if let Some(word) = positional.get(3) {
+            return Err(TrialError::Argument(word.clone()));
+        }
         let seed = |index: usize, default| match positional.get(index) {
             Some(word) => number(word),
             None => Ok(default),
@@ -125,6 +128,7 @@ mod tests {
             "--stay 0-4",
             "--stay 9-4",
             "1000 2 targets",
+            "1000 2 target 7",
             "--csv",
         ] {
             let word = wrong.split_whitespace().last().unwrap();

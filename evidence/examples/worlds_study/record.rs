@@ -1,13 +1,17 @@
 //! What is kept of one world, and the file that keeps it.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, Write as _};
+use std::io::{self, Error, Write as _};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use worlds::Kind;
 
 use crate::arguments::{Plan, kind};
+
+/// What is drawn, decided and counted. A change of any of that is another version, and results of
+/// two versions do not belong into one table.
+const VERSION: &str = "2";
 
 /// Counts of one world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,21 +80,33 @@ impl Record {
         self.counts[count as usize]
     }
 
-    fn line(&self, plan: &str) -> String {
-        let counts = self.counts.map(|count| count.to_string()).join(",");
-        format!("{},{},{plan},{counts}", self.kind.name(), self.seed)
+    /// The first line of a file.
+    fn header() -> String {
+        let names = Self::COUNTS.join(",");
+        format!("version,kind,seed,visits,stay,forced,{names}")
     }
 
-    fn read(line: &str, plan: &str) -> Option<Self> {
-        let (name, rest) = line.split_once(',')?;
-        let (seed, rest) = rest.split_once(',')?;
-        let counts = rest.strip_prefix(plan)?.strip_prefix(',')?;
-        let counts: Option<Vec<usize>> = counts.split(',').map(|word| word.parse().ok()).collect();
-        Some(Self {
+    fn line(&self, plan: &str) -> String {
+        let counts = self.counts.map(|count| count.to_string()).join(",");
+        format!(
+            "{VERSION},{},{},{plan},{counts}",
+            self.kind.name(),
+            self.seed
+        )
+    }
+
+    /// The record of a line, and the columns of its plan.
+    fn read(line: &str) -> Option<(Self, String)> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let ([version, name, seed], rest) = cells.split_first_chunk()?;
+        let (plan, counts) = rest.split_first_chunk::<3>()?;
+        let counts: Option<Vec<usize>> = counts.iter().map(|cell| cell.parse().ok()).collect();
+        let record = Self {
             kind: kind(name)?,
             seed: seed.parse().ok()?,
             counts: counts?.try_into().ok()?,
-        })
+        };
+        (*version == VERSION).then(|| (record, plan.join(",")))
     }
 }
 
@@ -115,8 +131,10 @@ pub struct Results {
 }
 
 impl Results {
-    /// Reads what the file holds of streams like `plan`. A last line that was broken off is left
-    /// behind and not counted.
+    /// Reads what the file holds of streams like `plan`. A last line that was broken off is removed.
+    ///
+    /// # Errors
+    /// A file's, and a line that this version did not write.
     pub fn open(path: Option<&Path>, plan: &Plan) -> io::Result<Self> {
         let plan = plan.columns();
         let Some(path) = path else {
@@ -128,15 +146,21 @@ impl Results {
         };
         let mut file = OpenOptions::new().append(true).create(true).open(path)?;
         let text = std::fs::read_to_string(path)?;
-        if text.is_empty() {
-            let names = Record::COUNTS.join(",");
-            writeln!(file, "kind,seed,visits,stay,forced,{names}")?;
-        } else if !text.ends_with('\n') {
-            writeln!(file)?;
+        let whole = text.rfind('\n').map_or(0, |last| last + 1);
+        let rows = rows(&text[..whole]).map_err(|problem| {
+            let (path, expected) = (path.display(), Record::header());
+            Error::other(format!(
+                "{path}: {problem}, expected version {VERSION} with the columns {expected}; begin \
+                 another file"
+            ))
+        })?;
+        file.set_len(whole as u64)?;
+        if whole == 0 {
+            writeln!(file, "{}", Record::header())?;
         }
-        let whole = text.lines().filter_map(|line| Record::read(line, &plan));
+        let known = rows.into_iter().filter(|(_, own)| *own == plan);
         Ok(Self {
-            known: whole.collect(),
+            known: known.map(|(record, _)| record).collect(),
             file: Some(Mutex::new(file)),
             plan,
         })
@@ -161,14 +185,48 @@ impl Results {
     }
 }
 
+/// The rows of whole lines, or what is wrong with the first line that cannot be read.
+fn rows(text: &str) -> Result<Vec<(Record, String)>, String> {
+    let mut lines = text.lines();
+    if let Some(header) = lines.next().filter(|line| *line != Record::header()) {
+        return Err(format!("got the columns {header}"));
+    }
+    let read = |line: &str| Record::read(line).ok_or(format!("got the line {line}"));
+    lines.map(read).collect()
+}
+
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
+
     use super::*;
+
+    fn scratch(name: &str) -> PathBuf {
+        let name = format!("worlds-study-{name}-{}.csv", std::process::id());
+        std::env::temp_dir().join(name)
+    }
+
+    #[test]
+    fn lines_of_another_version_are_refused() {
+        let path = scratch("version");
+        let record = "shape,7,two,12-40,none,8,8,1,84,424,47,47,8,8,9,9,333,0,0,431987,478045";
+        let names = "kind,seed,visits,stay,forced,groups,policies,exact,turns,rounds,known,right,\
+                     switches,noticed,mixed,split,learnt,foreign,merged,slowest_us,state_bytes";
+        let first = format!("{names}\n{record}\n");
+        let next = format!("version,{names}\n3,{record}\n");
+        for text in [first, next] {
+            std::fs::write(&path, &text).unwrap();
+            let refused = Results::open(Some(&path), &Plan::default()).err().unwrap();
+            let message = refused.to_string();
+            assert!(message.contains("expected version 2 with"), "{message}");
+            assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
+        }
+        std::fs::remove_file(&path).unwrap();
+    }
 
     #[test]
     fn results_are_found_again_and_a_broken_line_is_not() {
-        let name = format!("worlds-study-{}.csv", std::process::id());
-        let path = std::env::temp_dir().join(name);
+        let path = scratch("broken");
         let plan = Plan::default();
         let record = Record {
             kind: Kind::Shape,
@@ -179,7 +237,9 @@ mod tests {
         assert_eq!(results.known(Kind::Shape, 7), None);
         results.add(&record).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text + "shape,8,two,12-40,none,1,2").unwrap();
+        let broken = Record { seed: 8, ..record }.line(&plan.columns());
+        // within the last number
+        std::fs::write(&path, text + &broken[..broken.len() - 1]).unwrap();
         let again = Results::open(Some(&path), &plan).unwrap();
         assert_eq!(again.known(Kind::Shape, 7), Some(record));
         assert_eq!(again.known(Kind::Shape, 8), None);

@@ -109,7 +109,7 @@ pub fn record(kind: Kind, seed: u64, outcome: &Outcome) -> Record {
     );
     set(Count::Learnt, learnt.len());
     set(Count::Foreign, foreign.count());
-    set(Count::Merged, outcome.merges.len());
+    set(Count::Merged, outcome.merged());
     set(Count::Slowest, outcome.slowest.as_micros() as usize);
     set(Count::State, outcome.state);
     Record { kind, seed, counts }
@@ -127,6 +127,7 @@ mod tests {
             rounds: 4,
             is_known: true,
             is_cut: None,
+            last: 0,
             learnt: [Some(group), Some(group), None, None],
         };
         Outcome {

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use cluster::Decision;
 use evidence::{
-    Account, Accountant, EvidenceError, Finding, Merge, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, EvidenceError, Finding, Recogniser, RecogniserSettings, Situation,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -26,7 +26,10 @@ const VISITS: usize = 2;
 /// What can go wrong.
 #[derive(Debug, thiserror::Error)]
 pub enum TrialError {
-    #[error("`{0}` is none of: a number, a kind of worlds, --visits N, --stay A-B, --csv FILE")]
+    #[error(
+        "`{0}` is none of: FIRST, COUNT, KIND, --visits N, --stay A-B, --alarms, --csv FILE, \
+         --explain"
+    )]
     Argument(String),
     #[error(transparent)]
     Evidence(#[from] EvidenceError),
@@ -49,6 +52,8 @@ pub struct Turn {
     pub is_known: bool,
     /// Whether the first rollout was cut at the round in which its group changed, if it did.
     pub is_cut: Option<bool>,
+    /// The number of the last round that was learnt from.
+    pub last: usize,
     /// The group of each round that was learnt from.
     pub learnt: [Option<usize>; ROUNDS],
 }
@@ -59,7 +64,8 @@ pub struct Outcome {
     pub distinct: usize,
     pub policies: usize,
     pub turns: Vec<Turn>,
-    pub merges: Vec<Merge>,
+    /// For each policy the one that acts for its group since the two were merged.
+    pub heirs: Vec<Option<usize>>,
     /// Time of the decisions of one turn.
     pub slowest: Duration,
     /// Size of the recogniser's state as text.
@@ -70,16 +76,19 @@ pub struct Outcome {
 impl Outcome {
     /// The policy that a policy is since merges.
     pub fn now(&self, policy: usize) -> usize {
-        let merges = self.merges.iter();
-        merges.fold(policy, |policy, merge| match policy == merge.gone {
-            true => merge.kept,
-            false => policy,
-        })
+        let heir = |&policy: &usize| self.heirs.get(policy).copied().flatten();
+        let heirs = std::iter::successors(Some(policy), heir);
+        heirs.last().unwrap_or(policy)
+    }
+
+    /// The number of policies that were merged into others.
+    pub fn merged(&self) -> usize {
+        self.heirs.iter().flatten().count()
     }
 
     /// The number of policies that are left.
     pub fn left(&self) -> usize {
-        self.policies - self.merges.len()
+        self.policies - self.merged()
     }
 }
 
@@ -139,11 +148,9 @@ impl Trial {
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
         while self.stream.rounds() < self.rounds {
             let turn = self.turn()?;
-            let learnt = turn.learnt.iter().flatten().count();
-            let last = self.stream.rounds() - 1 - (ROUNDS - learnt);
-            let since = *met[turn.group].get_or_insert(last);
+            let since = *met[turn.group].get_or_insert(turn.last);
             self.outcome.turns.push(Turn {
-                is_known: has_returned((since..=last).map(|round| self.group_at(round))),
+                is_known: has_returned((since..=turn.last).map(|round| self.group_at(round))),
                 ..turn
             });
         }
@@ -151,6 +158,7 @@ impl Trial {
         Ok(Outcome {
             distinct: self.stream.world().distinct(),
             policies: self.policies.len(),
+            heirs: self.recogniser.heirs(),
             state: state.map_or(0, |state| state.to_string().len()),
             ..self.outcome
         })
@@ -186,6 +194,8 @@ impl Trial {
             (accounts, last) = self.follow(finding, accounts)?;
         }
         let learnt = self.learn(&accounts)?;
+        // before anybody is heard, which takes rounds, too
+        let ends = self.stream.rounds();
         let policy = self.current;
         if let Some(finding) = last {
             self.look_for_twin(&finding)?;
@@ -200,6 +210,7 @@ impl Trial {
             rounds: self.stream.rounds() - begins,
             is_known: false,
             is_cut: changed.map(|changed| cut == Some(changed)),
+            last: ends - 1 - (ROUNDS - learnt.iter().flatten().count()),
             learnt,
         })
     }
@@ -258,12 +269,12 @@ impl Trial {
         self.current = policy;
         if is_twin {
             let again = self.roll_out(1)?;
-            let merge = self.recogniser.merge(policy, twin, &again, &mut self.rng)?;
+            let both = (&heard[..], &again[..]);
+            let merge = self.recogniser.merge(policy, twin, both, &mut self.rng)?;
             self.current = merge.map_or(policy, |merge| merge.kept);
-            self.outcome.merges.extend(merge);
         }
-        let merges = &self.outcome.merges;
-        let line = format!("{twin} was compared with {policy}: {is_twin}, {merges:?}");
+        let heirs = self.recogniser.heirs();
+        let line = format!("{twin} was compared with {policy}: {is_twin}, {heirs:?}");
         self.outcome.log.push(line);
         Ok(())
     }
@@ -345,6 +356,26 @@ fn has_returned(mut groups: impl Iterator<Item = usize>) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use worlds::Kind;
+
+    /// Rounds in which policies are heard after the turn's update belong to nobody.
+    #[test]
+    fn a_turn_is_dated_by_what_it_learnt() {
+        let plan = Plan {
+            visits: Some(6),
+            stay: 8..=12,
+            ..Plan::default()
+        };
+        let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
+        let mut heard = 0;
+        while trial.stream.rounds() < trial.rounds {
+            let turn = trial.turn().unwrap();
+            assert_eq!(trial.group_at(turn.last), turn.group);
+            let dropped = ROUNDS - turn.learnt.iter().flatten().count();
+            heard += trial.stream.rounds() - 1 - dropped - turn.last;
+        }
+        assert!(heard > 0, "no policy was heard");
+    }
 
     #[test]
     fn a_group_is_known_only_in_a_later_visit() {

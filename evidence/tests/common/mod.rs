@@ -2,7 +2,9 @@
 
 #![allow(dead_code, clippy::unwrap_used)]
 
-use evidence::{Account, Accountant, Course, RecogniserSettings};
+use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::{D2, Irrep};
 use worlds::{Kind, Stream, Visit, World};
@@ -66,4 +68,34 @@ pub fn accounts(stream: Stream, rounds: usize, as_group: Option<usize>) -> Vec<A
 
 pub fn mirrored(stream: Stream, g: D2) -> Stream {
     stream.with_variant(g)
+}
+
+/// What was said of each policy.
+pub fn said(finding: &Finding) -> Vec<String> {
+    finding.opinions.iter().map(ToString::to_string).collect()
+}
+
+pub fn rng() -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(0)
+}
+
+/// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;
+/// the first of them earned nothing.
+pub fn knowing(kind: Kind, seed: u64, groups: usize) -> Recogniser {
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    for group in 0..groups {
+        let mut learnt = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
+        let (first, later) = learnt.split_at_mut(20);
+        first.iter_mut().for_each(|a| a.earned = Some(0.0));
+        recogniser.learn(group, first, &mut rng()).unwrap();
+        recogniser.learn(group, later, &mut rng()).unwrap();
+        recogniser.learn(group, later, &mut rng()).unwrap();
+    }
+    recogniser
+}
+
+/// 20 episodes of a group that come later than what the recogniser learnt from.
+pub fn rollout(kind: Kind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
+    let all = accounts(stream(kind, seed, &[(group, 12)], 5), 12, Some(as_group));
+    all[40..].to_vec()
 }

@@ -48,31 +48,34 @@ impl<S: CollectionSettings> Learner for Collection<S> {
             assignment = self.settle(&frames, &courses)?;
         }
         let mut created = self.adopt(&assignment, frames)?;
+        let mut actor = collector;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            match self.settings.handover() {
-                Handover::CollectAgain => {
-                    let collected = self.hand_over(env, assignment, created)?;
-                    decisions += collected.decisions;
-                    (assignment, stats, created) =
-                        (collected.assignment, collected.stats, collected.created);
-                }
-                Handover::Reuse => {
-                    let policy = &mut self.members[self.current].policy;
-                    S::Training::take_over(policy, &mut self.rollout)?;
-                }
+            // nor does it know rollouts of two groups
+            if self.settings.handover() == Handover::Reuse && !self.grouping.is_cut() {
+                let policy = &mut self.members[self.current].policy;
+                S::Training::take_over(policy, &mut self.rollout)?;
+            } else {
+                let collected = self.hand_over(env, assignment, created)?;
+                decisions += collected.decisions;
+                (assignment, stats, created) =
+                    (collected.assignment, collected.stats, collected.created);
+                actor = self.current;
             }
         }
-        self.remember(self.current_collector(collector))?;
+        self.remember(actor)?;
         let update = self.update()?;
         let policy = self.current;
         decisions += self.look_for_twin(env)?;
+        let heirs = self.grouping.heirs();
+        let looks = 1 + usize::from(first_look.is_some());
         Ok(Turn {
             policy,
             created,
-            metrics: metrics(&assignment.evidence, first_look.is_some(), update),
+            metrics: metrics(&assignment.evidence, looks, heirs.as_deref(), update),
             evidence: assignment.evidence,
             first_look,
+            heirs: heirs.unwrap_or_default(),
             decisions,
             rollout: stats,
             seconds: self.seconds,
@@ -285,14 +288,6 @@ impl<S: CollectionSettings> Collection<S> {
         Ok(())
     }
 
-    /// Who collected the rollout that is learnt from; `first` collected the turn's first one.
-    fn current_collector(&self, first: usize) -> usize {
-        match self.settings.handover() {
-            Handover::CollectAgain => self.current,
-            Handover::Reuse => first,
-        }
-    }
-
     /// Makes the assigned policy current and gives it the frames; returns whether it is new.
     pub(super) fn adopt(
         &mut self,
@@ -363,10 +358,16 @@ impl<S: CollectionSettings> Collection<S> {
     }
 }
 
-/// What is logged: the evidence of the grouping, one number for each policy, and the update.
-fn metrics(evidence: &[Evidence], second_look: bool, update: Vec<(String, f64)>) -> Metrics {
+/// What is logged: the evidence of the grouping, one number for each policy, who has which heir
+/// where policies are merged, and the update.
+fn metrics(
+    evidence: &[Evidence],
+    looks: usize,
+    heirs: Option<&[Option<usize>]>,
+    update: Vec<(String, f64)>,
+) -> Metrics {
     let mut metrics = Metrics::default();
-    metrics.number("looks", 1.0 + f64::from(u8::from(second_look)));
+    metrics.number("looks", looks as f64);
     metrics.per_policy("distances", evidence.iter().map(|e| Some(e.distance)));
     type Figure = fn(&PermutationTest) -> f64;
     let figures: [(&str, Figure); 5] = [
@@ -378,6 +379,12 @@ fn metrics(evidence: &[Evidence], second_look: bool, update: Vec<(String, f64)>)
     ];
     for (name, figure) in figures {
         metrics.per_policy(name, evidence.iter().map(|e| e.test().map(figure)));
+    }
+    if let Some(heirs) = heirs {
+        metrics.per_policy(
+            "heirs",
+            heirs.iter().map(|heir| heir.map(|heir| heir as f64)),
+        );
     }
     for (name, value) in update {
         metrics.number(name, value);

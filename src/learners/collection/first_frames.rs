@@ -69,6 +69,10 @@ pub trait Rollout {
     /// # Errors
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
+
+    /// Forgets all that was collected since an algorithm learnt last. One that holds a single
+    /// collection forgets it when the next one begins.
+    fn forget(&mut self) {}
 }
 
 impl Rollout for RolloutBuffer {

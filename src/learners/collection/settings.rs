@@ -92,7 +92,7 @@ pub enum Handover {
     #[default]
     CollectAgain,
     /// The assigned policy learns from it, with its own log-probabilities and values
-    /// ([`RolloutBuffer::revalue`](rl::RolloutBuffer::revalue)).
+    /// ([`RolloutBuffer::revalue`](rl::RolloutBuffer::revalue)), unless it shows two groups.
     Reuse,
 }
 

@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use cluster::{Assignment, Verdict};
-use rl::{RolloutState, RolloutStats, VectorEnv, collect};
+use cluster::Assignment;
+use rl::{Experience as _, RolloutState, RolloutStats, VectorEnv, collect};
 
 use crate::error::CoversError;
 use crate::groupings::Episodes;
@@ -29,16 +29,19 @@ pub(super) struct Collected {
 impl<S: CollectionSettings> Collection<S> {
     /// Lets the current policy, which `assignment` named, collect a rollout; and other ones where
     /// the grouping reviews what it did and names them. One of several that might be meant is heard
-    /// first.
+    /// first. What was collected before and shows two groups is learnt by nobody.
     pub(super) fn hand_over(
         &mut self,
         env: &mut dyn VectorEnv,
         mut assignment: Assignment,
         mut created: bool,
     ) -> Result<Collected, CoversError> {
-        let mut refused = refused(&assignment);
+        let mut refused = self.grouping.refused();
         let mut decisions = 0;
         loop {
+            if self.grouping.is_cut() {
+                self.rollout.forget();
+            }
             if !created
                 && self.grouping.is_contested()
                 && let Some(heard) = self.hear(env, &mut decisions)?
@@ -67,9 +70,9 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Lets a policy act that may serve the same group as the current one; if it does, one of the
-    /// two is not asked again. The other one goes on with its parameters, its optimiser and its
-    /// number. Returns the decisions taken.
+    /// Lets a policy act that may serve the group of the current one, too; if it does, one of the two
+    /// goes on for both, with its parameters, its optimiser and its number. Returns the decisions
+    /// taken.
     pub(super) fn look_for_twin(&mut self, env: &mut dyn VectorEnv) -> Result<usize, CoversError> {
         let mut decisions = 0;
         let policy = self.current;
@@ -82,50 +85,40 @@ impl<S: CollectionSettings> Collection<S> {
         let Some(heard) = heard else {
             return Ok(decisions);
         };
-        let courses = courses(&heard, 0);
-        let seen = Episodes {
-            spec: &self.spec,
-            collector: twin,
-            courses: &courses,
+        let spec = self.spec.clone();
+        let seen = |collector, courses| Episodes {
+            spec: &spec,
+            collector,
+            courses,
         };
+        let heard = courses(&heard, 0);
         let rng = &mut self.generators.assignment;
-        if self.grouping.compare(policy, twin, seen, rng)?
+        if self
+            .grouping
+            .compare(policy, twin, seen(twin, &heard), rng)?
             && let Some(again) = self.hear(env, &mut decisions)?
         {
-            self.merge(twin, &again)?;
+            let again = courses(&again, 0);
+            let both = [seen(twin, &heard), seen(policy, &again)];
+            let rng = &mut self.generators.assignment;
+            let merge = self.grouping.merge(policy, twin, both, rng)?;
+            self.current = merge.map_or(policy, |merge| merge.kept);
         }
         Ok(decisions)
     }
 
-    /// Makes one of the current policy and `twin`, unless what the current one did last says
-    /// otherwise.
-    fn merge(&mut self, twin: usize, again: &RolloutOf<S>) -> Result<(), CoversError> {
-        let courses = courses(again, 0);
-        let seen = Episodes {
-            spec: &self.spec,
-            collector: self.current,
-            courses: &courses,
-        };
-        let rng = &mut self.generators.assignment;
-        if let Some(merge) = self.grouping.merge(self.current, twin, seen, rng)? {
-            self.current = merge.kept;
-        }
-        Ok(())
-    }
-
-    /// Lets the current policy act for one episode in each environment, and adds the decisions to
-    /// those taken. Nothing where episodes may be longer than a rollout, or as long.
+    /// Lets the current policy act for [`Collection::hearing`] steps, and adds the decisions to
+    /// those taken.
     fn hear(
         &mut self,
         env: &mut dyn VectorEnv,
         decisions: &mut usize,
     ) -> Result<Option<RolloutOf<S>>, CoversError> {
-        let steps = self.rollout.shown();
-        let Some(horizon) = env.horizon().filter(|&horizon| horizon < steps) else {
+        let Some(steps) = self.hearing(env) else {
             return Ok(None);
         };
         let clock = Instant::now();
-        let mut heard = S::rollout(env.spec(), horizon)?;
+        let mut heard = S::rollout(env.spec(), steps)?;
         let Member {
             policy, training, ..
         } = &mut self.members[self.current];
@@ -134,8 +127,15 @@ impl<S: CollectionSettings> Collection<S> {
         let rng = &mut self.generators.actions;
         *decisions += collect(env, policy, &mut heard, &mut state, rng)?.decisions;
         self.seconds.collection += clock.elapsed().as_secs_f64();
-        let episodes = first_frames(&heard, self.settings.first_frames()).len();
-        Ok((episodes >= self.grouping.min_episodes()).then_some(heard))
+        Ok(Some(heard))
+    }
+
+    /// Steps in which the environments show as many episodes as the grouping needs, at least one
+    /// each. None where that takes no less than a rollout, or nobody knows how long.
+    fn hearing(&self, env: &dyn VectorEnv) -> Option<usize> {
+        let episodes = self.grouping.min_episodes().div_ceil(self.spec.num_envs);
+        let steps = env.horizon()?.checked_mul(episodes.max(1))?;
+        (steps < self.rollout.steps()).then_some(steps)
     }
 
     /// Asks the grouping whether the current policy, which has acted since it was named, is the
@@ -162,11 +162,4 @@ impl<S: CollectionSettings> Collection<S> {
             grouping.review(clouds, refused, rng)
         })
     }
-}
-
-/// The policies that a decision refused for good.
-fn refused(assignment: &Assignment) -> Vec<usize> {
-    let evidence = assignment.evidence.iter().enumerate();
-    let refused = evidence.filter(|(_, e)| e.verdict == Verdict::Refused);
-    refused.map(|(index, _)| index).collect()
 }

@@ -122,4 +122,8 @@ impl Rollout for Recording {
         }
         Ok(())
     }
+
+    fn forget(&mut self) {
+        self.collections.clear();
+    }
 }

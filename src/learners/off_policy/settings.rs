@@ -39,7 +39,7 @@ pub struct OffPolicySettings {
     /// needed.
     pub newest_steps: u64,
     /// Which policy a rollout belongs to. Whichever policy collected it, it is good enough for the
-    /// replay of the one that it belongs to.
+    /// replay of the one that it belongs to, unless it shows two groups.
     pub grouping: GroupingSettings,
     /// Frames at the start of each episode that assignment looks at.
     pub first_frames: usize,

@@ -1,0 +1,103 @@
+//! Policies that turn out to serve one group.
+
+use cluster::{Decision, Verdict};
+use evidence::{Account, Merge, Recogniser, Situation};
+use worlds::Kind;
+
+use crate::common::{accounts, knowing, rng, rollout, said, stream};
+
+/// Two policies that learnt on one group become one, and two that did not stay two; one that has an
+/// heir is not asked while others will do.
+#[test]
+fn policies_that_serve_one_group_are_merged() {
+    let kind = Kind::Target;
+    let mut recogniser = knowing(kind, 1000, 2);
+    let twin = accounts(stream(kind, 1000, &[(0, 16)], 5), 16, None)[40..].to_vec();
+    let mut beginning = twin[..20].to_vec();
+    beginning.iter_mut().for_each(|a| a.earned = Some(0.0));
+    recogniser.learn(2, &beginning, &mut rng()).unwrap();
+    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
+    recogniser.learn(2, &twin[20..], &mut rng()).unwrap();
+    let seen = rollout(kind, 1000, 0, 0);
+    let finding = recogniser.assign(&seen, 0, &mut rng()).unwrap();
+    assert_eq!(recogniser.twin(0, &finding), Some(1), "it looks alike");
+    let of_other = rollout(kind, 1000, 0, 1);
+    assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
+    assert_eq!(recogniser.twin(0, &finding), Some(2));
+    assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
+    let merge = recogniser
+        .merge(0, 2, (&seen[..5], &seen[5..]), &mut rng())
+        .unwrap()
+        .unwrap();
+    assert_eq!((merge.kept, merge.gone), (2, 0), "policy 2 was heard");
+    assert_eq!(recogniser.heirs(), [Some(2), None, None]);
+    let finding = recogniser.assign(&seen, merge.kept, &mut rng()).unwrap();
+    assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
+    assert_eq!(recogniser.twin(merge.kept, &finding), None);
+    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
+    assert_eq!(found.policies[merge.gone], 0.0);
+}
+
+const KIND: Kind = Kind::Reward;
+
+/// A recogniser of two policies at home in two groups, the second of which serves in the first
+/// group, too, where the first one earns `more` times what it would. Both were merged.
+fn merged(more: f32) -> (Recogniser, Merge) {
+    let kind = KIND;
+    let mut recogniser = knowing(kind, 1000, 2);
+    let richer = |mut accounts: Vec<Account>| {
+        let earned = accounts.iter_mut().filter_map(|a| a.earned.as_mut());
+        earned.for_each(|earned| *earned *= more);
+        accounts
+    };
+    let home = accounts(stream(kind, 1000, &[(0, 8)], 5), 8, None);
+    recogniser.learn(0, &richer(home), &mut rng()).unwrap();
+    let seen = rollout(kind, 1000, 0, 0);
+    assert!(recogniser.compare(0, 1, &seen[..5], &mut rng()).unwrap());
+    let again = richer(seen[5..].to_vec());
+    let both = (&seen[..5], &again[..]);
+    let merge = recogniser.merge(0, 1, both, &mut rng()).unwrap();
+    (recogniser, merge.unwrap())
+}
+
+/// Nobody heard the first policy in the second one's group: it would leave that group without a
+/// policy.
+#[test]
+fn of_two_policies_the_one_that_was_heard_in_both_groups_goes_on() {
+    let (recogniser, merge) = merged(1.05);
+    assert_eq!((merge.kept, merge.gone), (1, 0));
+    let seen = rollout(KIND, 1000, 1, 1);
+    let finding = recogniser.assign(&seen, merge.kept, &mut rng()).unwrap();
+    assert_eq!(finding.decision, Decision::Existing(1));
+    let (_, merge) = merged(1.25);
+    assert_eq!((merge.kept, merge.gone), (0, 1), "it earns clearly more");
+}
+
+/// A merge can be mended: before a new policy is opened, the one that has an heir is tried.
+#[test]
+fn who_has_an_heir_that_does_not_serve_is_asked_again() {
+    for more in [1.05, 1.25] {
+        let (mut recogniser, Merge { kept, gone }) = merged(more);
+        // the one that goes on acts as at home in the group of the other one
+        let foreign = rollout(KIND, 1000, gone, kept);
+        let finding = recogniser.settle(&foreign, kept, &mut rng()).unwrap();
+        let proposed = Decision::Existing(gone);
+        assert_eq!(finding.decision, proposed, "{:#?}", said(&finding));
+        assert!(finding.is_contested && !finding.refused.contains(&gone));
+        let review = |seen: &[Account]| {
+            let situation = Situation {
+                collector: gone,
+                refused: &finding.refused,
+            };
+            recogniser.review(seen, situation, &mut rng()).unwrap()
+        };
+        let elsewhere = review(&rollout(KIND, 1000, kept, gone));
+        assert_eq!(elsewhere.decision, Decision::New, "tried once");
+        let own = rollout(KIND, 1000, gone, gone);
+        assert_eq!(review(&own).decision, Decision::Existing(gone));
+        recogniser.learn(gone, &own, &mut rng()).unwrap();
+        assert_eq!(recogniser.heirs(), [None, None]);
+        let finding = recogniser.assign(&own, gone, &mut rng()).unwrap();
+        assert_eq!(recogniser.twin(gone, &finding), None, "merged once");
+    }
+}

@@ -1,0 +1,113 @@
+//! What is remembered, and the file that holds it.
+
+use evidence::{Account, Recogniser};
+use worlds::Kind;
+
+use crate::common::{knowing, rng, rollout};
+
+#[test]
+fn memory_is_bounded_and_survives_a_file() {
+    let mut recogniser = knowing(Kind::Appearance, 1000, 2);
+    let size = |recogniser: &Recogniser| {
+        recogniser
+            .state(serde_json::value::Serializer)
+            .unwrap()
+            .to_string()
+            .len()
+    };
+    let before = size(&recogniser);
+    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    for _ in 0..1000 {
+        recogniser.learn(0, &seen, &mut rng()).unwrap();
+    }
+    assert!(
+        size(&recogniser) < 11 * before / 10,
+        "a thousand visits later"
+    );
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let mut restored = Recogniser::new(*recogniser.settings()).unwrap();
+    restored.restore(&state).unwrap();
+    assert_eq!(restored, recogniser);
+    assert!(restored.restore(&serde_json::json!("text")).is_err());
+    let message = restored
+        .learn(7, &seen, &mut rng())
+        .unwrap_err()
+        .to_string();
+    assert_eq!(message, "policy 7 was named, 2 are known");
+}
+
+#[test]
+fn damaged_states_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let damaged = |damage: fn(&mut serde_json::Value)| {
+        let mut damaged = state.clone();
+        damage(&mut damaged);
+        let mut restored = recogniser.clone();
+        let error = restored.restore(&damaged).unwrap_err();
+        assert_eq!(restored, recogniser, "nothing is taken back by halves");
+        error.to_string()
+    };
+    let huge = damaged(|s| s["policies"][1]["accounts"][0]["picture"][0] = 1e300.into());
+    assert!(huge.contains("picture holds inf"), "{huge}");
+    let short = damaged(|s| s["policies"][0]["accounts"][3]["vector"] = serde_json::json!([0.5]));
+    assert!(
+        short.contains("vector holds 1 values, expected 2"),
+        "{short}"
+    );
+    let empty = damaged(|s| s["policies"][1]["accounts"] = serde_json::json!([]));
+    assert!(empty.contains("got 0 episodes"), "{empty}");
+    let long = damaged(|s| {
+        let first = s["policies"][0]["accounts"][0].clone();
+        s["policies"][0]["accounts"]
+            .as_array_mut()
+            .unwrap()
+            .push(first);
+    });
+    assert!(
+        long.contains("41 accounts of one policy, expected at most 40"),
+        "{long}"
+    );
+    let heir = damaged(|s| s["policies"][1]["heir"] = 2.into());
+    assert!(heir.contains("policy 2 was named, 2 are known"), "{heir}");
+}
+
+#[test]
+fn states_of_another_version_are_refused_by_name() {
+    let mut recogniser = knowing(Kind::Appearance, 1000, 1);
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    // the first version was a list, and its accounts had no slope
+    let mut first = state["policies"].clone();
+    for account in first[0]["accounts"].as_array_mut().unwrap() {
+        account.as_object_mut().unwrap().remove("slope").unwrap();
+    }
+    let mut next = state.clone();
+    next["format"] = 3.into();
+    for (state, format) in [(first, 1), (next, 3)] {
+        let message = recogniser.restore(&state).unwrap_err().to_string();
+        let expected = format!("the state has format {format}, expected 2: go on with");
+        assert!(message.starts_with(&expected), "{message}");
+    }
+    assert!(recogniser.restore(&state).is_ok());
+}
+
+/// Nothing is learnt and nothing taken back that no comparison could use.
+#[test]
+fn damaged_accounts_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 2);
+    let seen = rollout(Kind::Appearance, 1000, 0, 0);
+    let damaged = |damage: fn(&mut Account)| {
+        let mut accounts = seen.clone();
+        damage(&mut accounts[7]);
+        let mut learning = recogniser.clone();
+        let error = learning.learn(1, &accounts, &mut rng()).unwrap_err();
+        assert_eq!(learning, recogniser, "nothing is learnt by halves");
+        error.to_string()
+    };
+    assert!(damaged(|a| a.picture[3] = f32::NAN).contains("picture holds NaN"));
+    assert!(damaged(|a| a.earned = Some(f32::INFINITY)).contains("earnings holds inf"));
+    assert!(damaged(|a| a.vector = Vec::new()).contains("vector holds 0 values, expected 2"));
+    assert!(damaged(|a| a.motion = Some(vec![0.0])).contains("motion holds 1 values, expected 4"));
+    let none = recogniser.clone().learn(0, &[], &mut rng()).unwrap_err();
+    assert_eq!(none.to_string(), "got 0 episodes, expected at least 1");
+}
