@@ -48,7 +48,9 @@ impl Findings {
 }
 
 /// Environments of their own for evaluations: looking changes nothing of what is learnt. Every
-/// evaluation shows the same episodes, so that two of them compare policies and not placements.
+/// evaluation shows the same episodes, so that two of them compare policies and not placements. A
+/// policy whose parameters have not changed is not played again: take another evaluator for another
+/// learner.
 pub struct Evaluator {
     stream: Stream,
     groups: Vec<TaskGroup>,

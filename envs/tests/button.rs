@@ -54,7 +54,6 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     presses
 }
 
-/// The gripper's base meets the box before they have pressed the button home.
 #[test]
 fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
     for (embodiment, stop) in [(Embodiment::Sawyer, 0.029), (Embodiment::Hand, 0.034)] {

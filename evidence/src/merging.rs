@@ -78,6 +78,7 @@ impl Recogniser {
         (heard, again): (&[Account], &[Account]),
         rng: &mut R,
     ) -> Result<Option<Merge>, EvidenceError> {
+        self.check_policy(policy)?;
         self.check_policy(twin)?;
         if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
             return Ok(None);

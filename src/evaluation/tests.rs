@@ -172,6 +172,7 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
     assert_eq!(plays(some(2.0), first, 1), 1);
     assert_eq!(plays(some(2.0), first, 1), 0);
     assert_eq!(plays(some(2.0), second, 1), 1);
+    assert_eq!(plays(some(2.0), first, 1), 0);
     assert_eq!(plays(some(2.0), first, 2), 2);
     assert_eq!(plays(some(0.0), first, 1), 1);
     assert_eq!(plays(some(-0.0), first, 1), 1);

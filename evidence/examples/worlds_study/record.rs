@@ -11,7 +11,7 @@ use crate::arguments::{Plan, kind};
 
 /// What is drawn, decided and counted. A change of any of that is another version, and results of
 /// two versions do not belong into one table.
-const VERSION: &str = "2";
+const VERSION: &str = "3";
 
 /// Counts of one world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -154,6 +154,12 @@ impl Results {
                  another file"
             ))
         })?;
+        if whole == 0 && !Record::header().starts_with(&text) {
+            return Err(Error::other(format!(
+                "{} holds something else, not a table of this study; name another file",
+                path.display()
+            )));
+        }
         file.set_len(whole as u64)?;
         if whole == 0 {
             writeln!(file, "{}", Record::header())?;
