@@ -252,7 +252,7 @@ fn what_is_no_urdf_is_refused() {
         );
         assert!(known, "{text:?}: {error}");
     }
-    let deep = "<a>".repeat(100_000);
+    let deep = format!("<robot>{}", "<a>".repeat(100_000));
     assert!(matches!(
         Description::from_urdf(&deep),
         Err(DescriptionError::TooDeep { .. })
@@ -262,6 +262,66 @@ fn what_is_no_urdf_is_refused() {
         Description::from_urdf(&long),
         Err(DescriptionError::TooLong { .. })
     ));
+}
+
+/// Tags that a careless count of levels takes for comments and instructions, 50 000 deep.
+#[test]
+fn depth_hides_behind_no_comment_and_no_instruction() {
+    let (open, close) = ("<a>".repeat(50_000), "</a>".repeat(50_000));
+    for text in [
+        format!("<?p '?>{open}<?p '?>{close}"),
+        format!("<robot><?p '?>{open}<?p '?>{close}</robot>"),
+        format!(
+            "<robot>{}</robot>",
+            format!("{open}<!-->{close}-->").repeat(2)
+        ),
+        format!("<robot>{open}<!-->{close}--></robot>"),
+        format!("<robot><a\">{open}<a\">{close}</robot>"),
+    ] {
+        let error = Description::from_urdf(&text).unwrap_err();
+        let known = matches!(
+            error,
+            DescriptionError::Syntax { .. } | DescriptionError::TooDeep { .. }
+        );
+        assert!(known, "{error}");
+    }
+}
+
+/// The parser panics over each of these.
+#[test]
+fn xml_that_no_urdf_needs_is_refused() {
+    let brackets = "]".repeat(256);
+    for (text, word) in [
+        (r#"<robot name="a" xmlns:xmlns="foo"/>"#, "xmlns:xmlns"),
+        (r#"<robot xmlns="foo" :a="b"/>"#, "name"),
+        (&format!("<robot><![CDATA[{brackets}]]></robot>"), "<!"),
+        ("<!DOCTYPE robot><robot/>", "<!"),
+        ("<robot><?p ?></robot>", "<?"),
+        ("<robot>\n<a b=\"<\"/></robot>", "line 2"),
+    ] {
+        let message = Description::from_urdf(text).unwrap_err().to_string();
+        println!("{message}");
+        assert!(message.contains(word), "{word:?} is not in: {message}");
+    }
+}
+
+#[test]
+fn a_file_holds_one_robot_and_nothing_else() {
+    let second = "<robot name=\"b\"/>";
+    for text in [
+        SIX_JOINT
+            .replace("<robot ", "<model ")
+            .replace("</robot>", "</model>"),
+        format!("{SIX_JOINT}{second}"),
+        format!("{SIX_JOINT} and more"),
+        SIX_JOINT.replacen("<robot", "so <robot", 1),
+        format!("{SIX_JOINT}</robot>"),
+    ] {
+        let message = Description::from_urdf(&text).unwrap_err().to_string();
+        assert!(message.contains("`<robot>`"), "{message}");
+    }
+    let framed = format!("\u{feff}{SIX_JOINT}\n<!-- the end -->\n");
+    Description::from_urdf(&framed).unwrap();
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod joints;
 mod links;
 mod mesh;
 mod names;
+mod scan;
 mod tree;
 
 use std::fs::File;
