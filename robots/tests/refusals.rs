@@ -90,6 +90,12 @@ fn names_must_be_unique_and_usable() {
         .replace("\"column\"", "\"world\"");
     let message = Description::from_urdf(&taken).unwrap_err().to_string();
     assert!(message.contains("simulated world"), "{message}");
+    // a frame without shapes that hangs on another link
+    let inside = SIX_JOINT
+        .replace("\"world\"", "\"ground\"")
+        .replace("\"tip\"", "\"world\"");
+    let message = Description::from_urdf(&inside).unwrap_err().to_string();
+    assert!(message.contains("simulated world"), "{message}");
 }
 
 #[test]
