@@ -153,7 +153,6 @@ fn joints_must_be_possible() {
         "xyz=\"0 0 0\"",
         &["joint `lift`", "axis", "direction"],
     );
-    refused("xyz=\"0 0 2\"", "xyz=\"0 0\"", &["expected 3 found 2"]);
     refused(
         "rpy=\"0 0.4 0\"",
         "rpy=\"0 nan 0\"",
@@ -328,6 +327,28 @@ fn a_file_holds_one_robot_and_nothing_else() {
     }
     let framed = format!("\u{feff}{SIX_JOINT}\n<!-- the end -->\n");
     Description::from_urdf(&framed).unwrap();
+}
+
+#[test]
+fn vectors_hold_three_numbers_and_nothing_else() {
+    for (old, new, name) in [
+        ("xyz=\"0 0 2\"", "xyz=\"0 oops 0 2\"", "`xyz`"),
+        ("xyz=\"0 0 2\"", "xyz=\"0 0\"", "`xyz`"),
+        ("rpy=\"0 0.4 0\"", "rpy=\"0 0.4, 0 0\"", "`rpy`"),
+        ("size=\"0.1 0.12 0.3\"", "size=\"0.1 x 0.12 0.3\"", "`size`"),
+        (
+            "<sphere radius=\"0.05\"/>",
+            "<mesh scale=\"1 1 1 a\" filename=\"a.stl\"/>",
+            "`scale`",
+        ),
+    ] {
+        refused(old, new, &[name, "three numbers", "line "]);
+    }
+    refused(
+        "rpy=\"0 0.4 0\"",
+        "quat_xyzw=\"0 0 0 1\"",
+        &["quat_xyzw", "rpy"],
+    );
 }
 
 #[test]

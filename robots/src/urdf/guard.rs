@@ -68,11 +68,42 @@ impl<'a> Elements<'a> {
 const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
 
 fn attributes(tag: &Tag) -> Result<(), String> {
-    let own = |[name, _]: &[&str; 2]| *name == "xmlns:xmlns";
-    if tag.attributes.iter().any(own) {
-        return Err("`xmlns:xmlns` is XML's own and cannot be declared".to_owned());
-    }
-    Ok(())
+    tag.attributes.iter().try_for_each(|&[name, value]| {
+        if name == "xmlns:xmlns" {
+            return Err("`xmlns:xmlns` is XML's own and cannot be declared".to_owned());
+        }
+        let place = [tag.name, name].map(without_prefix);
+        if place == ["origin", "quat_xyzw"] {
+            return Err("`quat_xyzw` of `<origin>` is not supported; give `rpy`".to_owned());
+        }
+        if VECTORS.contains(&place) && !is_vector(value) {
+            let [element, name] = place;
+            return Err(format!(
+                "`{name}` of `<{element}>` is {value:?}, expected three numbers with blanks \
+                 between"
+            ));
+        }
+        Ok(())
+    })
+}
+
+/// Elements and those of their attributes that hold vectors.
+const VECTORS: [[&str; 2]; 5] = [
+    ["origin", "xyz"],
+    ["origin", "rpy"],
+    ["axis", "xyz"],
+    ["box", "size"],
+    ["mesh", "scale"],
+];
+
+fn without_prefix(name: &str) -> &str {
+    name.rsplit_once(':').map_or(name, |(_, local)| local)
+}
+
+/// `urdf-rs` skips what is no number as long as three others are left.
+fn is_vector(value: &str) -> bool {
+    let numbers = || value.split_whitespace().map(str::parse::<f64>);
+    numbers().count() == 3 && numbers().all(|number| number.is_ok())
 }
 
 #[cfg(test)]
