@@ -1,7 +1,9 @@
 //! Cartesian control: twists of the tip become positions and velocities of joints.
 
+use std::f64::consts::TAU;
+
 use crate::chain::{Chain, ChainJoint};
-use crate::description::check_length;
+use crate::description::{Motion, MotionKind, check_length};
 use crate::error::ControlError;
 use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
 use crate::pose::Pose;
@@ -276,7 +278,10 @@ impl CartesianControl {
             configuration,
             twist + correction,
             settings.damping,
-            |joint| rate * (posture[joint] - configuration[joint]),
+            |joint| {
+                let way = posture[joint] - configuration[joint];
+                rate * nearest(&chain.joints()[joint].motion, way)
+            },
             |joint| {
                 let room = room(&chain.joints()[joint], configuration[joint]);
                 room.map(|way| way / seconds)
@@ -316,6 +321,14 @@ pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
         what: "the commanded twist",
         value: format!("linear {}, angular {}", twist.linear, twist.angular),
     })
+}
+
+/// The shorter way to the same place, where whole turns make no difference.
+fn nearest(motion: &Motion, way: f64) -> f64 {
+    match (motion.kind, motion.range) {
+        (MotionKind::Hinge, None) => way - TAU * (way / TAU - 0.5).ceil(),
+        _ => way,
+    }
 }
 
 /// Where a frame is after `seconds` of a twist.

@@ -1,5 +1,7 @@
 //! Kinematics and control: the Jacobian, inverse kinematics, and twists that become joint motion.
 
+use std::f64::consts::PI;
+
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -226,6 +228,33 @@ fn an_arm_at_rest_moves_no_joint() {
     }
     let left = (control.joints()[2] - gen3::WORK[2]).abs();
     assert!(left < 0.35, "{left}");
+}
+
+/// A real arm reports its endless joints within one turn, wherever that starts.
+#[test]
+fn whole_turns_of_an_endless_joint_change_nothing() {
+    let velocities = |turn: f64| {
+        let mut joints = gen3::WORK;
+        for (joint, position) in chain("tool_link").joints().iter().zip(&mut joints) {
+            *position += if joint.motion.range.is_none() {
+                turn
+            } else {
+                0.0
+            };
+        }
+        let mut control = at_work();
+        control.restart(&joints).unwrap();
+        control.command(Twist::moving(0.1 * DVec3::Y)).unwrap();
+        control.tick(TICK).unwrap();
+        control.velocities().to_vec()
+    };
+    let straight = velocities(0.0);
+    for turns in [-2.0, -1.0, 1.0] {
+        let turned = velocities(turns * 2.0 * PI);
+        for (straight, turned) in straight.iter().zip(&turned) {
+            assert!((straight - turned).abs() < 1e-9, "{straight} {turned}");
+        }
+    }
 }
 
 #[test]
