@@ -132,6 +132,16 @@ fn a_robot_that_does_not_stop_is_told_again() {
 }
 
 #[test]
+fn a_clock_that_goes_back_stops_the_robot() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    watched.command(&Command::default()).unwrap();
+    now.set(ms(0));
+    assert!(watched.check().unwrap());
+    assert!(!watched.check().unwrap());
+}
+
+#[test]
 fn dropping_it_stops_the_robot() {
     let tape = Tape::default();
     drop(Watchdog::new(Recorded(&tape), || Duration::ZERO));
