@@ -100,6 +100,8 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        // a stop that is due comes first
+        self.check()?;
         let sent = command.check().and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
             self.halt(|| refused.to_string())?;
