@@ -35,7 +35,9 @@ fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
 #[test]
 fn the_jacobian_is_the_derivative_of_the_tip() {
     let six = Description::from_urdf(SIX_JOINT).unwrap();
-    let placed = six.placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0]));
+    let placed = six
+        .placed(Pose::from_xyz_rpy([0.3, 0.1, -0.2], [0.5, 0.4, -1.0]))
+        .unwrap();
     for chain in [chain("tool_link"), Chain::new(&placed, "tip").unwrap()] {
         let mut generator = ChaCha8Rng::seed_from_u64(1003);
         let mut columns = vec![Twist::ZERO; chain.joints().len()];
