@@ -1,5 +1,6 @@
 //! Our MJCF against MuJoCo's own reading of the same URDF, and in motion.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
@@ -231,4 +232,36 @@ fn the_simulated_arm_follows_its_control() {
     }
     println!("furthest {furthest}");
     assert!(furthest < 0.02, "{furthest}");
+}
+
+/// The joint that follows does so in motion, and no servo exceeds its joint's effort.
+#[test]
+fn followers_follow_and_efforts_hold_in_motion() {
+    let arm = Description::from_urdf(SIX_JOINT).unwrap();
+    let servo = Some(Servo::default());
+    let mjcf = arm.to_mjcf(&MjcfSettings { servo, class: None }).unwrap();
+    let model = model(&mjcf, "arm.xml");
+    let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
+    let (swing, balance) = (address("swing"), address("balance"));
+    let mut data = Data::new(Arc::clone(&model));
+    let (mut travelled, mut furthest, mut spent) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for step in 0..2000 {
+        // two seconds a swing; the start is sudden, which spends all efforts
+        let phase = PI * model.timestep() * f64::from(step);
+        let way = 0.5 * phase.cos();
+        data.set_ctrl(&[0.2, 0.1, way, way, -way, way]).unwrap();
+        data.step(1).unwrap();
+        let [swing, balance] = [swing, balance].map(|joint| data.qpos()[joint]);
+        travelled = travelled.max(swing.abs());
+        if step > 200 {
+            furthest = furthest.max((balance - (0.2 - 0.5 * swing)).abs());
+        }
+        for ((_, motion), force) in arm.free_joints().zip(data.actuator_force()) {
+            assert!(force.abs() <= motion.effort, "{force} {}", motion.effort);
+            spent = spent.max(force.abs() / motion.effort);
+        }
+    }
+    println!("travelled {travelled}, furthest {furthest}, spent {spent}");
+    assert!(travelled > 0.4 && spent == 1.0, "{travelled} {spent}");
+    assert!(furthest < 0.01, "{furthest}");
 }
