@@ -231,7 +231,7 @@ fn the_simulated_arm_follows_its_control() {
         }
     }
     println!("furthest {furthest}");
-    assert!(furthest < 0.02, "{furthest}");
+    assert!(furthest < 0.01, "{furthest}");
 }
 
 /// The joint that follows does so in motion, and no servo exceeds its joint's effort.
