@@ -20,8 +20,8 @@ pub struct ControlSettings {
     pub damping: f64,
     /// Rate (1/s) at which joints go back to their posture, where the tip leaves a choice. 0 to 40.
     pub posture_rate: f64,
-    /// Rate (1/s) at which the tip goes back to where it should be; 40 at most. More would overshoot
-    /// in a tick of 25 ms.
+    /// Rate (1/s) at which the tip goes back to where it should be; 40 at most. More would
+    /// overshoot in a step of 25 ms.
     pub correction_rate: f64,
     /// How far (metres) the tip may be from where it should be.
     pub tolerance: f64,

@@ -54,19 +54,16 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
     /// # Errors
     /// [`ControlError::NotStopped`]; the next call tries again.
     pub fn check(&mut self) -> Result<bool, ControlError> {
-        let due = match self.activity {
-            Activity::Still => false,
-            Activity::Commanded(commanded) => {
-                let age = (self.clock)().checked_sub(commanded);
-                age.is_none_or(|age| age >= self.timeout)
-            }
-            Activity::Unstopped => true,
+        let cause = match self.activity {
+            Activity::Still => return Ok(false),
+            Activity::Commanded(commanded) => match (self.clock)().checked_sub(commanded) {
+                Some(age) if age < self.timeout => return Ok(false),
+                Some(age) => format!("no command came for {} ms", age.as_millis()),
+                None => "the clock went back".to_owned(),
+            },
+            Activity::Unstopped => "an earlier stop failed".to_owned(),
         };
-        if !due {
-            return Ok(false);
-        }
-        let timeout = self.timeout.as_millis();
-        self.halt(|| format!("no command came for {timeout} ms"))?;
+        self.halt(|| cause)?;
         Ok(true)
     }
 

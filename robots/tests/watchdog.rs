@@ -149,6 +149,7 @@ fn a_command_does_not_skip_a_stop_that_is_due() {
     watched.command(&UP).unwrap_err();
     let error = watched.command(&Command::default()).unwrap_err();
     assert!(matches!(error, ControlError::NotStopped { .. }), "{error}");
+    assert!(error.to_string().contains("earlier stop failed"), "{error}");
     tape.stuck.set(false);
     watched.command(&Command::default()).unwrap();
     // five seconds late
