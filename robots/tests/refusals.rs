@@ -310,6 +310,21 @@ fn xml_that_no_urdf_needs_is_refused() {
     }
 }
 
+/// Each element that the parser writes copies all namespaces.
+#[test]
+fn namespaces_are_few() {
+    let urdf = |count: usize, elements: usize| {
+        let spaces: String = (0..count).map(|i| format!(" xmlns:a{i}='{i}'")).collect();
+        let many = "<a/>".repeat(elements);
+        format!("<robot{spaces}><link name='l'/><material name='m'>{many}</material></robot>")
+    };
+    Description::from_urdf(&urdf(32, 10)).unwrap();
+    let message = Description::from_urdf(&urdf(1000, 10_000))
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("32 namespaces"), "{message}");
+}
+
 #[test]
 fn a_file_holds_one_robot_and_nothing_else() {
     let second = "<robot name=\"b\"/>";

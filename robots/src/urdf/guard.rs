@@ -8,6 +8,8 @@ use crate::error::DescriptionError;
 pub const MAX_BYTES: usize = 2 << 20;
 /// Most levels of elements inside elements.
 pub const MAX_DEPTH: usize = 64;
+/// Most namespaces that a URDF may declare.
+const MAX_NAMESPACES: usize = 32;
 
 /// Refuses a text that is too long, too deep, or unlike a URDF.
 pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
@@ -34,6 +36,8 @@ struct Elements<'a> {
     open: Vec<&'a str>,
     /// Whether the root has started.
     started: bool,
+    /// How many have been declared.
+    namespaces: usize,
 }
 
 impl<'a> Elements<'a> {
@@ -45,8 +49,24 @@ impl<'a> Elements<'a> {
             Piece::Tag(tag) if outside && (self.started || tag.name != "robot") => {
                 Err(ALONE.to_owned())
             }
-            Piece::Tag(tag) => self.nest(tag).and_then(|()| attributes(tag)),
+            Piece::Tag(tag) => {
+                self.nest(tag)?;
+                self.declare(tag)?;
+                attributes(tag)
+            }
         }
+    }
+
+    /// The parser copies all namespaces for each element that it writes.
+    fn declare(&mut self, tag: &Tag) -> Result<(), String> {
+        let names = tag.attributes.iter().map(|[name, _]| name);
+        self.namespaces += names.filter(|name| name.starts_with("xmlns")).count();
+        if self.namespaces > MAX_NAMESPACES {
+            return Err(format!(
+                "more than {MAX_NAMESPACES} namespaces are declared"
+            ));
+        }
+        Ok(())
     }
 
     fn nest(&mut self, tag: &Tag<'a>) -> Result<(), String> {
