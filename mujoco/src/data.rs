@@ -7,7 +7,8 @@ use std::sync::Arc;
 use crate::error::{Quantity, SimError, check_finite, check_length};
 use crate::fields::Field;
 use crate::fields::data::{
-    CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS, XPOS, XQUAT,
+    ACTUATOR_FORCE, CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS,
+    XPOS, XQUAT,
 };
 use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
@@ -143,6 +144,11 @@ impl Data {
     /// Controls `[nu]`, one per actuator.
     pub fn ctrl(&self) -> &[f64] {
         self.values(&CTRL)
+    }
+
+    /// Forces of the actuators in the last step `[nu]`, in newtons and newton metres.
+    pub fn actuator_force(&self) -> &[f64] {
+        self.values(&ACTUATOR_FORCE)
     }
 
     /// Sets all controls `[nu]`.

@@ -106,6 +106,7 @@ pub(crate) mod model {
 pub(crate) mod data {
     fields! { mjData, "MJDATA_POINTERS":
         ACT = act: [f64; na, 1],
+        ACTUATOR_FORCE = actuator_force: [f64; nu, 1],
         CTRL = ctrl: [f64; nu, 1],
         GEOM_XMAT = geom_xmat: [f64; ngeom, 9],
         GEOM_XPOS = geom_xpos: [f64; ngeom, 3],

@@ -18,6 +18,11 @@ use robots::{
 /// Time between two commands.
 const PERIOD: Duration = Duration::from_millis(25);
 
+/// Joints of the Gen3 on the way to its tool.
+const GEN3_JOINTS: [&str; 7] = [
+    "joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6", "joint_7",
+];
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let (arm, tip) = match &arguments[..] {
@@ -27,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     if env::var_os("MJCF").is_some() {
         let servo = Some(Servo::default());
-        print!("{}", arm.to_mjcf(&MjcfSettings { servo, class: None }));
+        print!("{}", arm.to_mjcf(&MjcfSettings { servo, class: None })?);
         return Ok(());
     }
     let chain = Chain::new(&arm, tip)?;
@@ -40,7 +45,9 @@ fn main() -> Result<(), Box<dyn Error>> {
 /// The Gen3's posture for work on a table; of another arm, a bent one: two thirds of all
 /// ranges.
 fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
-    if arm.name() == "kinova_gen3" {
+    let names = chain.joints().iter().map(|joint| &joint.name[..]);
+    // another robot may have the Gen3's name
+    if arm.name() == "kinova_gen3" && names.eq(GEN3_JOINTS) {
         return gen3::WORK.to_vec();
     }
     let ranges = chain.joints().iter().map(|joint| joint.motion.range);

@@ -1,9 +1,12 @@
 //! Cartesian control: twists of the tip become positions and velocities of joints.
 
+use std::f64::consts::TAU;
+
 use crate::chain::{Chain, ChainJoint};
-use crate::description::check_length;
+use crate::description::{Motion, MotionKind, check_length};
 use crate::error::ControlError;
 use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
+use crate::number::LARGEST;
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 
@@ -13,18 +16,19 @@ pub struct ControlSettings {
     /// How fast and how suddenly the tip moves.
     pub limits: TwistLimits,
     /// Damping of the least squares (metres or radians per unit of a joint). More of it moves
-    /// joints less near singular configurations.
+    /// joints less near singular configurations. 1e-4 to 1.
     pub damping: f64,
-    /// Rate (1/s) at which joints go back to their posture, where the tip leaves a choice.
+    /// Rate (1/s) at which joints go back to their posture, where the tip leaves a choice. 0 to 40.
     pub posture_rate: f64,
-    /// Rate (1/s) at which the tip goes back to where it should be.
+    /// Rate (1/s) at which the tip goes back to where it should be; 40 at most. More would
+    /// overshoot in a step of 25 ms.
     pub correction_rate: f64,
     /// How far (metres) the tip may be from where it should be.
     pub tolerance: f64,
     /// How far (radians) the tip may be turned from how it should be.
     pub angular_tolerance: f64,
-    /// How long (seconds) the arm must be able to follow a command, or the command is refused. A
-    /// [`Watchdog`](crate::Watchdog) with this time-out stops the arm before the end.
+    /// How long (seconds, 10 at most) the arm must be able to follow a command, or the command is
+    /// refused. A [`Watchdog`](crate::Watchdog) with this time-out stops the arm before the end.
     pub horizon: f64,
 }
 
@@ -54,19 +58,32 @@ impl ControlSettings {
             ("angular_speed", limits.angular_speed),
             ("acceleration", limits.acceleration),
             ("angular_acceleration", limits.angular_acceleration),
-            ("damping", self.damping),
             ("correction_rate", self.correction_rate),
             ("tolerance", self.tolerance),
             ("angular_tolerance", self.angular_tolerance),
         ];
         for (name, value) in positive {
-            check_number(name, value, value > 0.0, "a positive number")?;
+            let in_range = value > 0.0 && value <= LARGEST;
+            check_number(name, value, in_range, "a positive number up to 1e6")?;
         }
-        for (name, value) in [
-            ("posture_rate", self.posture_rate),
-            ("horizon", self.horizon),
-        ] {
-            check_number(name, value, value >= 0.0, "zero or more")?;
+        let ranges = [
+            (
+                "correction_rate",
+                self.correction_rate,
+                0.0..=1.0 / STEP,
+                "40 at most",
+            ),
+            (
+                "posture_rate",
+                self.posture_rate,
+                0.0..=1.0 / STEP,
+                "0 to 40",
+            ),
+            ("damping", self.damping, 1e-4..=1.0, "1e-4 to 1"),
+            ("horizon", self.horizon, 0.0..=LONGEST, "0 to 10"),
+        ];
+        for (name, value, range, expected) in ranges {
+            check_number(name, value, range.contains(&value), expected)?;
         }
         Ok(())
     }
@@ -88,8 +105,10 @@ fn check_number(
     })
 }
 
-/// Seconds between the looks ahead at a command.
-const LOOK: f64 = 0.025;
+/// Longest step (seconds) that is solved at once.
+const STEP: f64 = 0.025;
+/// Longest tick and longest look ahead at a command (seconds).
+const LONGEST: f64 = 10.0;
 /// Speed of the tip (m/s, rad/s) from which on joints go back to their posture at the full rate. An
 /// arm that stands still moves no joint.
 const POSTURE_SPEED: f64 = 0.1;
@@ -208,8 +227,8 @@ impl CartesianControl {
     fn look_ahead(&self, twist: Twist) -> Result<(), ControlError> {
         let mut ahead = self.clone();
         ahead.wanted = twist;
-        let looks = (self.settings.horizon / LOOK).ceil() as usize;
-        (0..looks).try_for_each(|_| ahead.tick(LOOK))
+        let looks = (self.settings.horizon / STEP).ceil() as usize;
+        (0..looks).try_for_each(|_| ahead.tick(STEP))
     }
 
     /// Holds tip and joints where they are.
@@ -220,15 +239,19 @@ impl CartesianControl {
         self.reference = self.tip();
     }
 
-    /// Moves the references on by `seconds`, of which few should pass at a time: 25 ms at most.
+    /// Moves the references on by `seconds`, 10 at most, in steps of 25 ms or less.
     ///
     /// # Errors
     /// [`ControlError::OutOfReach`] where the arm cannot follow its tip: it is at the end of its
-    /// reach, or of the ranges of its joints. [`ControlError::Setting`] for a time that is not
-    /// positive. The arm is stopped then.
+    /// reach, or of the ranges of its joints. [`ControlError::Setting`] for a time out of range,
+    /// [`ControlError::NotFinite`] where joints are beyond all numbers. The arm is stopped then.
     pub fn tick(&mut self, seconds: f64) -> Result<(), ControlError> {
-        let outcome = check_number("seconds", seconds, seconds > 0.0, "a positive number")
-            .and_then(|()| self.follow(seconds));
+        let in_range = seconds > 0.0 && seconds <= LONGEST;
+        let checked = check_number("seconds", seconds, in_range, "a positive number up to 10");
+        let outcome = checked.and_then(|()| {
+            let steps = (seconds / STEP).ceil();
+            (0..steps as usize).try_for_each(|_| self.follow(seconds / steps))
+        });
         if outcome.is_err() {
             self.stop();
         }
@@ -242,6 +265,7 @@ impl CartesianControl {
             return Ok(());
         }
         self.solve(twist, seconds);
+        self.check_solved()?;
         let scale = self.slowing();
         self.twist = scale * twist;
         self.reference = moved(&self.reference, &self.twist, seconds);
@@ -276,12 +300,26 @@ impl CartesianControl {
             configuration,
             twist + correction,
             settings.damping,
-            |joint| rate * (posture[joint] - configuration[joint]),
+            |joint| {
+                let way = posture[joint] - configuration[joint];
+                rate * nearest(&chain.joints()[joint].motion, way)
+            },
             |joint| {
                 let room = room(&chain.joints()[joint], configuration[joint]);
                 room.map(|way| way / seconds)
             },
         );
+    }
+
+    fn check_solved(&self) -> Result<(), ControlError> {
+        let velocities = self.solver.velocities();
+        if velocities.iter().all(|velocity| velocity.is_finite()) {
+            return Ok(());
+        }
+        Err(ControlError::NotFinite {
+            what: "the solved velocity of the joints",
+            value: format!("{velocities:?}"),
+        })
     }
 
     /// The part of the solved velocities at which no joint is too fast.
@@ -316,6 +354,14 @@ pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
         what: "the commanded twist",
         value: format!("linear {}, angular {}", twist.linear, twist.angular),
     })
+}
+
+/// The shorter way to the same place, where whole turns make no difference.
+fn nearest(motion: &Motion, way: f64) -> f64 {
+    match (motion.kind, motion.range) {
+        (MotionKind::Hinge, None) => way - TAU * (way / TAU - 0.5).ceil(),
+        _ => way,
+    }
 }
 
 /// Where a frame is after `seconds` of a twist.

@@ -3,6 +3,8 @@
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::capsule::{Capsule, PlacedShape};
+use crate::error::DescriptionError;
+use crate::number::{finite, require};
 use crate::pose::Pose;
 
 /// A robot: a tree of links. Made by [`Description::read`] and [`Description::from_urdf`], which
@@ -165,8 +167,23 @@ impl Description {
     }
 
     /// The same robot with its root at `base` in the world.
-    pub fn placed(self, base: Pose) -> Self {
-        Self { base, ..self }
+    ///
+    /// # Errors
+    /// [`DescriptionError::Number`] where `base` is not finite, or its rotation no unit quaternion.
+    pub fn placed(self, base: Pose) -> Result<Self, DescriptionError> {
+        let place = || format!("the base of `{}`", self.name);
+        finite(place, "its position", &base.position.to_array())?;
+        let length = base.rotation.length();
+        let is_unit = (length - 1.0).abs() < 1e-6;
+        let expected = "1, as of a unit quaternion";
+        require(
+            is_unit,
+            place,
+            "the length of its rotation",
+            length,
+            expected,
+        )?;
+        Ok(Self { base, ..self })
     }
 
     /// Frames of all links in the world, in the order of [`Description::links`].

@@ -10,6 +10,7 @@ pub mod gen3;
 mod ik;
 mod kinematic_arm;
 mod mjcf;
+mod number;
 mod pose;
 mod robot;
 mod spd;

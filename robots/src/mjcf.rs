@@ -12,6 +12,8 @@ use glam::{DQuat, DVec3};
 
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
+use crate::error::DescriptionError;
+use crate::number::{finite, require};
 use crate::pose::Pose;
 
 /// What MJCF holds beside the robot itself.
@@ -30,9 +32,9 @@ pub struct MjcfSettings {
 /// an implicit integrator (`<option integrator="implicit"/>`); with Euler's it vibrates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// Position error (radians, metres) at which a joint's whole effort is spent; positive.
+    /// Position error (radians, metres) at which a joint's whole effort is spent; 1e-6 or more.
     pub saturation: f64,
-    /// Damping over stiffness (seconds).
+    /// Damping over stiffness (seconds); zero or more.
     pub damping_time: f64,
 }
 
@@ -47,6 +49,20 @@ impl Default for Servo {
 }
 
 impl Servo {
+    fn check(&self) -> Result<(), DescriptionError> {
+        let Self {
+            saturation,
+            damping_time,
+        } = *self;
+        let place = || "the servo".to_owned();
+        let values = [saturation, damping_time];
+        finite(place, "its saturation or damping time", &values)?;
+        let (what, expected) = ("its saturation", "1e-6 or more");
+        require(saturation >= 1e-6, place, what, saturation, expected)?;
+        let (what, expected) = ("its damping time", "zero or more");
+        require(damping_time >= 0.0, place, what, damping_time, expected)
+    }
+
     /// The control that makes a joint follow a position and its velocity (radians, metres; 1/s).
     pub fn control(&self, position: f64, velocity: f64) -> f64 {
         position + self.damping_time * velocity
@@ -58,23 +74,30 @@ impl Description {
     /// friction, servos in the order of position vectors, an equality for each joint that follows
     /// another. Bodies and joints have the names of links and joints; a shape has its link's name
     /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on.
-    pub fn to_mjcf(&self, settings: &MjcfSettings) -> String {
+    ///
+    /// # Errors
+    /// [`DescriptionError::Number`] for a servo out of range.
+    pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
-        let sections = self.sections(settings);
-        format!("<mujoco model=\"{name}\">\n{head}{sections}</mujoco>\n")
+        let sections = self.sections(settings)?;
+        Ok(format!(
+            "<mujoco model=\"{name}\">\n{head}{sections}</mujoco>\n"
+        ))
     }
 
     /// The same as a part for a scene to include. The scene must count angles in radians and, with
     /// servos, use an implicit integrator.
-    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> String {
-        format!(
-            "<mujocoinclude>\n{}</mujocoinclude>\n",
-            self.sections(settings)
-        )
+    ///
+    /// # Errors
+    /// As [`Description::to_mjcf`].
+    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
+        let sections = self.sections(settings)?;
+        Ok(format!("<mujocoinclude>\n{sections}</mujocoinclude>\n"))
     }
 
-    fn sections(&self, settings: &MjcfSettings) -> String {
+    fn sections(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
+        settings.servo.map_or(Ok(()), |servo| servo.check())?;
         let servos = settings
             .servo
             .map_or(String::new(), |servo| self.servos(&servo));
@@ -82,14 +105,13 @@ impl Description {
             "" => String::new(),
             text => format!("<{name}>\n{text}</{name}>\n"),
         };
-        [
+        let sections = [
             ("worldbody", self.bodies(settings)),
             ("contact", self.excludes()),
             ("equality", self.equalities()),
             ("actuator", servos),
-        ]
-        .map(section)
-        .concat()
+        ];
+        Ok(sections.map(section).concat())
     }
 
     /// Bodies inside their parents. Links come parents first, each followed by all that hangs on

@@ -16,8 +16,17 @@ pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     robot: R,
     clock: C,
     timeout: Duration,
-    /// When the robot is to be stopped; none while it stands still.
-    deadline: Option<Duration>,
+    activity: Activity,
+}
+
+/// What the robot does, as far as the watchdog knows.
+enum Activity {
+    /// It stands still.
+    Still,
+    /// It moves as it was told at that time.
+    Commanded(Duration),
+    /// It was told to stop and did not.
+    Unstopped,
 }
 
 /// How long a robot goes on without a command.
@@ -35,21 +44,26 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
             robot,
             clock,
             timeout,
-            deadline: None,
+            activity: Activity::Still,
         }
     }
 
-    /// Stops the robot if the last command is as old as the time-out, and says whether it did.
+    /// Stops the robot if the last command is as old as the time-out, or seems to lie in the future
+    /// because the clock went back, and says whether it did.
     ///
     /// # Errors
     /// [`ControlError::NotStopped`]; the next call tries again.
     pub fn check(&mut self) -> Result<bool, ControlError> {
-        let now = (self.clock)();
-        if self.deadline.is_none_or(|deadline| now < deadline) {
-            return Ok(false);
-        }
-        let timeout = self.timeout.as_millis();
-        self.halt(|| format!("no command came for {timeout} ms"))?;
+        let cause = match self.activity {
+            Activity::Still => return Ok(false),
+            Activity::Commanded(commanded) => match (self.clock)().checked_sub(commanded) {
+                Some(age) if age < self.timeout => return Ok(false),
+                Some(age) => format!("no command came for {} ms", age.as_millis()),
+                None => "the clock went back".to_owned(),
+            },
+            Activity::Unstopped => "an earlier stop failed".to_owned(),
+        };
+        self.halt(|| cause)?;
         Ok(true)
     }
 
@@ -65,8 +79,10 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
 
     fn halt(&mut self, cause: impl FnOnce() -> String) -> Result<(), ControlError> {
         let stopped = self.robot.stop();
-        // one that could not be stopped is overdue
-        self.deadline = stopped.is_err().then_some(Duration::ZERO);
+        self.activity = match stopped {
+            Ok(()) => Activity::Still,
+            Err(_) => Activity::Unstopped,
+        };
         stopped.map_err(|source| ControlError::NotStopped {
             cause: cause(),
             source: Box::new(source),
@@ -81,12 +97,14 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     }
 
     fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        // a stop that is due comes first
+        self.check()?;
         let sent = command.check().and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
             self.halt(|| refused.to_string())?;
             return Err(refused);
         }
-        self.deadline = Some((self.clock)().saturating_add(self.timeout));
+        self.activity = Activity::Commanded((self.clock)());
         Ok(())
     }
 

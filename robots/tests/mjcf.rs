@@ -1,13 +1,14 @@
 //! Our MJCF against MuJoCo's own reading of the same URDF, and in motion.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Servo, Twist, gen3,
+    CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo, Twist, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -56,6 +57,7 @@ fn arms_fall_as_mujoco_has_them_fall() {
         let arm = Description::from_urdf(&urdf).unwrap();
         let ours = arm
             .to_mjcf(&MjcfSettings::default())
+            .unwrap()
             .replace("\"implicit\"", "\"Euler\"");
         let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
         let joints: Vec<&str> = arm
@@ -93,7 +95,7 @@ fn limits_names_and_servos_are_in_the_model() {
     };
     for urdf in [gen3::URDF, SIX_JOINT] {
         let arm = Description::from_urdf(urdf).unwrap();
-        let model = model(&arm.to_mjcf(&settings), "arm.xml");
+        let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
         assert_eq!(model.nu(), arm.dofs());
         for (index, (joint, motion)) in arm.free_joints().enumerate() {
             assert_eq!(
@@ -111,6 +113,41 @@ fn limits_names_and_servos_are_in_the_model() {
     }
 }
 
+#[test]
+fn servos_and_bases_that_make_no_sense_are_refused() {
+    let arm = gen3::description().unwrap();
+    for (saturation, damping_time, words) in [
+        (0.0, 0.03, "its saturation is 0, expected 1e-6 or more"),
+        (-1.0, 0.03, "its saturation is -1"),
+        (f64::NAN, 0.03, "NaN"),
+        (0.02, -0.1, "its damping time is -0.1"),
+        (0.02, f64::INFINITY, "inf"),
+    ] {
+        let servo = Some(Servo {
+            saturation,
+            damping_time,
+        });
+        let settings = MjcfSettings { servo, class: None };
+        for refused in [arm.to_mjcf(&settings), arm.to_mjcf_part(&settings)] {
+            let message = refused.unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+    }
+    for (position, rotation, words) in [
+        (DVec3::NAN, DQuat::IDENTITY, "position is NaN"),
+        (
+            DVec3::ZERO,
+            DQuat::from_xyzw(0.0, 0.0, 0.0, 0.0),
+            "rotation is 0",
+        ),
+        (DVec3::ZERO, DQuat::NAN, "rotation is NaN"),
+    ] {
+        let placed = arm.clone().placed(Pose { position, rotation });
+        let message = placed.unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+}
+
 /// A scene includes the part, whose geoms take what the class says.
 #[test]
 fn a_scene_includes_the_part() {
@@ -118,7 +155,10 @@ fn a_scene_includes_the_part() {
         servo: None,
         class: Some("arm".to_owned()),
     };
-    let part = gen3::description().unwrap().to_mjcf_part(&settings);
+    let part = gen3::description()
+        .unwrap()
+        .to_mjcf_part(&settings)
+        .unwrap();
     let scene = r#"<mujoco><compiler angle="radian"/>
         <default><default class="arm"><geom contype="0" conaffinity="0" group="3"/></default></default>
         <include file="arm.xml"/></mujoco>"#;
@@ -140,7 +180,7 @@ fn a_scene_includes_the_part() {
 #[test]
 fn neighbours_do_not_collide_and_the_arm_hits_itself() {
     let arm = gen3::description().unwrap();
-    let model = model(&arm.to_mjcf(&MjcfSettings::default()), "arm.xml");
+    let model = model(&arm.to_mjcf(&MjcfSettings::default()).unwrap(), "arm.xml");
     let contacts = |joints: &[f64]| {
         let mut data = Data::new(Arc::clone(&model));
         data.qpos_mut()[..7].copy_from_slice(joints);
@@ -163,7 +203,7 @@ fn the_simulated_arm_follows_its_control() {
         servo: Some(servo),
         class: None,
     };
-    let model = model(&arm.to_mjcf(&settings), "arm.xml");
+    let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
     let mut control =
         CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
@@ -191,5 +231,37 @@ fn the_simulated_arm_follows_its_control() {
         }
     }
     println!("furthest {furthest}");
-    assert!(furthest < 0.02, "{furthest}");
+    assert!(furthest < 0.01, "{furthest}");
+}
+
+/// The joint that follows does so in motion, and no servo exceeds its joint's effort.
+#[test]
+fn followers_follow_and_efforts_hold_in_motion() {
+    let arm = Description::from_urdf(SIX_JOINT).unwrap();
+    let servo = Some(Servo::default());
+    let mjcf = arm.to_mjcf(&MjcfSettings { servo, class: None }).unwrap();
+    let model = model(&mjcf, "arm.xml");
+    let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
+    let (swing, balance) = (address("swing"), address("balance"));
+    let mut data = Data::new(Arc::clone(&model));
+    let (mut travelled, mut furthest, mut spent) = (0.0_f64, 0.0_f64, 0.0_f64);
+    for step in 0..2000 {
+        // two seconds a swing; the start is sudden, which spends all efforts
+        let phase = PI * model.timestep() * f64::from(step);
+        let way = 0.5 * phase.cos();
+        data.set_ctrl(&[0.2, 0.1, way, way, -way, way]).unwrap();
+        data.step(1).unwrap();
+        let [swing, balance] = [swing, balance].map(|joint| data.qpos()[joint]);
+        travelled = travelled.max(swing.abs());
+        if step > 200 {
+            furthest = furthest.max((balance - (0.2 - 0.5 * swing)).abs());
+        }
+        for ((_, motion), force) in arm.free_joints().zip(data.actuator_force()) {
+            assert!(force.abs() <= motion.effort, "{force} {}", motion.effort);
+            spent = spent.max(force.abs() / motion.effort);
+        }
+    }
+    println!("travelled {travelled}, furthest {furthest}, spent {spent}");
+    assert!(travelled > 0.4 && spent == 1.0, "{travelled} {spent}");
+    assert!(furthest < 0.01, "{furthest}");
 }

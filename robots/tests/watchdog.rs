@@ -132,6 +132,38 @@ fn a_robot_that_does_not_stop_is_told_again() {
 }
 
 #[test]
+fn a_clock_that_goes_back_stops_the_robot() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    watched.command(&Command::default()).unwrap();
+    now.set(ms(0));
+    assert!(watched.check().unwrap());
+    assert!(!watched.check().unwrap());
+}
+
+#[test]
+fn a_command_does_not_skip_a_stop_that_is_due() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(0)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    tape.stuck.set(true);
+    watched.command(&UP).unwrap_err();
+    let error = watched.command(&Command::default()).unwrap_err();
+    assert!(matches!(error, ControlError::NotStopped { .. }), "{error}");
+    assert!(error.to_string().contains("earlier stop failed"), "{error}");
+    tape.stuck.set(false);
+    watched.command(&Command::default()).unwrap();
+    // five seconds late
+    now.set(ms(5000));
+    watched.command(&Command::default()).unwrap();
+    assert_eq!(
+        *tape.calls.borrow(),
+        [
+            "command", "stop", "stop", "stop", "command", "stop", "command"
+        ]
+    );
+}
+
+#[test]
 fn dropping_it_stops_the_robot() {
     let tape = Tape::default();
     drop(Watchdog::new(Recorded(&tape), || Duration::ZERO));

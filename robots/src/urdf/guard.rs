@@ -1,60 +1,129 @@
 //! What is refused before any parser sees it: parsers of XML recurse, and take long over long
-//! files.
+//! files. `RustyXML`, which `urdf-rs` reads with, panics over some texts that no URDF needs.
 
+use super::scan::{Kind, Piece, Pieces, Tag};
 use crate::error::DescriptionError;
 
 /// Most bytes of a URDF.
 pub const MAX_BYTES: usize = 2 << 20;
 /// Most levels of elements inside elements.
 pub const MAX_DEPTH: usize = 64;
+/// Most namespaces that a URDF may declare.
+const MAX_NAMESPACES: usize = 32;
 
-/// Refuses a text that is too long or too deep.
+/// Refuses a text that is too long, too deep, or unlike a URDF.
 pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
     if text.len() > MAX_BYTES {
         return Err(DescriptionError::TooLong { limit: MAX_BYTES });
     }
-    if depth(text) > MAX_DEPTH {
-        return Err(DescriptionError::TooDeep { limit: MAX_DEPTH });
+    let mut pieces = Pieces::new(text);
+    let mut elements = Elements::default();
+    while let Some(piece) = pieces.next() {
+        let checked = piece.and_then(|piece| elements.check(&piece));
+        checked.map_err(|reason| DescriptionError::Syntax {
+            message: format!("line {}: {reason}", pieces.line()),
+        })?;
+        if elements.open.len() > MAX_DEPTH {
+            return Err(DescriptionError::TooDeep { limit: MAX_DEPTH });
+        }
     }
     Ok(())
 }
 
-/// Levels of elements inside elements. Text that is not XML has some depth, too.
-fn depth(text: &str) -> usize {
-    let (mut level, mut deepest) = (0_usize, 0);
-    let mut rest = text;
-    while let Some((_, tag)) = rest.split_once('<') {
-        rest = after(tag);
-        let inside = &tag[..tag.len() - rest.len()];
-        if inside.starts_with('/') {
-            level = level.saturating_sub(1);
-        } else if !inside.starts_with(['!', '?']) && !inside.ends_with("/>") {
-            level += 1;
-            deepest = deepest.max(level);
-        }
-    }
-    deepest
+/// The elements that have not ended.
+#[derive(Default)]
+struct Elements<'a> {
+    open: Vec<&'a str>,
+    /// Whether the root has started.
+    started: bool,
+    /// How many have been declared.
+    namespaces: usize,
 }
 
-/// What follows a tag or a comment, of which the opening bracket is gone.
-fn after(tag: &str) -> &str {
-    let end = |end: &str| tag.split_once(end).map_or("", |(_, rest)| rest);
-    if tag.starts_with("!--") {
-        return end("-->");
-    }
-    if tag.starts_with("![CDATA[") {
-        return end("]]>");
-    }
-    let mut quote = None;
-    for (index, byte) in tag.bytes().enumerate() {
-        match (quote, byte) {
-            (None, b'>') => return &tag[index + 1..],
-            (None, b'"' | b'\'') => quote = Some(byte),
-            (Some(open), _) if open == byte => quote = None,
-            _ => {}
+impl<'a> Elements<'a> {
+    fn check(&mut self, piece: &Piece<'a>) -> Result<(), String> {
+        let outside = self.open.is_empty();
+        match piece {
+            Piece::Text(text) if outside && !text.trim().is_empty() => Err(ALONE.to_owned()),
+            Piece::Text(_) => Ok(()),
+            Piece::Tag(tag) if outside && (self.started || tag.name != "robot") => {
+                Err(ALONE.to_owned())
+            }
+            Piece::Tag(tag) => {
+                self.nest(tag)?;
+                self.declare(tag)?;
+                attributes(tag)
+            }
         }
     }
-    ""
+
+    /// The parser copies all namespaces for each element that it writes.
+    fn declare(&mut self, tag: &Tag) -> Result<(), String> {
+        let names = tag.attributes.iter().map(|[name, _]| name);
+        self.namespaces += names.filter(|name| name.starts_with("xmlns")).count();
+        if self.namespaces > MAX_NAMESPACES {
+            return Err(format!(
+                "more than {MAX_NAMESPACES} namespaces are declared"
+            ));
+        }
+        Ok(())
+    }
+
+    fn nest(&mut self, tag: &Tag<'a>) -> Result<(), String> {
+        self.started = true;
+        match tag.kind {
+            Kind::Start => self.open.push(tag.name),
+            Kind::Empty => {}
+            Kind::End => {
+                if self.open.pop() != Some(tag.name) {
+                    return Err(format!("`</{}>` ends what has not started", tag.name));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What a file must be.
+const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
+
+fn attributes(tag: &Tag) -> Result<(), String> {
+    tag.attributes.iter().try_for_each(|&[name, value]| {
+        if name == "xmlns:xmlns" {
+            return Err("`xmlns:xmlns` is XML's own and cannot be declared".to_owned());
+        }
+        let place = [tag.name, name].map(without_prefix);
+        if place == ["origin", "quat_xyzw"] {
+            return Err("`quat_xyzw` of `<origin>` is not supported; give `rpy`".to_owned());
+        }
+        if VECTORS.contains(&place) && !is_vector(value) {
+            let [element, name] = place;
+            return Err(format!(
+                "`{name}` of `<{element}>` is {value:?}, expected three numbers with blanks \
+                 between"
+            ));
+        }
+        Ok(())
+    })
+}
+
+/// Elements and those of their attributes that hold vectors.
+const VECTORS: [[&str; 2]; 5] = [
+    ["origin", "xyz"],
+    ["origin", "rpy"],
+    ["axis", "xyz"],
+    ["box", "size"],
+    ["mesh", "scale"],
+];
+
+fn without_prefix(name: &str) -> &str {
+    name.rsplit_once(':').map_or(name, |(_, local)| local)
+}
+
+/// `urdf-rs` skips what is no number as long as three others are left.
+fn is_vector(value: &str) -> bool {
+    let numbers = || value.split_whitespace().map(str::parse::<f64>);
+    numbers().count() == 3 && numbers().all(|number| number.is_ok())
 }
 
 #[cfg(test)]
@@ -63,12 +132,39 @@ mod tests {
 
     #[test]
     fn levels_are_counted_past_comments_and_attributes() {
-        let text = r#"<?xml version="1.0"?><!-- <a><b><c> --><a x="/>" y='">'><b/><c></c>
-            <![CDATA[<d><e><f>]]><d><e/></d></a>"#;
-        assert_eq!(depth(text), 2);
-        assert_eq!(depth(""), 0);
-        assert_eq!(depth("</a></a><a>"), 1);
-        assert_eq!(depth("<a <b <c"), 1);
-        assert_eq!(depth(&"<a>".repeat(100)), 100);
+        let nested = |levels: usize| {
+            let open = r#"<a x="/>" y='">' z = "1"><!-- <b><c> --><b/>"#.repeat(levels - 1);
+            let close = "</a\n>".repeat(levels - 1);
+            format!("<?xml version=\"1.0\"?>\n<!----><robot>{open}<!-->{close}-->{close}</robot>")
+        };
+        check(&nested(MAX_DEPTH)).unwrap();
+        let error = check(&nested(MAX_DEPTH + 1)).unwrap_err();
+        assert!(matches!(error, DescriptionError::TooDeep { .. }), "{error}");
+    }
+
+    #[test]
+    fn what_parsers_could_read_otherwise_is_refused() {
+        for inside in [
+            "<",
+            "<a",
+            "< a/>",
+            "<a/ >",
+            "<a b/>",
+            "<a b=1/>",
+            "<a b='1\"/>",
+            "<a=\"1\"/>",
+            "</a>",
+            "<a></b>",
+            "<:a/>",
+            "<a:b:c/>",
+            "<a: b='1'/>",
+            "<!-- ",
+            "<a></a b='1'>",
+            "<a></a/>",
+        ] {
+            let error = check(&format!("<robot>{inside}</robot>")).unwrap_err();
+            let is_syntax = matches!(error, DescriptionError::Syntax { .. });
+            assert!(is_syntax, "{inside}: {error}");
+        }
     }
 }

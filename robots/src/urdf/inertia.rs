@@ -2,9 +2,10 @@
 
 use glam::{DMat3, DVec3};
 
-use super::{finite, origin, require};
+use super::origin;
 use crate::description::{Description, Inertia};
 use crate::error::DescriptionError;
+use crate::number::{finite, require};
 
 /// Smallest mass of a link that has any (kg).
 const LEAST_MASS: f64 = 1e-6;

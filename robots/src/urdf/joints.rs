@@ -3,10 +3,11 @@
 use glam::DVec3;
 use urdf_rs::JointType;
 
+use super::origin;
 use super::tree::Tree;
-use super::{finite, origin, require};
 use crate::description::{Drive, Joint, Motion, MotionKind};
 use crate::error::DescriptionError;
+use crate::number::{finite, require};
 
 /// Shortest axis that has a direction.
 const SHORTEST_AXIS: f64 = 1e-6;

@@ -5,11 +5,12 @@ use std::path::Path;
 use glam::DVec3;
 use urdf_rs::Geometry;
 
-use super::{finite, inertia, mesh, origin, require};
+use super::{inertia, mesh, origin};
 use crate::capsule::{PlacedShape, Shape, join_capsules};
 use crate::description::Link;
 use crate::error::DescriptionError;
 use crate::fit::LEAST_SIZE;
+use crate::number::{finite, require};
 
 /// A link whose meshes are below `folder`, if it is known.
 pub(super) fn link(

@@ -6,10 +6,10 @@ use std::path::{Component, Path, PathBuf};
 
 use glam::DVec3;
 
-use super::LARGEST;
 use crate::capsule::PlacedShape;
 use crate::error::DescriptionError;
 use crate::fit::around;
+use crate::number::LARGEST;
 
 /// Most bytes of a mesh.
 const MAX_BYTES: u64 = 64 << 20;

@@ -9,6 +9,7 @@ mod joints;
 mod links;
 mod mesh;
 mod names;
+mod scan;
 mod tree;
 
 use std::fs::File;
@@ -17,6 +18,7 @@ use std::path::Path;
 
 use crate::description::Description;
 use crate::error::DescriptionError;
+use crate::number::finite;
 use crate::pose::Pose;
 
 pub use guard::{MAX_BYTES, MAX_DEPTH};
@@ -83,41 +85,6 @@ fn text(path: &Path) -> Result<String, DescriptionError> {
         path: path.to_owned(),
         source,
     })
-}
-
-/// Refuses a number that makes no sense.
-fn require(
-    holds: bool,
-    place: impl Fn() -> String,
-    what: &'static str,
-    value: f64,
-    expected: &'static str,
-) -> Result<(), DescriptionError> {
-    if holds {
-        return Ok(());
-    }
-    Err(DescriptionError::Number {
-        place: place(),
-        what,
-        value,
-        expected,
-    })
-}
-
-/// Largest number that a robot's file may hold, in any unit.
-const LARGEST: f64 = 1e6;
-
-/// Refuses numbers that are not finite, and immense ones.
-fn finite(
-    place: impl Fn() -> String,
-    what: &'static str,
-    values: &[f64],
-) -> Result<(), DescriptionError> {
-    let sound = |value: &f64| value.abs() <= LARGEST;
-    let absurd = values.iter().find(|value| !sound(value));
-    let value = absurd.copied().unwrap_or(0.0);
-    let expected = "finite numbers up to 1e6";
-    require(absurd.is_none(), place, what, value, expected)
 }
 
 /// An `<origin>` with finite numbers.

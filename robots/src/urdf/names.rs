@@ -25,7 +25,9 @@ pub(super) fn check(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
     if !file.name.is_empty() {
         usable("robot", &file.name)?;
     }
-    file.links.iter().try_for_each(not_reserved)?;
+    file.links
+        .iter()
+        .try_for_each(|link| not_reserved(file, link))?;
     unique("link", file.links.iter().map(|link| &link.name[..]))?;
     unique("joint", file.joints.iter().map(|joint| &joint.name[..]))?;
     file.links.iter().try_for_each(|link| {
@@ -90,8 +92,14 @@ fn usable(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
 }
 
 /// MuJoCo calls the world's own body `world`, and many files call a root without shapes so.
-fn not_reserved(link: &urdf_rs::Link) -> Result<(), DescriptionError> {
-    if link.name != "world" || (link.collision.is_empty() && link.inertial.mass.value == 0.0) {
+fn not_reserved(file: &urdf_rs::Robot, link: &urdf_rs::Link) -> Result<(), DescriptionError> {
+    let is_root = || {
+        file.joints
+            .iter()
+            .all(|joint| joint.child.link != link.name)
+    };
+    let is_bare = || link.collision.is_empty() && link.inertial.mass.value == 0.0;
+    if link.name != "world" || (is_bare() && is_root()) {
         return Ok(());
     }
     Err(DescriptionError::Name {
