@@ -219,12 +219,13 @@ mod tests {
         let names = "kind,seed,visits,stay,forced,groups,policies,exact,turns,rounds,known,right,\
                      switches,noticed,mixed,split,learnt,foreign,merged,slowest_us,state_bytes";
         let first = format!("{names}\n{record}\n");
-        let next = format!("version,{names}\n3,{record}\n");
-        for text in [first, next] {
+        let other = format!("version,{names}\n2,{record}\n");
+        for text in [first, other] {
             std::fs::write(&path, &text).unwrap();
             let refused = Results::open(Some(&path), &Plan::default()).err().unwrap();
             let message = refused.to_string();
-            assert!(message.contains("expected version 2 with"), "{message}");
+            let expected = format!("expected version {VERSION} with");
+            assert!(message.contains(&expected), "{message}");
             assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
         }
         std::fs::remove_file(&path).unwrap();
