@@ -1,5 +1,6 @@
 //! What a grouping that hears policies, finds twins and cuts rollouts makes the learner do.
 
+use std::cell::Cell;
 use std::path::Path;
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
@@ -27,8 +28,14 @@ struct Script {
     /// Policies that serve one group, the first of which goes on.
     twins: Option<(usize, usize)>,
     heirs: Option<Vec<Option<usize>>>,
-    /// Whether every rollout shows two groups.
-    is_cut: bool,
+    /// Which looks of a turn show two groups: the first one, the second one.
+    cuts: [bool; 2],
+    /// Whether first looks are undecided.
+    doubts: bool,
+    /// Whether the last look was a second one.
+    settled: Cell<bool>,
+    /// Whether looks speak against the policies that are named.
+    is_unproven: bool,
 }
 
 impl Grouping for Script {
@@ -41,20 +48,30 @@ impl Grouping for Script {
         _: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
     ) -> Result<Assignment, CoversError> {
-        // what speaks against a policy does not put it out of question
-        let against = Evidence {
-            distance: 1.0,
-            judgement: Judgement::Threshold { limit: 0.0 },
-            verdict: Verdict::Refused,
+        self.settled.set(false);
+        let decision = match self.doubts {
+            true => Decision::Undecided,
+            false => self.decisions[self.turns - 1],
         };
-        Ok(Assignment {
-            decision: self.decisions[self.turns - 1],
-            evidence: vec![against; 2],
-        })
+        Ok(said(decision))
+    }
+
+    fn settle(
+        &self,
+        _: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<Assignment, CoversError> {
+        self.settled.set(true);
+        Ok(said(self.decisions[self.turns - 1]))
     }
 
     fn is_cut(&self) -> bool {
-        self.is_cut
+        self.cuts[usize::from(self.settled.get())]
+    }
+
+    fn is_unproven(&self) -> bool {
+        let names = matches!(self.decisions[self.turns - 1], Decision::Existing(_));
+        self.is_unproven && names
     }
 
     fn review(
@@ -122,6 +139,19 @@ impl Grouping for Script {
 
     fn heirs(&self) -> Option<Vec<Option<usize>>> {
         self.heirs.clone()
+    }
+}
+
+/// A decision; what speaks against a policy does not put it out of question.
+fn said(decision: Decision) -> Assignment {
+    let against = Evidence {
+        distance: 1.0,
+        judgement: Judgement::Threshold { limit: 0.0 },
+        verdict: Verdict::Refused,
+    };
+    Assignment {
+        decision,
+        evidence: vec![against; 2],
     }
 }
 
@@ -255,21 +285,76 @@ fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
     assert_eq!(turns(&mut covers, &mut env, 2), [(0, 150), (1, 500)]);
 }
 
+/// Decisions of three turns, and how many the replay holds that learnt, where the first policy goes
+/// on after another one was opened.
+fn held(script: Script) -> Vec<(usize, usize)> {
+    let (mut env, mut learner) = off_policy(Script {
+        decisions: vec![Decision::New, Decision::Existing(0)],
+        ..script
+    });
+    let turns = (0..3).map(|_| learner.learn(&mut env).unwrap());
+    let held = turns.map(|turn| (turn.decisions, number(&turn, "replay") as usize));
+    held.collect()
+}
+
 /// A replay holds what its policy collected after a rollout of two groups, and nothing of that one.
 #[test]
 fn no_replay_takes_a_rollout_of_two_groups() {
-    let held = |is_cut| {
+    let cut = |cuts| {
+        held(Script {
+            cuts,
+            ..Script::default()
+        })
+    };
+    assert_eq!(cut([false; 2]), [(100, 100), (100, 100), (100, 200)]);
+    assert_eq!(cut([true; 2]), [(100, 100), (200, 100), (250, 200)]);
+}
+
+/// A look at two rollouts leaves both for a replay, but the first of them if either look cuts it.
+#[test]
+fn no_replay_takes_what_either_look_cuts_off() {
+    let cut = |cuts| {
+        held(Script {
+            cuts,
+            doubts: true,
+            ..Script::default()
+        })
+    };
+    assert_eq!(cut([false; 2]), [(100, 100), (200, 200), (200, 300)]);
+    assert_eq!(cut([true, false]), [(100, 100), (200, 100), (200, 200)]);
+    assert_eq!(cut([false, true]), [(100, 100), (300, 100), (350, 200)]);
+}
+
+/// The same where the policy that acted goes on.
+#[test]
+fn no_replay_of_one_that_stays_takes_what_is_cut_off() {
+    let cut = |cuts| {
         let (mut env, mut learner) = off_policy(Script {
-            decisions: vec![Decision::New, Decision::Existing(0)],
-            is_cut,
+            decisions: vec![Decision::Existing(0)],
+            cuts,
+            doubts: true,
             ..Script::default()
         });
-        let turns = (0..3).map(|_| learner.learn(&mut env).unwrap());
-        let held = turns.map(|turn| (turn.decisions, number(&turn, "replay") as usize));
-        held.collect::<Vec<_>>()
+        let turns = [(); 2].map(|()| learner.learn(&mut env).unwrap());
+        number(&turns[1], "replay") as usize
     };
-    assert_eq!(held(false), [(100, 100), (100, 100), (100, 200)]);
-    assert_eq!(held(true), [(100, 100), (200, 100), (250, 200)]);
+    let all = [[false, false], [true, false], [false, true]];
+    assert_eq!(all.map(cut), [300, 200, 200]);
+}
+
+/// One that looks speak against, as they do against all that have heirs, is heard whatever becomes
+/// of rollouts that change hands.
+#[test]
+fn who_is_named_against_the_looks_is_heard_where_rollouts_are_reused() {
+    let heard = |refuses: &[usize]| {
+        held(Script {
+            is_unproven: true,
+            refuses: refuses.to_vec(),
+            ..Script::default()
+        })
+    };
+    assert_eq!(heard(&[]), [(100, 100), (100, 100), (250, 300)]);
+    assert_eq!(heard(&[0]), [(100, 100), (100, 100), (250, 200)]);
 }
 
 /// The first half of a rollout is learnt from where the second shows another group.

@@ -29,6 +29,7 @@ pub struct Course {
 /// The account of one episode: a point for each source of evidence, the same for all mirror images
 /// of the episode, to the bit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Account {
     /// Decisions before the episode began.
     pub began: usize,

@@ -85,6 +85,15 @@ pub enum EvidenceError {
         /// Policies known.
         policies: usize,
     },
+    /// Heirs that lead nowhere.
+    #[error(
+        "the heirs of policy {policy} follow each other in a circle, expected one that acts: the \
+         state is damaged, take another one"
+    )]
+    HeirsInCircle {
+        /// A policy whose heirs do so.
+        policy: usize,
+    },
     /// Distances and tests.
     #[error(transparent)]
     Cluster(#[from] ClusterError),

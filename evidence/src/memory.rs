@@ -10,6 +10,7 @@ use crate::opinion::{Kind, mean_earned};
 
 /// What a policy is known by: the accounts of the latest episodes on which it learnt.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct Memory {
     pub(crate) accounts: VecDeque<Account>,
     /// Mean earnings of the first rollout on which it learnt.
@@ -35,10 +36,11 @@ impl Memory {
         self.accounts.drain(..too_many);
     }
 
-    /// Whether there are accounts, `most` at most, the beginning is a number, and an heir is one of
-    /// so many policies.
+    /// Whether there are accounts, `most` at most, the beginning is a number, and the policies that
+    /// are named are among so many.
     pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
-        if let Some(policy) = self.heir.filter(|&heir| heir >= policies) {
+        let mut named = self.apart.iter().copied().chain(self.heir);
+        if let Some(policy) = named.find(|&policy| policy >= policies) {
             return Err(EvidenceError::NoPolicy { policy, policies });
         }
         match self.accounts.len() {
@@ -106,6 +108,21 @@ fn spread(accounts: &[&Account]) -> f64 {
         .map(|e| (f64::from(e) - mean).powi(2));
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
     f64::sqrt(sum / count)
+}
+
+/// Refuses a policy whose heir, or one of the heir's heirs, is the policy itself.
+pub(crate) fn check_heirs(memories: &[Memory]) -> Result<(), EvidenceError> {
+    let heir = |&policy: &usize| memories[policy].heir;
+    // without a circle nobody has more heirs than there are others
+    let circles = |policy: &usize| {
+        std::iter::successors(Some(*policy), heir)
+            .nth(memories.len())
+            .is_some()
+    };
+    match (0..memories.len()).find(circles) {
+        Some(policy) => Err(EvidenceError::HeirsInCircle { policy }),
+        None => Ok(()),
+    }
 }
 
 /// All accounts that are remembered.

@@ -32,6 +32,17 @@ pub struct Finding {
     pub is_contested: bool,
 }
 
+impl Finding {
+    /// Whether what was seen speaks against the policy that is named: it looks another or has an
+    /// heir, and must act before it is believed.
+    pub fn is_unproven(&self) -> bool {
+        match self.decision {
+            Decision::Existing(policy) => self.opinions[policy].is_refused(),
+            Decision::New | Decision::Undecided => false,
+        }
+    }
+}
+
 /// Who acted, and who is out of question.
 #[derive(Clone, Copy, Debug)]
 pub struct Situation<'a> {
@@ -72,9 +83,9 @@ impl Recogniser {
     }
 
     /// Tells that `policy` learns from episodes of its own; the next new policy has the number of
-    /// those that are known. One that was merged is asked again from here on. What shows another group than the first of these episodes is not
-    /// remembered: returns the number of decisions before the first episode that is left out, if
-    /// one is.
+    /// those that are known. One that was merged is asked again from here on. What shows another
+    /// group than the first of these episodes is not remembered: returns the number of decisions
+    /// before the first episode that is left out, if one is.
     ///
     /// # Errors
     /// A number beyond that, no episode, numbers that are not finite, or lists of other lengths
@@ -98,19 +109,21 @@ impl Recogniser {
         let cut = find_cut(&accounts, &self.settings, rng)?;
         let end = cut.map(|cut| accounts[cut].began);
         accounts.truncate(cut.unwrap_or(accounts.len()));
+        let is_outdated = self.is_outdated(policy, &accounts, rng)?;
         if policy == policies {
             self.memories.push(Memory::default());
         }
         self.revive(policy);
-        if self.is_outdated(policy, &accounts, rng)? {
-            self.memories[policy].accounts.clear();
+        let memory = &mut self.memories[policy];
+        if is_outdated {
+            memory.accounts.clear();
         }
-        self.memories[policy].learn(accounts, self.settings.memory);
+        memory.learn(accounts, self.settings.memory);
         Ok(end)
     }
 
-    /// Whether what a policy remembers looks no more like that on which it is about to learn: its
-    /// group drifted while it was away.
+    /// Whether what a policy remembers, if it is known, looks no more like that on which it is about
+    /// to learn: its group drifted while it was away.
     fn is_outdated<R: Rng + ?Sized>(
         &self,
         policy: usize,
@@ -118,11 +131,14 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<bool, EvidenceError> {
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
-        let (examiner, memory) = (Examiner(&self.settings), &self.memories[policy]);
         if accounts.len() < self.settings.min_episodes {
             return Ok(false);
         }
-        let opinion = examiner.opine(memory, accounts, Role::Stranger, Look::Second, &mut own)?;
+        let mut memory = self.memories.get(policy).cloned().unwrap_or_default();
+        // it is about to have none
+        memory.heir = None;
+        let (examiner, role) = (Examiner(&self.settings), Role::Stranger);
+        let opinion = examiner.opine(&memory, accounts, role, Look::Second, &mut own)?;
         Ok(opinion.is_refused())
     }
 

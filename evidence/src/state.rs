@@ -7,7 +7,7 @@ use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::EvidenceError;
-use crate::memory::{Memory, check, known};
+use crate::memory::{Memory, check, check_heirs, known};
 use crate::recogniser::Recogniser;
 
 /// The version that is written, and the only one that is read. The first one, a list that names no
@@ -79,14 +79,16 @@ impl Recogniser {
     /// Takes a state back.
     ///
     /// # Errors
-    /// A deserialiser's, a state of another version, numbers that are not finite, lists of other
-    /// lengths, an heir that is no policy, or a policy without accounts or with more than `memory`.
+    /// A deserialiser's, a state of another version or with unknown fields, numbers that are not
+    /// finite, lists of other lengths, named policies that are none, heirs in a circle, or a policy
+    /// without accounts or with more than `memory`. Nothing is taken back then.
     pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let memories = state.deserialize_any(AnyState)?.policies;
         let (most, policies) = (self.settings().memory, memories.len());
         let mut checks = memories.iter().map(|memory| memory.check(most, policies));
         let checked = checks.try_for_each(|check| check);
         checked
+            .and_then(|()| check_heirs(&memories))
             .and_then(|()| check(known(&memories)))
             .map_err(D::Error::custom)?;
         self.memories = memories;

@@ -70,6 +70,59 @@ fn damaged_states_are_refused() {
     );
     let heir = damaged(|s| s["policies"][1]["heir"] = 2.into());
     assert!(heir.contains("policy 2 was named, 2 are known"), "{heir}");
+    let apart = damaged(|s| s["policies"][1]["apart"] = serde_json::json!([0, 3]));
+    assert!(apart.contains("policy 3 was named, 2 are known"), "{apart}");
+}
+
+/// Whoever follows heirs must come to one that acts.
+#[test]
+fn states_whose_heirs_lead_nowhere_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 3);
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let with_heirs = |heirs: [Option<usize>; 3]| {
+        let mut state = state.clone();
+        for (policy, heir) in state["policies"]
+            .as_array_mut()
+            .unwrap()
+            .iter_mut()
+            .zip(heirs)
+        {
+            policy["heir"] = serde_json::json!(heir);
+        }
+        let mut restored = recogniser.clone();
+        let result = restored.restore(&state);
+        assert!(result.is_ok() || restored == recogniser);
+        result.map_err(|error| error.to_string())
+    };
+    assert_eq!(with_heirs([Some(2), None, Some(1)]), Ok(()));
+    assert_eq!(with_heirs([Some(1), None, Some(1)]), Ok(()));
+    for circle in [
+        [None, Some(1), None],
+        [None, Some(2), Some(1)],
+        [Some(2), Some(0), Some(1)],
+        [Some(1), Some(1), None],
+    ] {
+        let message = with_heirs(circle).unwrap_err();
+        assert!(
+            message.contains("follow each other in a circle"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn states_with_unknown_fields_are_refused() {
+    let recogniser = knowing(Kind::Appearance, 1000, 1);
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    for at in ["", "/policies/0", "/policies/0/accounts/7"] {
+        let mut other = state.clone();
+        let place = other.pointer_mut(at).unwrap().as_object_mut().unwrap();
+        place.insert("heirs".to_owned(), 1.into());
+        let mut restored = recogniser.clone();
+        let message = restored.restore(&other).unwrap_err().to_string();
+        assert!(message.contains("unknown field `heirs`"), "{at}: {message}");
+        assert_eq!(restored, recogniser);
+    }
 }
 
 #[test]

@@ -129,6 +129,13 @@ impl Grouping for Evident {
         last.as_ref().is_some_and(|finding| finding.cut.is_some())
     }
 
+    fn is_unproven(&self) -> bool {
+        self.last
+            .borrow()
+            .as_ref()
+            .is_some_and(Finding::is_unproven)
+    }
+
     fn review(
         &self,
         candidates: &mut dyn Candidates,
@@ -208,14 +215,15 @@ impl Grouping for Evident {
     }
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
-        self.recogniser
-            .restore(state)
-            .map_err(|error| error.to_string())?;
-        let known = self.recogniser.policies();
+        let mut restored = self.recogniser.clone();
+        let read = restored.restore(state);
+        read.map_err(|error| error.to_string())?;
+        let known = restored.policies();
         // a policy that was opened last may not have learnt anything
-        match known == policies || (known == 0 && policies == 1) {
-            true => Ok(()),
-            false => Err(format!("accounts of {known} policies, expected {policies}")),
+        if known != policies && (known, policies) != (0, 1) {
+            return Err(format!("accounts of {known} policies, expected {policies}"));
         }
+        self.recogniser = restored;
+        Ok(())
     }
 }

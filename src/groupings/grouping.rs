@@ -77,6 +77,12 @@ pub trait Grouping: Send {
         false
     }
 
+    /// Whether what the last decision saw speaks against the policy that it named, which must show
+    /// by acting that it is meant.
+    fn is_unproven(&self) -> bool {
+        false
+    }
+
     /// Judges the policy that a decision named, by a rollout that it collected itself: names another
     /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
     /// [`Grouping::refused`] to begin with, and those that this call adds.

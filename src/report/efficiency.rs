@@ -150,6 +150,7 @@ mod tests {
             policy: 0,
             reward: None,
             success: None,
+            heirs: Vec::new(),
         });
         let row = |&(rollouts, success): &(usize, f64)| ScoreRow {
             rollouts,

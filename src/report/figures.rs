@@ -21,7 +21,7 @@ const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its unit
 pub struct Figures {
     /// Those of each group, in the order in which they are scored.
     pub groups: Vec<GroupFigures>,
-    /// Share of rollouts of one group that went to the first policy opened for it.
+    /// Share of rollouts of one group that went to the policy of that group ([`Ledger::right`]).
     pub accuracy: Result<f64, Undefined>,
     /// That share among rollouts of groups that came back.
     pub return_accuracy: Result<f64, Undefined>,
@@ -181,6 +181,7 @@ fn ledger(run: &RunData) -> Ledger {
         } else {
             ledger.record(&row.group, left.contains(&row.group.as_str()), row.policy);
         }
+        ledger.record_heirs(&row.heirs);
     }
     ledger
 }
@@ -203,6 +204,7 @@ mod tests {
             policy: rollouts[index].1,
             reward: None,
             success: None,
+            heirs: Vec::new(),
         };
         RunData {
             name: "covers-seed0".to_owned(),
@@ -288,6 +290,14 @@ mod tests {
             (figures.accuracy, figures.return_accuracy),
             (Ok(0.75), Ok(0.0))
         );
+    }
+
+    #[test]
+    fn an_heir_is_right_where_its_policy_was() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1), ("a", 2), ("a", 2)]);
+        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.0));
+        run.rollouts[2].heirs = vec![Some(2), None, None];
+        assert_eq!(Figures::of(&run).return_accuracy, Ok(0.5));
     }
 
     #[test]

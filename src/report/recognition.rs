@@ -5,7 +5,7 @@ use crate::evaluation::SHOWN;
 use super::cells::{cell, title};
 use super::figures::Undefined;
 use super::method::MethodRuns;
-use super::partners::partner;
+use super::partners::{last_acting, partner};
 use super::run_data::RunData;
 use super::statistics::mean;
 use super::table::Table;
@@ -80,7 +80,8 @@ fn share(
         let rows = run.recognition.iter();
         let rows = rows.filter(|row| row.group == *group && row.episodes == episodes);
         let [all, counted] = rows.fold([0, 0], |[all, counted], row| {
-            let times = usize::from(kind(row.policy, partner)) * row.times;
+            let named = row.policy.map(|policy| last_acting(&run.rollouts, policy));
+            let times = usize::from(kind(named, partner)) * row.times;
             [all + row.times, counted + times]
         });
         (all > 0).then(|| counted as f64 / all as f64)
@@ -105,6 +106,7 @@ mod tests {
             policy,
             reward: None,
             success: None,
+            heirs: Vec::new(),
         };
         let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
             group: group.to_owned(),
@@ -156,6 +158,23 @@ mod tests {
         lumping.rollouts[1].policy = 0;
         lumping.rollouts.push(lumping.rollouts[0].clone());
         assert_eq!(rows(lumping)[0][2..5], ["1.000", "0.000", "0.500"]);
+    }
+
+    /// Policy 2 went on for policy 0, which served group `a` for longer.
+    #[test]
+    fn the_answer_of_an_heir_is_right_where_its_policy_was() {
+        let mut merged = run(
+            Method::Covers,
+            &[("a", 1, Some(2), 4), ("b", 1, Some(1), 4)],
+        );
+        merged.rollouts.push(merged.rollouts[0].clone());
+        merged.rollouts.push(RolloutRow {
+            policy: 2,
+            ..merged.rollouts[0].clone()
+        });
+        assert_eq!(rows(merged.clone())[0][2..5], ["0.000", "1.000", "0.500"]);
+        merged.rollouts[3].heirs = vec![Some(2), None, None];
+        assert_eq!(rows(merged)[0][2..5], ["1.000", "1.000", "1.000"]);
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer};
 
 use crate::error::CoversError;
 use crate::evaluation::SHOWN;
@@ -53,6 +53,21 @@ pub struct RolloutRow {
     pub reward: Option<f64>,
     /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
     pub success: Option<f64>,
+    /// For each policy the one that acts for its group since the two were merged; empty where the
+    /// learner merges none.
+    #[serde(default, deserialize_with = "heirs")]
+    pub heirs: Vec<Option<usize>>,
+}
+
+/// Numbers with semicolons between them, some of which are missing.
+fn heirs<'de, D: Deserializer<'de>>(cell: D) -> Result<Vec<Option<usize>>, D::Error> {
+    let cell = String::deserialize(cell)?;
+    let number = |word: &str| match word {
+        "" => Ok(None),
+        word => word.parse().map(Some),
+    };
+    let heirs = cell.split(';').map(number).collect::<Result<_, _>>();
+    heirs.map_err(|error| D::Error::custom(format!("heirs `{cell}`: {error}")))
 }
 
 /// A row of `evaluation.csv`.

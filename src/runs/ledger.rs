@@ -2,14 +2,19 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::heirs::acting;
+
 /// What the stream knows and the learner does not: the books of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ledger {
     /// The group that each policy was opened for: that of its first rollout of one group alone.
     pub opened_for: Vec<Option<String>>,
-    /// Policies for whose groups others act since they were merged ([`crate::Turn::heirs`]). The counts
-    /// below do not follow them: a group's policy is the first that was opened for it.
+    /// For each policy the one that acts for its group since the two were merged, after the last
+    /// turn ([`crate::Turn::heirs`]). The counts below follow them: a policy counts as its heir.
+    #[serde(default)]
+    pub heirs: Vec<Option<usize>>,
+    /// The number of policies that have one.
     #[serde(default)]
     pub merged: usize,
     /// Rollouts learnt from.
@@ -18,11 +23,12 @@ pub struct Ledger {
     pub decisions: usize,
     /// Rollouts within which the stream changed the group: nobody can say which policy is right.
     pub straddled: usize,
-    /// The other rollouts assigned to the first policy that was opened for their group.
+    /// The other rollouts assigned to the policy of their group: the first that was opened for it, or
+    /// its heir where that is no other group's policy.
     pub right: usize,
     /// Rollouts of groups that came back.
     pub returns: usize,
-    /// Those of them that were assigned to the first policy of their group.
+    /// Those of them that were assigned to the policy of their group.
     pub right_returns: usize,
     /// Failures of single environments, see [`crate::Stream::failures`].
     pub failures: usize,
@@ -35,6 +41,7 @@ pub struct Ledger {
 impl Ledger {
     /// Books who acts for whom after a turn.
     pub(crate) fn record_heirs(&mut self, heirs: &[Option<usize>]) {
+        self.heirs = heirs.to_vec();
         self.merged = heirs.iter().flatten().count();
     }
 
@@ -42,9 +49,8 @@ impl Ledger {
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
         self.opened_for[policy].get_or_insert_with(|| group.to_owned());
-        let mut opened = self.opened_for.iter();
-        let first = opened.position(|opened| opened.as_deref() == Some(group));
-        let right = usize::from(first == Some(policy));
+        let own = acting(&self.heirs, policy);
+        let right = usize::from(self.policy_of(group) == Some(own));
         self.rollouts += 1;
         self.right += right;
         if returns {
@@ -58,6 +64,16 @@ impl Ledger {
         self.open(policy);
         self.rollouts += 1;
         self.straddled += 1;
+    }
+
+    /// The policy that acts for a group; none where it was another group's before.
+    fn policy_of(&self, group: &str) -> Option<usize> {
+        let is_own = |opened: &Option<String>| opened.as_deref() == Some(group);
+        let first = self.opened_for.iter().position(is_own)?;
+        let own = acting(&self.heirs, first);
+        let is_others =
+            |policy: usize| self.opened_for[policy].is_some() && acting(&self.heirs, policy) == own;
+        (!(0..first).any(is_others)).then_some(own)
     }
 
     /// Whether no part is more than its whole, and no rollout is without decisions.
@@ -74,8 +90,8 @@ impl Ledger {
         self.opened_for.resize(policies, None);
     }
 
-    /// Share of rollouts of one group assigned to the first policy that was opened for it, in
-    /// `[0, 1]`; none where there was no such rollout.
+    /// Share of rollouts of one group assigned to its policy, in `[0, 1]`; none where there was no such
+    /// rollout.
     pub fn accuracy(&self) -> Option<f64> {
         share(self.right, self.rollouts - self.straddled)
     }
@@ -137,12 +153,35 @@ mod tests {
         ledger.decisions = 2;
         ledger.record_heirs(&[None, Some(0)]);
         assert!(ledger.adds_up() && ledger.merged == 1);
-        ledger.record(D, true, 0);
-        assert_eq!(accuracies(&ledger), [Some(2.0 / 3.0), Some(0.0)]);
         ledger.record_heirs(&[None, None]);
         assert_eq!(ledger.merged, 0, "asked again");
         ledger.merged = 3;
         assert!(!ledger.adds_up());
+    }
+
+    /// Policies 0 and 1 are of one group, and either may go on for both.
+    #[test]
+    fn an_heir_is_right_where_its_policy_was() {
+        for (heirs, kept) in [([None, Some(0)], 0), ([Some(1), None], 1)] {
+            let mut ledger = ledger(&[(B, false, 0), (B, false, 1)]);
+            assert_eq!(ledger.right, 1);
+            ledger.record_heirs(&heirs);
+            ledger.record(B, true, kept);
+            assert_eq!(accuracies(&ledger), [Some(2.0 / 3.0), Some(1.0)]);
+        }
+    }
+
+    /// One that goes on for two groups belongs to the one that came first.
+    #[test]
+    fn an_heir_of_two_groups_is_right_in_one() {
+        for (heirs, kept) in [([None, Some(0)], 0), ([Some(1), None], 1)] {
+            let mut ledger = ledger(&[(B, false, 0), (D, false, 1)]);
+            ledger.record_heirs(&heirs);
+            ledger.record(D, true, kept);
+            ledger.record(B, true, kept);
+            assert_eq!((ledger.returns, ledger.right_returns), (2, 1));
+            assert_eq!(ledger.right, 3);
+        }
     }
 
     #[test]

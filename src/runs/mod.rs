@@ -2,6 +2,7 @@
 
 mod checkpoints;
 mod folder;
+mod heirs;
 mod ledger;
 mod lock;
 mod logs;
@@ -19,6 +20,7 @@ mod timings;
 mod workers;
 
 pub use folder::RunFolder;
+pub(crate) use heirs::acting;
 pub use ledger::Ledger;
 pub use progress::{Evaluation, Event, Progress};
 pub use provenance::Provenance;

@@ -20,7 +20,7 @@ use super::courses::courses;
 use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
 use super::member::{Clouds, Member};
 use super::policies::Collection;
-use super::settings::{CollectionSettings, Embedding, Handover, NewPolicy};
+use super::settings::{CollectionSettings, Embedding, NewPolicy};
 use super::training::Training;
 
 /// Decisions of an episode from one look at the units of a network to the next: a look costs about
@@ -40,19 +40,20 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         let mut first_look = None;
         // the paper opens a policy on a single rollout
         if assignment.decision == Decision::Undecided {
+            self.keep_if_cut(0);
             stats = self.roll_out(env)?;
             frames.extend(self.first_frames()?);
             courses.extend(self::courses(&self.rollout, decisions));
             decisions += stats.decisions;
             first_look = Some(assignment.evidence);
             assignment = self.settle(&frames, &courses)?;
+            self.keep_if_cut(1);
         }
         let mut created = self.adopt(&assignment, frames)?;
         let mut actor = collector;
         // the paper does not say that a rollout that changes hands is off-policy
         if self.current != collector {
-            // nor does it know rollouts of two groups
-            if self.settings.handover() == Handover::Reuse && !self.grouping.is_cut() {
+            if self.may_reuse() {
                 let policy = &mut self.members[self.current].policy;
                 S::Training::take_over(policy, &mut self.rollout)?;
             } else {

@@ -70,9 +70,9 @@ pub trait Rollout {
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Forgets all that was collected since an algorithm learnt last. One that holds a single
-    /// collection forgets it when the next one begins.
-    fn forget(&mut self) {}
+    /// Keeps the latest `collections` of those since an algorithm learnt last. One that holds a
+    /// single collection forgets it when the next one begins.
+    fn keep(&mut self, _collections: usize) {}
 }
 
 impl Rollout for RolloutBuffer {

@@ -12,7 +12,7 @@ use super::courses::courses;
 use super::first_frames::{Rollout, first_frames};
 use super::member::Member;
 use super::policies::Collection;
-use super::settings::{CollectionSettings, RolloutOf};
+use super::settings::{CollectionSettings, Handover, RolloutOf};
 use super::training::Training;
 
 /// What a change of hands came to.
@@ -27,6 +27,22 @@ pub(super) struct Collected {
 }
 
 impl<S: CollectionSettings> Collection<S> {
+    /// Whether the policy that was named may learn from a rollout of another one: the paper does not
+    /// know rollouts of two groups, nor policies that must act before they are believed.
+    pub(super) fn may_reuse(&self) -> bool {
+        self.settings.handover() == Handover::Reuse
+            && !self.grouping.is_cut()
+            && !self.grouping.is_unproven()
+    }
+
+    /// Where the last look showed two groups, leaves the latest `collections` for a replay, which
+    /// would take all of them.
+    pub(super) fn keep_if_cut(&mut self, collections: usize) {
+        if self.grouping.is_cut() {
+            self.rollout.keep(collections);
+        }
+    }
+
     /// Lets the current policy, which `assignment` named, collect a rollout; and other ones where
     /// the grouping reviews what it did and names them. One of several that might be meant is heard
     /// first. What was collected before and shows two groups is learnt by nobody.
@@ -39,9 +55,7 @@ impl<S: CollectionSettings> Collection<S> {
         let mut refused = self.grouping.refused();
         let mut decisions = 0;
         loop {
-            if self.grouping.is_cut() {
-                self.rollout.forget();
-            }
+            self.keep_if_cut(0);
             if !created
                 && self.grouping.is_contested()
                 && let Some(heard) = self.hear(env, &mut decisions)?

@@ -123,7 +123,8 @@ impl Rollout for Recording {
         Ok(())
     }
 
-    fn forget(&mut self) {
-        self.collections.clear();
+    fn keep(&mut self, collections: usize) {
+        let too_many = self.collections.len().saturating_sub(collections);
+        self.collections.drain(..too_many);
     }
 }
