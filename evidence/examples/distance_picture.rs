@@ -95,7 +95,7 @@ fn pairs(kind: Kind) -> Answer<Pairs> {
             let last: &[Account] = &seen[80..];
             let situation = Situation {
                 collector: policy,
-                refused: &[],
+                ..Situation::default()
             };
             let finding = recogniser.review(last, situation, &mut rng)?;
             let other = usize::from(policy != group);

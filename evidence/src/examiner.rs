@@ -22,7 +22,7 @@ const LEARNT: f64 = 1.0;
 const PROOF: f64 = 3.0;
 const FEW: f64 = 1.0 / 3.0;
 /// There, distances of looks may exceed those of chance by so many times as much as elsewhere.
-const EXCUSED: f64 = 3.5;
+const EXCUSED: f64 = 2.5;
 
 /// Tests with settings.
 #[derive(Clone, Copy, Debug)]
@@ -96,7 +96,8 @@ impl Examiner<'_> {
             Look::First => is_doubtful(source, level),
             Look::Second => source.tail_p_value <= level * self.weight(opinion, kind),
         });
-        let is_against = against.any(|(kind, source)| self.counts(opinion, look, kind, source));
+        let is_against = against.any(|(kind, source)| self.counts(opinion, look, kind, source))
+            || (opinion.role == Role::Excused && !self.may_keep(opinion));
         match (is_against, look) {
             (false, _) => Verdict::Accepted,
             (true, Look::First) => Verdict::Doubted,
@@ -113,7 +114,8 @@ impl Examiner<'_> {
     /// From which ratio on looks speak against a policy: a larger one where it returns and shows
     /// that it serves where it is.
     fn least_ratio(self, opinion: &Opinion) -> f64 {
-        match opinion.role == Role::Returns && self.is_proven(opinion) {
+        let returns = matches!(opinion.role, Role::Returns | Role::Excused);
+        match returns && self.is_proven(opinion) {
             true => self.drifted(),
             false => self.0.min_ratio,
         }
@@ -142,6 +144,12 @@ impl Examiner<'_> {
     /// Whether a policy earned in these episodes about what it earns at home.
     pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
         opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost)
+    }
+
+    /// Whether a policy may earn that, as far as these episodes tell. Looks that spoke against it
+    /// stand: that few episodes of its own do not speak against it once more is no proof.
+    fn may_keep(self, opinion: &Opinion) -> bool {
+        opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost - opinion.lost_error)
     }
 
     /// Whether a share of what was learnt to earn is so large that a policy that loses it serves no
@@ -194,6 +202,7 @@ fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role
         changed: changed(accounts, &remembered, Kind::Motion),
         turned: changed(accounts, &remembered, Kind::Slope),
         lost: memory.lost(accounts),
+        lost_error: memory.lost_error(accounts),
         learnt: memory.learnt(),
         gained: memory.gained(accounts),
         role,

@@ -84,13 +84,25 @@ impl Memory {
     /// else noise would be a large share of little.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
-        let home = mean_earned(self.home().into_iter());
-        match (self.beginning, home, now) {
-            (Some(beginning), Some(home), Some(now)) if home > beginning => {
-                (home - now) / (home - beginning).max(home.abs() / 2.0)
-            }
-            _ => 0.0,
+        match self.worth().zip(now) {
+            Some(((home, worth), now)) => (home - now) / worth,
+            None => 0.0,
         }
+    }
+
+    /// The standard error of that share.
+    pub(crate) fn lost_error(&self, accounts: &[&Account]) -> f64 {
+        let home = self.home();
+        let variance = |of: &[&Account]| spread(of).powi(2) / of.len().max(1) as f64;
+        let error = (variance(accounts) + variance(&home)).sqrt();
+        self.worth().map_or(0.0, |(_, worth)| error / worth)
+    }
+
+    /// What is earned at home, and how much of that counts as learnt; none where nothing was.
+    fn worth(&self) -> Option<(f64, f64)> {
+        let home = mean_earned(self.home().into_iter())?;
+        let learnt = home - self.beginning?;
+        (learnt > 0.0).then(|| (home, learnt.max(home.abs() / 2.0)))
     }
 }
 
@@ -190,5 +202,19 @@ mod tests {
         assert_eq!(lost(-20.0, -4.0, -12.0), 0.5);
         assert!(lost(0.0, 100.0, 110.0) < 0.0, "more than at home");
         assert_eq!(lost(100.0, 100.0, 10.0), 0.0, "nothing learnt");
+    }
+
+    /// Two episodes that earn 40 and 80, beside a home without spread that earns 100.
+    #[test]
+    fn a_loss_is_known_up_to_the_spread_of_what_is_earned() {
+        let memory = Memory {
+            accounts: [paid(100.0)].into(),
+            beginning: Some(0.0),
+            ..Memory::default()
+        };
+        let (low, high) = (paid(40.0), paid(80.0));
+        assert_eq!(memory.lost(&[&low, &high]), 0.4);
+        let error = memory.lost_error(&[&low, &high]);
+        assert!((error - 0.2 / f64::sqrt(2.0)).abs() < 1e-12, "{error}");
     }
 }

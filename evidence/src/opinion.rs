@@ -80,6 +80,8 @@ pub(crate) enum Role {
     Stays,
     /// It acted after it had been away: its group may have drifted meanwhile.
     Returns,
+    /// The same, though looks spoke against it: it must show that it serves.
+    Excused,
 }
 
 /// What speaks for and against one policy.
@@ -92,6 +94,8 @@ pub struct Opinion {
     /// By how much the way that pays changed.
     pub(crate) turned: f64,
     pub(crate) lost: f64,
+    /// The standard error of that share.
+    pub(crate) lost_error: f64,
     /// What the policy has learnt to earn, in standard deviations of what it earns.
     pub(crate) learnt: f64,
     /// How much more these episodes earned than its first ones did, in their standard deviations.

@@ -30,26 +30,20 @@ pub struct Finding {
     /// Whether looks alone do not say that it is the policy named: it is worth while to let it act
     /// for some episodes before it acts for a rollout.
     pub is_contested: bool,
-}
-
-impl Finding {
-    /// Whether what was seen speaks against the policy that is named: it looks another or has an
-    /// heir, and must act before it is believed.
-    pub fn is_unproven(&self) -> bool {
-        match self.decision {
-            Decision::Existing(policy) => self.opinions[policy].is_refused(),
-            Decision::New | Decision::Undecided => false,
-        }
-    }
+    /// Whether what was seen before the policy named acted speaks against it: it looks another, or
+    /// has an heir, and must show that it serves.
+    pub is_unproven: bool,
 }
 
 /// Who acted, and who is out of question.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Situation<'a> {
     /// The policy that acted in the episodes at hand.
     pub collector: usize,
     /// Policies that were refused before in the same matter.
     pub refused: &'a [usize],
+    /// As the finding said that proposed the one that acted ([`Finding::is_unproven`]).
+    pub is_unproven: bool,
 }
 
 /// Remembers what each policy learnt on, and decides whose task new episodes show.
@@ -171,7 +165,7 @@ impl Recogniser {
         let later = &accounts[cut.unwrap_or(0)..];
         let situation = Situation {
             collector,
-            refused: &[],
+            ..Situation::default()
         };
         let finding = match look {
             Look::First => self.look(later, situation, rng)?,
@@ -209,6 +203,7 @@ impl Recogniser {
         let refused = if sure { vec![collector] } else { Vec::new() };
         Ok(Finding {
             is_contested: alike || rivals.len() > 1,
+            is_unproven: false,
             decision,
             opinions,
             cut: None,
@@ -243,17 +238,22 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let mut finding = self.decide(&accounts, situation, Role::Returns, rng)?;
+        let role = match situation.is_unproven {
+            true => Role::Excused,
+            false => Role::Returns,
+        };
+        let mut finding = self.decide(&accounts, situation, role, rng)?;
         let keep = Decision::Existing(situation.collector);
         if finding.decision != keep
             && let Some(cut) = find_cut(&accounts, &self.settings, rng)?
         {
-            finding = self.decide(&accounts[..cut], situation, Role::Returns, rng)?;
+            finding = self.decide(&accounts[..cut], situation, role, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
-        // one that has been tried is not tried again
-        if finding.decision != keep {
-            finding.refused.push(situation.collector);
+        match finding.decision == keep {
+            true => finding.is_unproven = situation.is_unproven,
+            // one that has been tried is not tried again
+            false => finding.refused.push(situation.collector),
         }
         Ok(finding)
     }
@@ -272,7 +272,7 @@ impl Recogniser {
         }
         let situation = Situation {
             collector: self.memories.len(),
-            refused: &[],
+            ..Situation::default()
         };
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
@@ -375,11 +375,16 @@ impl Recogniser {
                 && decision != Decision::Existing(*policy)
                 && is_tried(policy)
         };
+        let named = match decision {
+            Decision::Existing(policy) => opinions.get(policy),
+            Decision::New | Decision::Undecided => None,
+        };
         Ok(Finding {
             decision,
             cut: None,
             refused: (0..opinions.len()).filter(refused).collect(),
             is_contested: alike || rivals.len() != 1,
+            is_unproven: named.is_some_and(Opinion::is_refused),
             opinions,
         })
     }

@@ -83,12 +83,13 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         let finding = recogniser.settle(&foreign, kept, &mut rng()).unwrap();
         let proposed = Decision::Existing(gone);
         assert_eq!(finding.decision, proposed, "{:#?}", said(&finding));
-        assert!(finding.is_contested && finding.is_unproven());
+        assert!(finding.is_contested && finding.is_unproven);
         assert!(!finding.refused.contains(&gone));
         let review = |seen: &[Account]| {
             let situation = Situation {
                 collector: gone,
                 refused: &finding.refused,
+                is_unproven: true,
             };
             recogniser.review(seen, situation, &mut rng()).unwrap()
         };

@@ -51,7 +51,7 @@ fn what_looks_alike_is_told_apart_by_what_happens() {
             let seen = rollout(kind, 1000, group, policy);
             let situation = Situation {
                 collector: policy,
-                refused: &[],
+                ..Situation::default()
             };
             let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
             (finding.opinions[policy].verdict(), finding.decision)
@@ -84,7 +84,7 @@ fn running_tails_do_not_silence_motion_and_earnings() {
         let seen = running(rollout(Kind::Dynamics, 1000, group, 0), from);
         let situation = Situation {
             collector: 0,
-            refused: &[],
+            ..Situation::default()
         };
         let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
         let sources = finding.opinions[0].test().unwrap().sources.len();
@@ -115,6 +115,7 @@ fn who_was_refused_is_not_proposed_again() {
     let situation = Situation {
         collector: 0,
         refused: &[1],
+        ..Situation::default()
     };
     let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
     assert_eq!(finding.decision, Decision::New);
@@ -238,8 +239,8 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
     let mut heard = 0;
     for seed in 1000..1006 {
         let mut recogniser = knowing(kind, seed, 2);
-        let visits = [(1, 8), (0, 242), (1, 8)];
-        let late = accounts(stream(kind, seed, &visits, 5), 258, None)[1250..].to_vec();
+        let visits = [(1, 8), (0, 192), (1, 8)];
+        let late = accounts(stream(kind, seed, &visits, 5), 208, None)[1000..].to_vec();
         let finding = recogniser.settle(&late, 0, &mut rng()).unwrap();
         if recogniser.settle(&late, 0, &mut rng()).unwrap().opinions[1].verdict()
             == Verdict::Accepted
@@ -255,6 +256,7 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
         let situation = Situation {
             collector: 1,
             refused: &finding.refused,
+            is_unproven: finding.is_unproven,
         };
         let own = recogniser
             .review(&late[..20], situation, &mut rng())
@@ -271,6 +273,30 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
         assert_eq!(next.opinions[1].verdict(), Verdict::Accepted, "seed {seed}");
     }
     assert!(heard > 0);
+}
+
+/// What looks said of a policy before it acted stands: episodes of its own in which it earns a fifth
+/// less than at home are no proof, though they do not speak against it, either.
+#[test]
+fn who_is_named_against_the_looks_must_earn_what_it_earned() {
+    let kind = Kind::Target;
+    let recogniser = knowing(kind, 1000, 2);
+    let decision = |share: f32, is_unproven| {
+        let mut seen = rollout(kind, 1000, 0, 0);
+        let earned = seen.iter_mut().filter_map(|a| a.earned.as_mut());
+        earned.for_each(|earned| *earned *= share);
+        let situation = Situation {
+            refused: &[1],
+            is_unproven,
+            ..Situation::default()
+        };
+        let finding = recogniser.review(&seen, situation, &mut rng()).unwrap();
+        assert!(!finding.is_unproven || is_unproven);
+        finding.decision
+    };
+    assert_eq!(decision(1.0, true), Decision::Existing(0));
+    assert_eq!(decision(0.8, false), Decision::Existing(0));
+    assert_eq!(decision(0.8, true), Decision::New);
 }
 
 /// Colours stray over hundreds of rounds; what is remembered is the latest.

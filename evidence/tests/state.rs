@@ -164,3 +164,32 @@ fn damaged_accounts_are_refused() {
     let none = recogniser.clone().learn(0, &[], &mut rng()).unwrap_err();
     assert_eq!(none.to_string(), "got 0 episodes, expected at least 1");
 }
+
+/// Accounts that pass the first checks and cannot be compared all the same.
+#[test]
+fn an_error_leaves_everything_as_it_was() {
+    let recogniser = knowing(Kind::Appearance, 1000, 1);
+    let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
+    seen[3].slope = None;
+    for policy in [0, 1] {
+        let mut learning = recogniser.clone();
+        assert!(learning.learn(policy, &seen, &mut rng()).is_err());
+        assert_eq!(learning, recogniser);
+    }
+    let mut learning = recogniser.clone();
+    assert!(learning.compare(0, 0, &seen, &mut rng()).is_err());
+    let heard = (&seen[..5], &seen[..]);
+    assert!(learning.merge(0, 1, heard, &mut rng()).is_err());
+    assert_eq!(learning, recogniser);
+    for extreme in [f32::MAX, f32::MIN_POSITIVE] {
+        let mut seen = rollout(Kind::Appearance, 1000, 0, 0);
+        let pictures = seen.iter_mut().flat_map(|account| &mut account.picture);
+        pictures
+            .enumerate()
+            .for_each(|(i, v)| *v = if i % 3 == 0 { extreme } else { -extreme });
+        let mut learning = recogniser.clone();
+        let learnt = learning.learn(1, &seen, &mut rng());
+        assert!(learnt.is_ok() || learning == recogniser, "{learnt:?}");
+        println!("{extreme:e} {learnt:?}");
+    }
+}

@@ -130,10 +130,8 @@ impl Grouping for Evident {
     }
 
     fn is_unproven(&self) -> bool {
-        self.last
-            .borrow()
-            .as_ref()
-            .is_some_and(Finding::is_unproven)
+        let last = self.last.borrow();
+        last.as_ref().is_some_and(|finding| finding.is_unproven)
     }
 
     fn review(
@@ -145,7 +143,12 @@ impl Grouping for Evident {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
-        let situation = Situation { collector, refused };
+        let is_unproven = self.is_unproven();
+        let situation = Situation {
+            collector,
+            refused,
+            is_unproven,
+        };
         let finding = self.recogniser.review(&accounts, situation, rng)?;
         let stays = finding.decision == Decision::Existing(collector);
         if !stays {

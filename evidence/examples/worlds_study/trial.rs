@@ -296,20 +296,30 @@ impl Trial {
             let refused = finding.refused.clone();
             if finding.is_contested {
                 let heard = self.roll_out(1)?;
-                finding = self.review(&heard, &refused)?;
+                finding = self.review(&heard, &refused, finding.is_unproven)?;
                 if finding.decision != Decision::Existing(policy) {
                     continue;
                 }
             }
             accounts = self.roll_out(ROUNDS)?;
-            finding = self.review(&accounts, &refused)?;
+            finding = self.review(&accounts, &refused, finding.is_unproven)?;
         }
         Ok((accounts, Some(finding)))
     }
 
-    fn review(&mut self, accounts: &[Account], refused: &[usize]) -> Result<Finding, TrialError> {
+    fn review(
+        &mut self,
+        accounts: &[Account],
+        refused: &[usize],
+        is_unproven: bool,
+    ) -> Result<Finding, TrialError> {
         self.ask(|recogniser, collector, rng| {
-            recogniser.review(accounts, Situation { collector, refused }, rng)
+            let situation = Situation {
+                collector,
+                refused,
+                is_unproven,
+            };
+            recogniser.review(accounts, situation, rng)
         })
     }
 
