@@ -174,10 +174,8 @@ impl Examiner<'_> {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
             Kind::Motion => opinion.changed >= self.0.min_motion,
-            // one that has learnt, be it in these episodes, is known by what it earns
-            Kind::Slope => {
-                opinion.learnt.max(opinion.gained) < PROOF && opinion.turned >= self.0.min_motion
-            }
+            // one that has learnt is known by what it earns
+            Kind::Slope => opinion.learnt < PROOF && opinion.turned >= self.0.min_motion,
             Kind::Earnings => opinion.lost >= self.0.min_loss,
         }
     }

@@ -190,6 +190,5 @@ fn an_error_leaves_everything_as_it_was() {
         let mut learning = recogniser.clone();
         let learnt = learning.learn(1, &seen, &mut rng());
         assert!(learnt.is_ok() || learning == recogniser, "{learnt:?}");
-        println!("{extreme:e} {learnt:?}");
     }
 }
