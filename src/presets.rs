@@ -317,7 +317,7 @@ mod tests {
                 run.schedule.cycles += 1;
                 run.checkpoints.keep = 7;
                 assert_eq!(Method::of(&run), Some(method));
-                let other = run.clone().with_embodiment(envs::Embodiment::Hand);
+                let other = run.clone().with_embodiment(envs::Embodiment::HAND);
                 assert_eq!(Method::of(&other), None);
                 match &mut run.learner {
                     LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,

@@ -38,10 +38,13 @@ struct Readme;
 
 mod batch;
 mod camera;
+mod carrier;
+pub mod carriers;
 pub mod conformance;
 mod control;
 mod embodiment;
 mod error;
+mod identity;
 mod layout;
 mod mjcf;
 mod registry;
@@ -59,6 +62,7 @@ mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
 pub use camera::{Camera, Light, Mark};
+pub use carrier::{Carrier, CarrierParts, Posture};
 pub use control::{Control, PHYSICS_STEPS};
 pub use embodiment::Embodiment;
 pub use error::EnvError;

@@ -11,9 +11,10 @@ use crate::camera::Camera;
 use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
+use crate::identity::Identity;
 use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{Parts, Placement, Stock, TaskGroup, TaskIdentity};
+use crate::task::{Parts, Placement, Stock, TaskGroup};
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
@@ -21,7 +22,8 @@ const MAIN: &str = "scene.xml";
 const TASK: &str = "task.xml";
 const ADDITION: &str = "addition.xml";
 const ARENA: Mjcf<'static> = part!("arena.xml");
-const GRIPPER: Mjcf<'static> = part!("gripper.xml");
+/// File name of what the embodiment brings.
+const CARRIER: &str = "embodiment.xml";
 
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
@@ -81,9 +83,10 @@ impl Scene {
     ) -> Result<Self, EnvError> {
         camera.check()?;
         group.check_name()?;
+        embodiment.check_name()?;
         let stock = layout.stock(group)?;
         let hand_target_start = stock.map_or(HAND_START, |stock| stock.hand_target);
-        let settling = layout.settling(hand_target_start, embodiment);
+        let settling = layout.settling(hand_target_start, embodiment.carrier())?;
         let parts = group.task().parts();
         check_parts(&parts)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
@@ -124,7 +127,7 @@ impl Scene {
             layout: self.layout,
             embodiment: self.embodiment,
             group: self.group,
-            task: self.group.identity(),
+            identities: [self.group.identity(), self.embodiment.identity()],
             control,
         }
     }
@@ -144,19 +147,21 @@ pub(crate) struct SceneKey {
     layout: Layout,
     embodiment: Embodiment,
     group: TaskGroup,
-    task: TaskIdentity,
+    /// Of task and embodiment.
+    identities: [Identity; 2],
     control: Control,
 }
 
 impl SceneKey {
-    /// In words, beside those of `other`: where the names are one, it says whether the tasks are.
+    /// In words, beside those of `other`: where the names are one, it says whether the things are.
     pub(crate) fn words(&self, other: &Self) -> String {
-        let namesake = self.group == other.group && self.task != other.task;
-        let remark = if namesake {
-            " (another task of that name)"
-        } else {
-            ""
+        let [task, carrier] = [0, 1].map(|of| self.identities[of] != other.identities[of]);
+        let remark = |differs, what| match differs {
+            true => format!(" (another {what} of that name)"),
+            false => String::new(),
         };
+        let of_task = remark(self.group == other.group && task, "task");
+        let of_carrier = remark(self.embodiment == other.embodiment && carrier, "embodiment");
         let Self {
             layout,
             embodiment,
@@ -164,7 +169,7 @@ impl SceneKey {
             control,
             ..
         } = self;
-        format!("{group}{remark} with {embodiment}, {layout}, {control:?}")
+        format!("{group}{of_task} with {embodiment}{of_carrier}, {layout}, {control:?}")
     }
 }
 
@@ -188,7 +193,9 @@ fn compile(
     camera: &Camera,
 ) -> Result<Model, EnvError> {
     let addition = layout.stock(group)?.and_then(|stock| stock.addition);
-    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
+    let carrier = embodiment.carrier().parts()?;
+    let stock = layout.stock_carrier(embodiment.carrier());
+    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, (CARRIER, stock.unwrap_or(&carrier.mjcf))];
     parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
     let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
@@ -196,7 +203,12 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name
-    parts.extend(embodiment.included());
+    parts.extend(
+        carrier
+            .included
+            .iter()
+            .map(|(name, text)| (*name, &text[..])),
+    );
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()
@@ -221,9 +233,9 @@ fn decoy(model: &Model, stock: &Stock<'_>) -> Option<usize> {
 
 fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
     let mut data = Data::new(Arc::clone(model));
-    for &(name, position) in &settling.posture {
+    for (name, position) in &settling.posture {
         let address = model.joint_qpos_address(model.joint(name)?);
-        data.qpos_mut()[address] = position;
+        data.qpos_mut()[address] = *position;
     }
     let hand_target = settling.hand_target.to_array();
     data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
