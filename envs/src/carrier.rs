@@ -5,6 +5,7 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
+use crate::drive::Drive;
 use crate::error::EnvError;
 
 /// Joints by name, with positions in metres or radians.
@@ -12,18 +13,18 @@ pub type Posture = Vec<(String, f64)>;
 
 /// What a scene is made of, as far as the embodiment decides it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CarrierParts<'a> {
+pub struct CarrierParts {
     /// The embodiment's part of the scene, a `<mujocoinclude>`.
     ///
     /// It needs the bodies `hand`, `right_claw` and `left_claw`, and the sites `right_tip` and
     /// `left_tip`. The claws are 0.1 m apart where the gripper is open, and the tips 0.045 m below
     /// the hand: scripted experts count on both. Geoms are in group 3, which learners do not see.
     /// Everything has a name, and none is `object`, `goal` or a name of the arena.
-    pub mjcf: Cow<'a, str>,
+    pub mjcf: Cow<'static, str>,
     /// Files that the parts of a scene include by name, and their texts. `contacts.xml` declares
     /// the classes `surroundings` and `table_contact` and what collides by default,
     /// `drawer_stop.xml` stops a shut drawer, and `puck.xml` says what of the puck collides.
-    pub included: Vec<(&'a str, Cow<'a, str>)>,
+    pub included: Vec<(&'static str, Cow<'static, str>)>,
 }
 
 /// What carries the gripper. It keeps no state between calls.
@@ -36,7 +37,7 @@ pub trait Carrier: Any + Send + Sync {
     ///
     /// # Errors
     /// Why there is none, for instance a robot that is not described well.
-    fn parts(&self) -> Result<CarrierParts<'_>, EnvError>;
+    fn parts(&self) -> Result<CarrierParts, EnvError>;
 
     /// Joints and positions near rest with the hand's target at `hand_target` (metres, world).
     /// Joints that are left out start at zero.
@@ -44,6 +45,14 @@ pub trait Carrier: Any + Send + Sync {
     /// # Errors
     /// Why there is none, for instance a place out of reach.
     fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError>;
+
+    /// How a decision moves it.
+    ///
+    /// # Errors
+    /// As [`Carrier::parts`].
+    fn drive(&self) -> Result<Drive, EnvError> {
+        Ok(Drive::Weld)
+    }
 
     /// Whether the four variants of a group move as exact mirror images of one another.
     fn mirrors_exactly(&self) -> bool {

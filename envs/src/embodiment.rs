@@ -7,7 +7,7 @@ use std::sync::{PoisonError, RwLock};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
 use crate::carrier::Carrier;
-use crate::carriers::{Hand, Sawyer};
+use crate::carriers::{Hand, KinovaGen3, Sawyer};
 use crate::error::EnvError;
 use crate::identity::Identity;
 
@@ -28,10 +28,15 @@ impl Embodiment {
     pub const SAWYER: Self = Self::of(&Sawyer);
     /// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.
     pub const HAND: Self = Self::of(&Hand);
+    /// A Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that have learnt
+    /// with another arm.
+    pub const KINOVA_GEN3: Self = Self::of(&KinovaGen3);
 
     /// Those that learners learn with, in the order of reports. Every task is held to its rules
     /// with them.
     pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
+    /// Those that come with the crate.
+    pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
 
     /// The embodiment that `carrier` defines.
     ///
@@ -60,7 +65,7 @@ impl Embodiment {
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
-        let mut known = Self::STANDARD.iter().chain(registered.iter());
+        let mut known = Self::BUILT_IN.iter().chain(registered.iter());
         match known.find(|known| **known == self) {
             Some(known) if known.identity() == self.identity() => {}
             Some(_) => {
@@ -75,7 +80,7 @@ impl Embodiment {
     /// Those that come with the crate, then the registered ones.
     pub fn known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
-        [&Self::STANDARD, &registered[..]].concat()
+        [&Self::BUILT_IN, &registered[..]].concat()
     }
 
     /// Whether the four variants of a group move as exact mirror images of one another.
@@ -184,7 +189,7 @@ mod tests {
             self.0
         }
 
-        fn parts(&self) -> Result<CarrierParts<'_>, EnvError> {
+        fn parts(&self) -> Result<CarrierParts, EnvError> {
             unreachable!("the registry asks for the name alone")
         }
 
@@ -197,7 +202,7 @@ mod tests {
 
     #[test]
     fn names_parse_back_and_unknown_ones_list_the_choices() {
-        for embodiment in Embodiment::STANDARD {
+        for embodiment in Embodiment::BUILT_IN {
             assert_eq!(embodiment.name().parse::<Embodiment>().unwrap(), embodiment);
         }
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();

@@ -174,6 +174,12 @@ pub enum EnvError {
         /// The operating system's reason.
         source: std::io::Error,
     },
+    /// A robot that is not described well.
+    #[error(transparent)]
+    Robot(#[from] robots::DescriptionError),
+    /// A robot that cannot be where it should be, or control settings out of range.
+    #[error(transparent)]
+    Control(#[from] robots::ControlError),
     /// A scene that MuJoCo does not take, or that lacks a name.
     #[error(transparent)]
     Model(#[from] mujoco::ModelError),

@@ -8,7 +8,8 @@ use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
 use crate::camera::Camera;
-use crate::control::Control;
+use crate::control::{Control, PHYSICS_STEPS};
+use crate::drive::{Drive, ServoDrive};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::identity::Identity;
@@ -59,6 +60,8 @@ pub struct Scene {
     pub(crate) decoy: Option<usize>,
     /// The state from which every episode starts.
     pub(crate) settled: State,
+    /// What moves the arm there, if no weld does.
+    pub(crate) drive: Option<ServoDrive>,
 }
 
 impl Scene {
@@ -91,6 +94,7 @@ impl Scene {
         check_parts(&parts)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap(name);
+        let (settled, drive) = settle(&model, &settling, embodiment.carrier().drive()?)?;
         Ok(Self {
             layout,
             group,
@@ -110,7 +114,8 @@ impl Scene {
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, parts.start_joints)?,
-            settled: settle(&model, &settling)?,
+            settled,
+            drive,
             model,
         })
     }
@@ -231,7 +236,12 @@ fn decoy(model: &Model, stock: &Stock<'_>) -> Option<usize> {
     Some(model.joint_qpos_address(joint))
 }
 
-fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
+/// The state from which episodes start, and what moves an arm from there on.
+fn settle(
+    model: &Arc<Model>,
+    settling: &Settling,
+    drive: Drive,
+) -> Result<(State, Option<ServoDrive>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
     for (name, position) in &settling.posture {
         let address = model.joint_qpos_address(model.joint(name)?);
@@ -239,10 +249,28 @@ fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
     }
     let hand_target = settling.hand_target.to_array();
     data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
-    data.set_ctrl(&OPEN_FINGERS)?;
-    data.step(settling.steps)?;
-    Ok(data.save())
+    let drive = match drive {
+        Drive::Weld => {
+            data.set_ctrl(&OPEN_FINGERS)?;
+            data.step(settling.steps)?;
+            None
+        }
+        Drive::Servos(mut drive) => {
+            drive.start(model, &settling.posture)?;
+            for _ in 0..SERVOS_SETTLED {
+                drive.advance(&mut data, settling.hand_target, OPENS)?;
+                data.step(PHYSICS_STEPS)?;
+            }
+            Some(*drive)
+        }
+    };
+    Ok((data.save(), drive))
 }
+
+/// Control steps in which servos come to rest, in any layout: a second.
+const SERVOS_SETTLED: usize = 80;
+/// The finger action that opens the gripper.
+const OPENS: f64 = -1.0;
 
 /// Controls of the two finger actuators that hold the gripper open.
 const OPEN_FINGERS: [f64; 2] = [-1.0, 1.0];

@@ -8,6 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::control::{Control, PHYSICS_STEPS, clip};
+use crate::drive::ServoDrive;
 use crate::error::EnvError;
 use crate::scene::{Scene, SceneKey};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
@@ -56,11 +57,13 @@ struct Episode {
     start: EpisodeStart,
     /// Where the hand's target is (metres, world frame).
     target: DVec3,
+    /// What moves the arm there, if no weld does.
+    drive: Option<ServoDrive>,
     decisions: usize,
 }
 
 /// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start
-/// included, and the episode.
+/// included, the control of an arm, and the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     key: SceneKey,
@@ -145,6 +148,7 @@ impl TableTop {
             element,
             start,
             target: scene.hand_target_start,
+            drive: scene.drive.clone(),
             decisions: 0,
             touched: false,
         });
@@ -246,10 +250,17 @@ impl TableTop {
     ) -> Result<StepReward, EnvError> {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
+        match &mut episode.drive {
+            None => self.data.set_ctrl(&[finger, -finger])?,
+            Some(drive) => {
+                let hand = self.hand();
+                episode.target = drive.within_lead(episode.target, hand);
+                drive.advance(&mut self.data, episode.target, finger)?;
+            }
+        }
         let target = episode.target.to_array();
         self.data
             .set_mocap_position(self.scene.hand_target, target)?;
-        self.data.set_ctrl(&[finger, -finger])?;
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;

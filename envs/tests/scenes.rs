@@ -31,7 +31,7 @@ fn a_figure_that_is_no_number_is_not_dropped() {
 #[test]
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
-        for embodiment in Embodiment::STANDARD {
+        for embodiment in Embodiment::BUILT_IN {
             for group in TaskGroup::STANDARD {
                 let scene = Scene::in_layout(layout, group, embodiment, Camera::default()).unwrap();
                 let unnamed = scene.model.unnamed();

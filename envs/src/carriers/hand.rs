@@ -19,7 +19,7 @@ impl Carrier for Hand {
         "hand"
     }
 
-    fn parts(&self) -> Result<CarrierParts<'_>, EnvError> {
+    fn parts(&self) -> Result<CarrierParts, EnvError> {
         Ok(parts(part!("hand.xml").1, &INCLUDED))
     }
 

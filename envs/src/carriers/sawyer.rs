@@ -32,7 +32,7 @@ impl Carrier for Sawyer {
         "sawyer"
     }
 
-    fn parts(&self) -> Result<CarrierParts<'_>, EnvError> {
+    fn parts(&self) -> Result<CarrierParts, EnvError> {
         Ok(parts(part!("sawyer.xml").1, &INCLUDED))
     }
 
