@@ -5,11 +5,8 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
-use crate::drive::Drive;
+use crate::drive::{Drive, Posture};
 use crate::error::EnvError;
-
-/// Joints by name, with positions in metres or radians.
-pub type Posture = Vec<(String, f64)>;
 
 /// What a scene is made of, as far as the embodiment decides it.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,9 +6,11 @@ use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{CartesianControl, ControlError, Description, Pose, Servo};
 
-use crate::carrier::Posture;
 use crate::control::PHYSICS_STEPS;
 use crate::error::EnvError;
+
+/// Joints by name, with positions in metres or radians.
+pub type Posture = Vec<(String, f64)>;
 
 /// How the hand follows its target, which an action moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,8 +114,9 @@ impl ServoDrive {
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
-        let joints: Vec<_> = self.servos.arm.free_joints().collect();
-        if let Some((_, motion)) = self.servos.finger.map(|dof| joints[dof]) {
+        let dof = self.servos.finger;
+        let joint = dof.and_then(|dof| self.servos.arm.free_joints().nth(dof));
+        if let Some((_, motion)) = joint {
             let travel = motion.range.map_or(1.0, |[low, high]| high - low);
             let closing = self.closing + finger * seconds * motion.speed / travel;
             self.closing = closing.clamp(0.0, 1.0);

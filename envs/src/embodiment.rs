@@ -180,7 +180,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::carrier::{CarrierParts, Posture};
+    use crate::carrier::CarrierParts;
+    use crate::drive::Posture;
 
     struct Named(&'static str);
 

@@ -5,8 +5,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
-use crate::carrier::{Carrier, Posture};
+use crate::carrier::Carrier;
 use crate::control::Control;
+use crate::drive::Posture;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, parts};
 use crate::task::{Stock, TaskGroup};

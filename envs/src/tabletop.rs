@@ -10,6 +10,7 @@ use symmetry::{D2, Irrep};
 use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::drive::ServoDrive;
 use crate::error::EnvError;
+use crate::frame::{facing, map};
 use crate::scene::{Scene, SceneKey};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
@@ -381,22 +382,6 @@ impl TableTop {
             aperture: self.aperture(),
             object: object + self.scene.object_offset,
         }
-    }
-}
-
-/// Maps a point between the canonical and the world frame; every element is its own inverse.
-fn map(element: D2, point: DVec3) -> DVec3 {
-    let [x, y] = element.apply_xy([point.x, point.y]);
-    DVec3::new(x, y, point.z)
-}
-
-/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn
-/// instead of mirroring it, which is the same for objects that are their own mirror image along x.
-fn facing(element: D2) -> [f64; 4] {
-    if element.flips_y() {
-        [0.0, 0.0, 0.0, 1.0]
-    } else {
-        [1.0, 0.0, 0.0, 0.0]
     }
 }
 

@@ -140,11 +140,28 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
     assert_few_and_off_by_an_edge(&differing, camera.size);
 }
 
+/// What a learner sees says nothing of the arm, but for the disc.
+#[test]
+fn another_arm_does_not_show() {
+    let camera = Camera {
+        mark: envs::Mark {
+            radius: 0.0,
+            ..envs::Mark::default()
+        },
+        ..Camera::default()
+    };
+    for group in TaskGroup::STANDARD {
+        let arms = [Embodiment::SAWYER, Embodiment::KINOVA_GEN3];
+        let [one, other] = arms.map(|arm| Studio::seen_by(group, arm, camera).pictures(1002));
+        assert_eq!(one, other, "{group}");
+    }
+}
+
 /// Of a whole episode, in which the expert moves the objects.
 #[test]
 fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
     let size = 64;
-    let cases = Embodiment::STANDARD
+    let cases = Embodiment::BUILT_IN
         .into_iter()
         .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {

@@ -1,8 +1,11 @@
 //! What it takes to hold a robot up.
 
+use std::ops::Add;
+
 use glam::DVec3;
 
-use crate::description::{Description, Drive, MotionKind};
+use crate::description::{Description, Drive, Link, Motion, MotionKind};
+use crate::pose::Pose;
 
 /// Of the earth's gravity (m/s^2); z is up.
 const GRAVITY: DVec3 = DVec3::new(0.0, 0.0, -9.81);
@@ -17,40 +20,69 @@ impl Description {
     pub fn holding_forces(&self, positions: &[f64]) -> Vec<f64> {
         let poses = self.poses(positions);
         let mut forces = vec![0.0; self.dofs];
-        // weight of a link with all that hangs on it, and its moment about the world's origin
-        let mut weights: Vec<[DVec3; 2]> = self
-            .links
-            .iter()
-            .zip(&poses)
-            .map(|(link, pose)| {
-                link.inertia.map_or([DVec3::ZERO; 2], |inertia| {
-                    let weight = inertia.mass * GRAVITY;
-                    [weight, pose.point(inertia.centre).cross(weight)]
-                })
-            })
-            .collect();
+        let mut loads = self.loads(&poses);
         for (index, joint) in self.joints.iter().enumerate().rev() {
             let link = index + 1;
-            let [weight, moment] = weights[link];
-            let [below, moment_below] = &mut weights[joint.parent];
-            *below += weight;
-            *moment_below += moment;
+            let load = loads[link];
+            loads[joint.parent] = loads[joint.parent] + load;
             let Some(motion) = joint.motion else {
                 continue;
             };
-            // the axis is the same before and after the joint's own motion
-            let axis = poses[link].rotation * motion.axis;
-            let pull = match motion.kind {
-                MotionKind::Slide => weight.dot(axis),
-                MotionKind::Hinge => (moment - poses[link].position.cross(weight)).dot(axis),
-            };
-            match motion.drive {
-                Drive::Free { dof } => forces[dof] -= pull,
+            let (dof, share) = match motion.drive {
+                Drive::Free { dof } => (dof, 1.0),
                 Drive::Follows {
                     dof, multiplier, ..
-                } => forces[dof] -= multiplier * pull,
-            }
+                } => (dof, multiplier),
+            };
+            forces[dof] -= share * pull(load, &poses[link], &motion);
         }
         forces
+    }
+
+    /// What each link weighs by itself.
+    fn loads(&self, poses: &[Pose]) -> Vec<Load> {
+        let load = |(link, pose): (&Link, &Pose)| {
+            link.inertia.map_or(Load::NONE, |inertia| {
+                let weight = inertia.mass * GRAVITY;
+                let moment = pose.point(inertia.centre).cross(weight);
+                Load { weight, moment }
+            })
+        };
+        self.links.iter().zip(poses).map(load).collect()
+    }
+}
+
+/// The force (newtons) or torque (newton metres) of `load` on a joint whose link is at `pose`. A
+/// joint's axis is the same before and after its own motion.
+fn pull(load: Load, pose: &Pose, motion: &Motion) -> f64 {
+    let axis = pose.rotation * motion.axis;
+    match motion.kind {
+        MotionKind::Slide => load.weight.dot(axis),
+        MotionKind::Hinge => (load.moment - pose.position.cross(load.weight)).dot(axis),
+    }
+}
+
+/// The weight of links (newtons), and its moment about the world's origin (newton metres).
+#[derive(Clone, Copy)]
+struct Load {
+    weight: DVec3,
+    moment: DVec3,
+}
+
+impl Load {
+    const NONE: Self = Self {
+        weight: DVec3::ZERO,
+        moment: DVec3::ZERO,
+    };
+}
+
+impl Add for Load {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            weight: self.weight + other.weight,
+            moment: self.moment + other.moment,
+        }
     }
 }

@@ -211,7 +211,7 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     }
 }
 
-/// The tip stops at its target, without passing it by more than a fifth of a millimetre.
+/// The tip stops at its target, without passing it by more than two millimetres.
 #[test]
 fn a_twist_towards_a_target_ends_there() {
     let mut control = at_work();
@@ -229,7 +229,7 @@ fn a_twist_towards_a_target_ends_there() {
         control.tick(TICK).unwrap();
         fastest = fastest.max(control.twist().linear.length());
         let passed = (control.tip().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
-        assert!(passed < 2e-4 * 0.113, "{passed}");
+        assert!(passed < 2e-3 * 0.113, "{passed}");
     }
     let [way, turn] = control.tip().way_to(&target);
     assert!(way.length() < 1e-4 && turn.length() < 1e-3, "{way} {turn}");

@@ -5,8 +5,8 @@ use robots::{
     Addition, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo,
 };
 
-use crate::carrier::{Carrier, CarrierParts, Posture};
-use crate::drive::{Drive, ServoDrive, Servos};
+use crate::carrier::{Carrier, CarrierParts};
+use crate::drive::{Drive, Posture, ServoDrive, Servos};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
 

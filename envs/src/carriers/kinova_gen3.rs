@@ -6,8 +6,8 @@ use glam::DVec3;
 use robots::{ControlSettings, Pose, Servo, TwistLimits, gen3};
 
 use super::arm::{Arm, ArmSettings, Finger, Gripper};
-use crate::carrier::{Carrier, CarrierParts, Posture};
-use crate::drive::Drive;
+use crate::carrier::{Carrier, CarrierParts};
+use crate::drive::{Drive, Posture};
 use crate::error::EnvError;
 
 /// A Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal behind the table's centre. Its hand is

@@ -3,7 +3,8 @@
 use glam::DVec3;
 
 use super::parts;
-use crate::carrier::{Carrier, CarrierParts, Posture};
+use crate::carrier::{Carrier, CarrierParts};
+use crate::drive::Posture;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
