@@ -28,7 +28,7 @@ pub use parity::{ParityRow, parity};
 pub enum Check {
     /// Scripted experts on all 16 variants.
     Experts {
-        /// `sawyer` or `hand`; both where none is named.
+        /// `sawyer`, `hand` or `kinova_gen3`; the first two where none is named.
         #[arg(long)]
         embodiment: Option<Embodiment>,
         /// Episodes a variant.
@@ -48,7 +48,7 @@ pub enum Check {
     },
     /// Variants beside their canonical twins, open loop and closed loop.
     Symmetry {
-        /// `sawyer` or `hand`.
+        /// `sawyer`, `hand` or `kinova_gen3`.
         #[arg(long)]
         embodiment: Embodiment,
         /// Placements a variant.
