@@ -147,11 +147,7 @@ impl Assigner {
     /// # Errors
     /// Clouds that cannot be compared, or a rollout of fewer than `min_episodes` under the
     /// calibrated rule.
-    pub fn assign<R: Rng + ?Sized>(
-        &self,
-        candidates: &[Candidate],
-        rng: &mut R,
-    ) -> Result<Assignment> {
+    pub fn assign(&self, candidates: &[Candidate], rng: &mut impl Rng) -> Result<Assignment> {
         self.check_rollouts(candidates)?;
         self.look(Look::First, candidates, rng)
     }
@@ -162,11 +158,7 @@ impl Assigner {
     ///
     /// # Errors
     /// Clouds that cannot be compared.
-    pub fn recognise<R: Rng + ?Sized>(
-        &self,
-        candidates: &[Candidate],
-        rng: &mut R,
-    ) -> Result<Assignment> {
+    pub fn recognise(&self, candidates: &[Candidate], rng: &mut impl Rng) -> Result<Assignment> {
         self.look(Look::First, candidates, rng)
     }
 
@@ -175,11 +167,7 @@ impl Assigner {
     ///
     /// # Errors
     /// Those of [`assign`](Self::assign).
-    pub fn settle<R: Rng + ?Sized>(
-        &self,
-        candidates: &[Candidate],
-        rng: &mut R,
-    ) -> Result<Assignment> {
+    pub fn settle(&self, candidates: &[Candidate], rng: &mut impl Rng) -> Result<Assignment> {
         self.check_rollouts(candidates)?;
         self.look(Look::Second, candidates, rng)
     }

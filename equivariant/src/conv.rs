@@ -6,8 +6,6 @@ pub(crate) mod finish;
 pub(crate) mod first_layer;
 pub(crate) mod forward;
 pub(crate) mod geometry;
-#[cfg(test)]
-mod instruction_sets;
 pub(crate) mod load;
 pub(crate) mod maps;
 pub(crate) mod pass;

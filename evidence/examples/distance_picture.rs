@@ -29,31 +29,45 @@ struct Panel {
 }
 
 const PANELS: [Panel; 4] = [
-    Panel {
-        name: "picture: distance over chance",
-        of: |opinion| opinion.look_ratio(),
-        threshold: |settings| settings.min_ratio,
-        axis: [0.5, 4.0],
-    },
-    Panel {
-        name: "motion: change",
-        of: |opinion| opinion.changed(),
-        threshold: |settings| settings.min_motion,
-        axis: [0.0, 2.0],
-    },
-    Panel {
-        name: "the way that pays: change",
-        of: |opinion| opinion.turned(),
-        threshold: |settings| settings.min_motion,
-        axis: [0.0, 1.2],
-    },
-    Panel {
-        name: "earnings: share lost",
-        of: |opinion| opinion.lost(),
-        threshold: |settings| settings.min_loss,
-        axis: [-0.5, 1.2],
-    },
+    panel(
+        "picture: distance over chance",
+        Opinion::look_ratio,
+        |s| s.min_ratio,
+        [0.5, 4.0],
+    ),
+    panel(
+        "motion: change",
+        Opinion::changed,
+        |s| s.min_motion,
+        [0.0, 2.0],
+    ),
+    panel(
+        "the way that pays: change",
+        Opinion::turned,
+        |s| s.min_motion,
+        [0.0, 1.2],
+    ),
+    panel(
+        "earnings: share lost",
+        Opinion::lost,
+        |s| s.min_loss,
+        [-0.5, 1.2],
+    ),
 ];
+
+const fn panel(
+    name: &'static str,
+    of: fn(&Opinion) -> f64,
+    threshold: fn(&RecogniserSettings) -> f64,
+    axis: [f64; 2],
+) -> Panel {
+    Panel {
+        name,
+        of,
+        threshold,
+        axis,
+    }
+}
 
 /// Opinions on episodes of a policy's own group, and on those of other groups.
 type Pairs = [Vec<Opinion>; 2];

@@ -9,52 +9,17 @@ use rand_chacha::ChaCha8Rng;
 use robots::{Chain, Description, MjcfSettings, Pose, gen3};
 
 /// Capsules fitted to the published meshes: link, ends in its frame, radius (metres).
-const CAPSULES: [(&str, [f64; 3], [f64; 3], f64); 9] = [
-    ("base_link", [0.0, 0.0, 0.016], [0.0, 0.0, 0.144], 0.053),
-    (
-        "shoulder_link",
-        [0.0, 0.0, -0.032],
-        [0.0, -0.008, -0.129],
-        0.053,
-    ),
-    (
-        "half_arm_1_link",
-        [0.0, 0.003, -0.021],
-        [0.0, -0.212, -0.006],
-        0.048,
-    ),
-    (
-        "half_arm_2_link",
-        [0.0, 0.0, -0.030],
-        [0.0, -0.004, -0.216],
-        0.052,
-    ),
-    (
-        "forearm_link",
-        [0.0, 0.003, -0.020],
-        [0.0, -0.188, -0.006],
-        0.048,
-    ),
-    (
-        "spherical_wrist_1_link",
-        [0.0, 0.0, -0.030],
-        [0.0, -0.013, -0.106],
-        0.043,
-    ),
-    (
-        "spherical_wrist_2_link",
-        [0.0, -0.001, -0.020],
-        [0.0, -0.100, 0.0],
-        0.039,
-    ),
-    (
-        "bracelet_link",
-        [0.0, -0.050, -0.054],
-        [0.0, -0.002, -0.036],
-        0.048,
-    ),
-    ("gripper_link", [0.0, 0.0, 0.0], [0.0, 0.0, 0.070], 0.043),
-];
+const CAPSULES: &str = "\
+base_link                  0.0    0.0  0.016     0.0    0.0  0.144  0.053
+shoulder_link              0.0    0.0 -0.032     0.0 -0.008 -0.129  0.053
+half_arm_1_link            0.0  0.003 -0.021     0.0 -0.212 -0.006  0.048
+half_arm_2_link            0.0    0.0 -0.030     0.0 -0.004 -0.216  0.052
+forearm_link               0.0  0.003 -0.020     0.0 -0.188 -0.006  0.048
+spherical_wrist_1_link     0.0    0.0 -0.030     0.0 -0.013 -0.106  0.043
+spherical_wrist_2_link     0.0 -0.001 -0.020     0.0 -0.100    0.0  0.039
+bracelet_link              0.0 -0.050 -0.054     0.0 -0.002 -0.036  0.048
+gripper_link               0.0    0.0    0.0     0.0    0.0  0.070  0.043
+";
 
 /// The user guide's table of Denavit and Hartenberg (classical, all a are 0): alpha (quarter
 /// turns), d (metres), theta at zero (quarter turns). It rounds lengths to 0.1 mm and leaves out
@@ -181,7 +146,10 @@ fn capsules_are_those_of_the_sheet_and_follow_their_links() {
     let arm = arm();
     let positions = [&gen3::WORK[..], &[0.01]].concat();
     let (poses, capsules) = (arm.poses(&positions), arm.capsules(&positions));
-    for (name, start, end, radius) in CAPSULES {
+    for line in CAPSULES.lines() {
+        let (name, numbers) = line.split_once(' ').unwrap();
+        let numbers = numbers.split_whitespace();
+        let numbers: Vec<f64> = numbers.map(|number| number.parse().unwrap()).collect();
         let link = arm
             .links()
             .iter()
@@ -194,14 +162,14 @@ fn capsules_are_those_of_the_sheet_and_follow_their_links() {
         let [(_, capsule)] = of_link[..] else {
             panic!("{name} has {} capsules", of_link.len());
         };
-        for (end, expected) in capsule.ends.iter().zip([start, end]) {
-            let expected = poses[link].point(DVec3::from_array(expected));
+        for (end, expected) in capsule.ends.iter().zip(numbers.chunks_exact(3)) {
+            let expected = poses[link].point(DVec3::from_slice(expected));
             assert!(end.distance(expected) < 1e-6, "{name}: {end} {expected}");
         }
-        assert_eq!(capsule.radius, radius);
+        assert_eq!(capsule.radius, numbers[6]);
     }
     // two fingers, each a capsule and a pad
-    assert_eq!(capsules.len(), CAPSULES.len() + 4);
+    assert_eq!(capsules.len(), CAPSULES.lines().count() + 4);
 }
 
 #[test]

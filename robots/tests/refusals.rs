@@ -24,6 +24,18 @@ fn refused(old: &str, new: &str, words: &[&str]) {
     }
 }
 
+/// Lines of what stands there, what replaces it, and words of the message, with `|` between them.
+#[track_caller]
+fn all_refused(lines: &str) {
+    for line in lines.trim().lines() {
+        let columns: Vec<&str> = line.split('|').map(str::trim).collect();
+        let [old, new, words] = columns[..] else {
+            panic!("{line}");
+        };
+        refused(old, new, &words.split("; ").collect::<Vec<_>>());
+    }
+}
+
 #[test]
 fn trees_that_are_none_are_refused() {
     let (forearm, wrist) = ("<parent link=\"forearm\"/>", "<parent link=\"wrist\"/>");
@@ -38,15 +50,11 @@ fn trees_that_are_none_are_refused() {
         "<parent link=\"arm\"/>",
         &["`arm`", "joint `twist`", "carriage"],
     );
-    refused(
-        "<child link=\"wrist\"/>",
-        "<child link=\"forearm\"/>",
-        &["`forearm`", "`swing`", "`twist`"],
-    );
-    refused(
-        "<link name=\"tip\"/>",
-        "<link name=\"tip\"/><link name=\"spare\"/>",
-        &["world, spare", "one root"],
+    all_refused(
+        r#"
+        <child link="wrist"/> | <child link="forearm"/>                | `forearm`; `swing`; `twist`
+        <link name="tip"/>    | <link name="tip"/><link name="spare"/> | world, spare; one root
+        "#,
     );
     let alone = Description::from_urdf("<robot name=\"none\"></robot>").unwrap_err();
     assert!(
@@ -65,20 +73,12 @@ fn trees_that_are_none_are_refused() {
 
 #[test]
 fn names_must_be_unique_and_usable() {
-    refused(
-        "<link name=\"tip\"/>",
-        "<link name=\"column\"/>",
-        &["two links", "`column`"],
-    );
-    refused(
-        "<joint name=\"nod\"",
-        "<joint name=\"twist\"",
-        &["two joints", "`twist`"],
-    );
-    refused(
-        "<link name=\"tip\"/>",
-        "<link name=\"\"/>",
-        &["link name \"\"", "empty"],
+    all_refused(
+        r#"
+        <link name="tip"/> | <link name="column"/> | two links; `column`
+        <joint name="nod"  | <joint name="twist"   | two joints; `twist`
+        <link name="tip"/> | <link name=""/>       | link name ""; empty
+        "#,
     );
     refused(
         "<link name=\"tip\"/>",
@@ -107,56 +107,20 @@ fn joints_must_be_possible() {
             &["`twist`", kind],
         );
     }
-    refused(
-        "type=\"continuous\"",
-        "type=\"rubber\"",
-        &["cannot be parsed", "rubber"],
-    );
-    refused(
-        "lower=\"-3\" upper=\"3\"",
-        "lower=\"3\" upper=\"-3\"",
-        &["`twist`", "from 3 to -3"],
-    );
-    refused(
-        "lower=\"-3\" upper=\"3\"",
-        "",
-        &["`twist`", "from 0 to 0", "continuous"],
-    );
-    refused(
-        "upper=\"0.3\"",
-        "upper=\"inf\"",
-        &["joint `lift`", "inf", "finite"],
-    );
-    refused(
-        "velocity=\"0.4\"",
-        "velocity=\"0\"",
-        &["joint `lift`", "velocity is 0", "positive"],
-    );
-    refused("effort=\"60\"", "effort=\"NaN\"", &["joint `turn`", "NaN"]);
-    refused(
-        "effort=\"60\"",
-        "effort=\"-60\"",
-        &["joint `turn`", "effort is -60", "positive"],
-    );
-    refused(
-        "<limit effort=\"60\" velocity=\"1.5\"/>",
-        "",
-        &["joint `turn`", "velocity is 0"],
-    );
-    refused(
-        "damping=\"20\"",
-        "damping=\"-20\"",
-        &["joint `lift`", "-20"],
-    );
-    refused(
-        "xyz=\"0 0 2\"",
-        "xyz=\"0 0 0\"",
-        &["joint `lift`", "axis", "direction"],
-    );
-    refused(
-        "rpy=\"0 0.4 0\"",
-        "rpy=\"0 nan 0\"",
-        &["joint `swing`", "rpy"],
+    all_refused(
+        r#"
+        type="continuous"                   | type="rubber"        | cannot be parsed; rubber
+        lower="-3" upper="3"                | lower="3" upper="-3" | `twist`; from 3 to -3
+        lower="-3" upper="3"                |                      | `twist`; from 0 to 0; continuous
+        upper="0.3"                         | upper="inf"          | joint `lift`; inf; finite
+        velocity="0.4"                      | velocity="0"         | joint `lift`; velocity is 0; positive
+        effort="60"                         | effort="NaN"         | joint `turn`; NaN
+        effort="60"                         | effort="-60"         | joint `turn`; effort is -60; positive
+        <limit effort="60" velocity="1.5"/> |                      | joint `turn`; velocity is 0
+        damping="20"                        | damping="-20"        | joint `lift`; -20
+        xyz="0 0 2"                         | xyz="0 0 0"          | joint `lift`; axis; direction
+        rpy="0 0.4 0"                       | rpy="0 nan 0"        | joint `swing`; rpy
+        "#,
     );
 }
 
@@ -186,29 +150,17 @@ fn masses_must_be_those_of_bodies() {
         r#"<mass value="0.5"/><inertia ixx="5e-4" ixy="0" ixz="0" iyy="6e-4" iyz="0" izz="4e-4"/>"#;
     let inertial = format!("<inertial>\n      {wrist}\n    </inertial>");
     refused(&inertial, "", &["`wrist`", "`twist`", "no mass"]);
-    refused(
-        "<mass value=\"0.5\"/>",
-        "<mass value=\"-0.5\"/>",
-        &["link `wrist`", "-0.5"],
+    all_refused(
+        r#"
+        <mass value="0.5"/> | <mass value="-0.5"/> | link `wrist`; -0.5
+        <mass value="0.5"/> | <mass value="nan"/>  | link `wrist`; NaN
+        <mass value="0.5"/> | <mass value="0"/>    | link `wrist`; mass is 0
+        ixx="5e-4"          | ixx="11e-4"          | `wrist`; exceeds the sum; 0.0011
+        ixx="5e-4"          | ixx="-5e-4"          | `wrist`; below 1e-12
+        ixy="1e-4"          | ixy="1"              | `forearm`; below 1e-12
+        izz="0.02"          | izz="inf"            | link `column`; inf
+        "#,
     );
-    refused(
-        "<mass value=\"0.5\"/>",
-        "<mass value=\"nan\"/>",
-        &["link `wrist`", "NaN"],
-    );
-    refused(
-        "<mass value=\"0.5\"/>",
-        "<mass value=\"0\"/>",
-        &["link `wrist`", "mass is 0"],
-    );
-    refused(
-        "ixx=\"5e-4\"",
-        "ixx=\"11e-4\"",
-        &["`wrist`", "exceeds the sum", "0.0011"],
-    );
-    refused("ixx=\"5e-4\"", "ixx=\"-5e-4\"", &["`wrist`", "below 1e-12"]);
-    refused("ixy=\"1e-4\"", "ixy=\"1\"", &["`forearm`", "below 1e-12"]);
-    refused("izz=\"0.02\"", "izz=\"inf\"", &["link `column`", "inf"]);
 }
 
 #[test]

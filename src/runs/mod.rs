@@ -22,6 +22,7 @@ pub use folder::RunFolder;
 pub use ledger::Ledger;
 pub use progress::{Evaluation, Event, Progress};
 pub use provenance::Provenance;
+pub(crate) use provenance::{instructions, processor};
 pub use run::Run;
 pub use stop::Stop;
 pub use summary::Summary;

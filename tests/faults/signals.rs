@@ -68,6 +68,13 @@ fn stop_after(moment: &str, mut process: Process, signal: &str) -> String {
     said
 }
 
+/// A folder, and a short run of COVERS that is changed by `adapt`.
+fn prepared(name: &str, adapt: impl FnOnce(&mut Experiment)) -> (Scratch, Experiment) {
+    let mut experiment = tiny(Method::Covers);
+    adapt(&mut experiment);
+    (Scratch::new(name), experiment)
+}
+
 fn goes_on(scratch: &Scratch, experiment: &Experiment) {
     let folder = scratch.0.join("run");
     let resumed = Process::start(&["resume", folder.to_str().unwrap(), "--threads", "1"]);
@@ -80,10 +87,8 @@ fn goes_on(scratch: &Scratch, experiment: &Experiment) {
 #[test]
 fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
     for signal in ["INT", "TERM"] {
-        let scratch = Scratch::new(signal);
-        let mut experiment = tiny(Method::Covers);
         // no checkpoint but the one that the signal asks for
-        experiment.checkpoints.every = 100;
+        let (scratch, experiment) = prepared(signal, |e| e.checkpoints.every = 100);
         let said = stop_after("policy 0", train(&scratch, &experiment), signal);
         assert!(said.contains("covers resume"), "{said}");
         goes_on(&scratch, &experiment);
@@ -92,12 +97,11 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
 
 #[test]
 fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
-    let scratch = Scratch::new("evaluation");
-    let mut experiment = tiny(Method::Covers);
-    experiment.evaluation.visit_rounds = 2;
-    for plan in &mut experiment.schedule.groups {
-        plan.decisions = 80;
-    }
+    let (scratch, experiment) = prepared("evaluation", |experiment| {
+        experiment.evaluation.visit_rounds = 2;
+        let groups = &mut experiment.schedule.groups;
+        groups.iter_mut().for_each(|plan| plan.decisions = 80);
+    });
     // the evaluation after the first visit has begun or is about to, that before the stream is done
     let said = stop_after("policy 0", train(&scratch, &experiment), "INT");
     assert!(said.contains("stopped after 1 rollouts"), "{said}");
@@ -112,9 +116,7 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
 
 #[test]
 fn a_signal_ends_the_scoring_of_a_finished_run() {
-    let scratch = Scratch::new("scoring");
-    let mut experiment = tiny(Method::Covers);
-    experiment.evaluation.rounds = 20;
+    let (scratch, experiment) = prepared("scoring", |e| e.evaluation.rounds = 20);
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
     let resumed = Process::start(&["resume", folder.to_str().unwrap()]);

@@ -4,6 +4,7 @@ use symmetry::{FieldType, Irrep};
 
 use crate::conv::weights::Weights;
 use crate::error::LayerError;
+use crate::instruction_set::InstructionSet;
 use crate::shape::{Shape, product};
 use crate::simd::patches::Patches;
 use crate::steerable::blocks::Blocks;
@@ -22,6 +23,8 @@ pub struct Conv {
     pub(crate) blocks: Blocks,
     pub(crate) weights: Weights,
     pub(crate) out: Shape,
+    /// What single precision runs on, if the processor has it.
+    pub(crate) widest: InstructionSet,
 }
 
 impl Conv {
@@ -52,6 +55,7 @@ impl Conv {
             patches,
             blocks,
             out,
+            widest: InstructionSet::Avx512,
         })
     }
 

@@ -8,7 +8,7 @@ use crate::conv::pass::{Backward, Forward};
 use crate::conv::{backward, forward};
 use crate::order::with_order;
 use crate::real::Real;
-use crate::simd::lanes::{InstructionSet, LANES, Lanes, Portable, WithLanes, run_f32};
+use crate::simd::lanes::{LANES, Lanes, Portable, WithLanes, run_f32};
 
 /// Multiplications from which on half of them are worth another thread, which takes microseconds to
 /// get.
@@ -26,11 +26,13 @@ pub trait Passes: Real {
 
 impl Passes for f32 {
     fn forward(pass: Forward<f32>) {
-        run_f32(pass, InstructionSet::Avx512);
+        let widest = pass.conv.widest;
+        run_f32(pass, widest);
     }
 
     fn backward(pass: Backward<f32>) {
-        run_f32(pass, InstructionSet::Avx512);
+        let widest = pass.conv.widest;
+        run_f32(pass, widest);
     }
 }
 

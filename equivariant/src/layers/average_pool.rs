@@ -76,8 +76,8 @@ impl Parameterless for AveragePool {
 
 impl fmt::Display for AveragePool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (from, to, window) = (self.shape, self.out_shape(), self.windows.kernel);
-        write!(f, "AveragePool({from} -> {to}, {window})")
+        self.windows
+            .write_pooling(f, "AveragePool", self.shape.fields)
     }
 }
 

@@ -4,7 +4,7 @@ use std::array::from_fn;
 use std::fmt;
 
 use crate::error::LayerError;
-use crate::layers::accepted::regular_fields;
+use crate::layers::accepted::RegularMaps;
 use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
@@ -18,10 +18,7 @@ use crate::steerable::hadamard::{parts, parts_mut, transform};
 /// Maps n regular fields to n trivial channels: the largest value in the regular basis. On
 /// ties the gradient goes to the first group element.
 #[derive(Clone, Copy, Debug)]
-pub struct GroupMaxPool {
-    shape: Shape,
-    fields: usize,
-}
+pub struct GroupMaxPool(RegularMaps);
 
 impl GroupMaxPool {
     /// The pooling of maps of this shape.
@@ -29,39 +26,35 @@ impl GroupMaxPool {
     /// # Errors
     /// When the map is empty or its type is not regular fields only.
     pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
-        let fields = regular_fields("GroupMaxPool", shape)?;
-        Ok(GroupMaxPool { shape, fields })
+        RegularMaps::new("GroupMaxPool", shape).map(GroupMaxPool)
     }
 }
 
 impl Signature for GroupMaxPool {
     fn in_shape(&self) -> Shape {
-        self.shape
+        self.0.shape
     }
 
     fn out_shape(&self) -> Shape {
-        Shape {
-            fields: self.shape.fields.group().trivial(self.fields),
-            ..self.shape
-        }
+        self.0.pooled()
     }
 }
 
 impl Parameterless for GroupMaxPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        let order = self.shape.fields.group().order();
-        with_order!(G = order, forward::<T, G>(self.fields, x, y));
+        let order = self.0.shape.fields.group().order();
+        with_order!(G = order, forward::<T, G>(self.0.fields, x, y));
     }
 
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        let order = self.shape.fields.group().order();
-        with_order!(G = order, backward::<T, G>(self.fields, x, dy, dx));
+        let order = self.0.shape.fields.group().order();
+        with_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
     }
 }
 
 impl fmt::Display for GroupMaxPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupMaxPool({})", self.shape)
+        write!(f, "GroupMaxPool({})", self.0.shape)
     }
 }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::error::LayerError;
-use crate::layers::accepted::regular_fields;
+use crate::layers::accepted::RegularMaps;
 use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
@@ -15,10 +15,7 @@ use crate::shape::Shape;
 /// coefficient over the square root of the group's order. The other coefficients are dropped, so it
 /// is linear.
 #[derive(Clone, Copy, Debug)]
-pub struct GroupMeanPool {
-    shape: Shape,
-    fields: usize,
-}
+pub struct GroupMeanPool(RegularMaps);
 
 impl GroupMeanPool {
     /// The pooling of maps of this shape.
@@ -26,34 +23,29 @@ impl GroupMeanPool {
     /// # Errors
     /// When the map is empty or its type is not regular fields only.
     pub fn new(shape: Shape) -> Result<GroupMeanPool, LayerError> {
-        let fields = regular_fields("GroupMeanPool", shape)?;
-        Ok(GroupMeanPool { shape, fields })
+        RegularMaps::new("GroupMeanPool", shape).map(GroupMeanPool)
     }
 
     fn scale<T: Scalar>(&self) -> T {
-        let order = self.shape.fields.group().order() as f64;
+        let order = self.0.shape.fields.group().order() as f64;
         T::from_f64(order.sqrt().recip())
     }
 }
 
 impl Signature for GroupMeanPool {
     fn in_shape(&self) -> Shape {
-        self.shape
+        self.0.shape
     }
 
     fn out_shape(&self) -> Shape {
-        let fields = self.shape.fields.group().trivial(self.fields);
-        Shape {
-            fields,
-            ..self.shape
-        }
+        self.0.pooled()
     }
 }
 
 impl Parameterless for GroupMeanPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
-        let ys = y.chunks_exact_mut(self.fields);
+        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
+        let ys = y.chunks_exact_mut(self.0.fields);
         for (x, y) in x.chunks_exact(dim).zip(ys) {
             for (y, &x) in y.iter_mut().zip(x) {
                 *y = x * scale;
@@ -62,8 +54,8 @@ impl Parameterless for GroupMeanPool {
     }
 
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        let (dim, scale) = (self.shape.fields.dim(), self.scale::<T>());
-        let dys = dy.chunks_exact(self.fields);
+        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
+        let dys = dy.chunks_exact(self.0.fields);
         for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
             let (trivial, rest) = dx.split_at_mut(dy.len());
             for (dx, &dy) in trivial.iter_mut().zip(dy) {
@@ -76,7 +68,7 @@ impl Parameterless for GroupMeanPool {
 
 impl fmt::Display for GroupMeanPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupMeanPool({})", self.shape)
+        write!(f, "GroupMeanPool({})", self.0.shape)
     }
 }
 

@@ -129,8 +129,7 @@ impl Parameterless for MaxPool {
 
 impl fmt::Display for MaxPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (from, to, window) = (self.shape, self.out_shape(), self.windows.kernel);
-        write!(f, "MaxPool({from} -> {to}, {window})")
+        self.windows.write_pooling(f, "MaxPool", self.shape.fields)
     }
 }
 

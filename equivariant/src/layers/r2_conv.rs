@@ -12,6 +12,7 @@ use crate::conv::maps::{Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
+use crate::instruction_set::InstructionSet;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
@@ -70,6 +71,13 @@ impl R2Conv {
             padding: 0,
         };
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
+    }
+
+    /// The same layer on no wider instructions than these, for comparing: outputs on different ones
+    /// differ in the last bits. Double precision is portable in any case.
+    pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
+        self.conv.widest = widest;
+        self
     }
 
     /// The layer as an ordinary convolution.

@@ -3,6 +3,7 @@
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+use crate::instruction_set::InstructionSet;
 use crate::real::Real;
 
 /// How many numbers a kernel handles at once.
@@ -45,14 +46,6 @@ pub(crate) trait Lanes<T>: Copy {
 /// Work that is written once for all instruction sets.
 pub(crate) trait WithLanes<T> {
     fn run<L: Lanes<T>>(self, lanes: L);
-}
-
-/// What work can run on, from narrow to wide.
-#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-pub(crate) enum InstructionSet {
-    Portable,
-    Avx2,
-    Avx512,
 }
 
 /// Runs work in single precision on the widest instruction set that the processor has, up to

@@ -1,5 +1,7 @@
 //! Where windows lie on an image.
 
+use std::fmt;
+
 use symmetry::{FieldType, Group};
 
 use crate::error::LayerError;
@@ -61,6 +63,18 @@ impl Windows {
     pub fn out_shape(&self, fields: FieldType) -> Shape {
         let [height, width] = self.out_size;
         Shape::image(height, width, fields)
+    }
+
+    /// Writes the name of a pooling, its maps and its kernel.
+    pub fn write_pooling(
+        &self,
+        f: &mut fmt::Formatter<'_>,
+        name: &str,
+        fields: FieldType,
+    ) -> fmt::Result {
+        let [height, width] = self.in_size;
+        let (from, to) = (Shape::image(height, width, fields), self.out_shape(fields));
+        write!(f, "{name}({from} -> {to}, {})", self.kernel)
     }
 
     /// The indices of the pixels that output pixel `index` sees, row-major; padding is no pixel.

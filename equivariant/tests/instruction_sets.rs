@@ -1,0 +1,120 @@
+//! Every instruction set that this machine has gives what the portable code gives.
+
+use equivariant::{
+    FieldType, Group, InstructionSet, Kernel, Layer, R2Conv, Relu, Sequential, Signature,
+};
+
+use crate::common::{params, scratch, unwritten};
+
+const SAMPLES: usize = 3;
+
+/// Outputs and gradients of a convolution with a ReLU; without an input gradient first layers take
+/// another path.
+fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
+    let relu = Relu::new(conv.out_shape());
+    let conv = Box::new(conv.clone().at_most(set));
+    let layer: Box<dyn Layer<f32>> = match relu {
+        Ok(relu) => Box::new(Sequential::new(vec![conv, Box::new(relu)]).unwrap()),
+        // types without a basis that the group permutes
+        Err(_) => conv,
+    };
+    let wave = |n: usize| (0..n).map(|i| (i as f32 * 0.37).sin()).collect::<Vec<_>>();
+    let (params, x) = (
+        params(layer.as_ref(), 1),
+        wave(SAMPLES * layer.in_shape().len()),
+    );
+    let mut y = unwritten(SAMPLES * layer.out_shape().len());
+    let mut scratch = scratch(layer.as_ref(), SAMPLES);
+    layer.forward(&params, &x, &mut y, &mut scratch);
+    let dy = wave(y.len());
+    let (mut dx, mut dparams) = (vec![0.0; x.len()], vec![0.0; params.len()]);
+    let input = with_dx.then_some(&mut dx[..]);
+    layer.backward(&params, &x, &y, &dy, input, &mut dparams, &mut scratch);
+    [y, dx, dparams].concat()
+}
+
+/// Outputs are wide enough for a full tile of every kernel and a rest.
+fn convolutions() -> Vec<R2Conv> {
+    let mut convolutions = Vec::new();
+    for group in Group::ALL {
+        let mixed = FieldType::new(group, [2, 1, 3, 0]);
+        let types = [
+            (group.trivial(6), group.regular(5)),
+            (group.trivial(3), group.regular(9)),
+            (group.trivial(2), group.regular(4)),
+            (group.regular(3), group.regular(9)),
+            (group.regular(16), group.regular(8)),
+            (mixed, group.regular(2)),
+            (group.regular(2), mixed),
+        ];
+        for (from, to) in types {
+            for (size, stride) in [(4, 2), (3, 1)] {
+                let kernel = Kernel {
+                    size,
+                    stride,
+                    padding: 1,
+                };
+                convolutions.push(R2Conv::new(from, to, kernel, [18, 22]).unwrap());
+            }
+        }
+    }
+    convolutions
+}
+
+/// The largest difference over the largest value; not a number if there is one.
+fn deviation(got: &[f32], expected: &[f32]) -> f32 {
+    let largest = |values: &mut dyn Iterator<Item = f32>| {
+        values.fold(0.0, |m: f32, v| if v > m || v.is_nan() { v } else { m })
+    };
+    let mut differences = got.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    let scale = largest(&mut expected.iter().map(|v| v.abs()));
+    assert!(scale > 0.1, "nothing to compare");
+    largest(&mut differences) / scale
+}
+
+/// What one set gives is compared with what the portable code gives; where two sets gave the same
+/// bits throughout, one of them did not run.
+#[test]
+fn all_instruction_sets_of_this_machine_agree() {
+    let wider = &InstructionSet::ALL[1..];
+    let wider: Vec<_> = wider.iter().filter(|set| set.is_available()).collect();
+    // none on a machine without AVX2 and FMA, where the portable code is all that ever runs
+    println!("compared with {:?}: {wider:?}", InstructionSet::ALL[0]);
+    let convolutions = convolutions();
+    assert_eq!(convolutions.len(), 70);
+    let mut differ = vec![false; wider.len()];
+    for conv in &convolutions {
+        for with_dx in [false, true] {
+            let expected = run(conv, InstructionSet::Portable, with_dx);
+            for (&&set, differs) in wider.iter().zip(&mut differ) {
+                let found = run(conv, set, with_dx);
+                let error = deviation(&found, &expected);
+                let shapes = (conv.in_shape(), conv.out_shape());
+                assert!(error < 1e-5, "{set:?} {shapes:?}: {error}");
+                *differs |= found != expected;
+            }
+        }
+    }
+    assert_eq!(differ, vec![true; wider.len()], "{wider:?}: some never ran");
+}
+
+#[test]
+#[cfg(target_arch = "x86_64")]
+fn no_instruction_set_that_the_processor_has_is_left_out() {
+    use std::arch::is_x86_feature_detected as has;
+    assert!(InstructionSet::Portable.is_available());
+    let avx2 = has!("avx2") && has!("fma");
+    assert_eq!(InstructionSet::Avx2.is_available(), avx2);
+    let avx512 = avx2 && has!("avx512f") && has!("avx512dq") && has!("avx512vl");
+    assert_eq!(InstructionSet::Avx512.is_available(), avx512);
+}
+
+#[test]
+fn the_comparison_sees_one_poisoned_value() {
+    let right = [1.0, 2.0, 3.0];
+    assert_eq!(deviation(&right, &right), 0.0);
+    for wrong in [f32::NAN, f32::INFINITY, 2.1] {
+        let passes = deviation(&[1.0, wrong, 3.0], &right) < 1e-5;
+        assert!(!passes, "{wrong}");
+    }
+}
