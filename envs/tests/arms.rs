@@ -5,8 +5,8 @@ use std::sync::Arc;
 use envs::carriers::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
 use envs::conformance::experts;
 use envs::{
-    Camera, Carrier, Control, Embodiment, EnvError, HAND_START, Scene, TableTop, TaskGroup,
-    VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Carrier, Control, Embodiment, EnvError, HAND_START, Scene, TableTop,
+    TaskGroup, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -247,4 +247,33 @@ fn arms_that_cannot_be_driven_are_refused() {
     let name = made(six_joint("Six Joint"));
     let scene = Scene::new(TaskGroup::GOAL_REACH, name, Camera::default());
     assert!(matches!(scene, Err(EnvError::EmbodimentName { .. })));
+}
+
+/// Worker threads change nothing in what a learner is told.
+#[test]
+fn arms_move_alike_on_any_number_of_threads() {
+    let told = |threads| {
+        let settings = VecEnvSettings {
+            num_envs: 4,
+            threads,
+            embodiment: Embodiment::KINOVA_GEN3,
+            ..VecEnvSettings::default()
+        };
+        let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+        let mut batch = Batch::new(&settings);
+        env.reset(batch.observations()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(1003);
+        for _ in 0..10 {
+            let actions: Vec<f32> = (0..4 * ACTION_DIM)
+                .map(|_| random.random_range(-1.0..1.0))
+                .collect();
+            env.step(&actions, batch.step()).unwrap();
+        }
+        (
+            batch.images.clone(),
+            batch.vectors.clone(),
+            batch.rewards.clone(),
+        )
+    };
+    assert!(told(1) == told(3));
 }
