@@ -251,17 +251,16 @@ impl TableTop {
     ) -> Result<StepReward, EnvError> {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
+        if let Some(drive) = &episode.drive {
+            episode.target = drive.within_lead(episode.target, self.hand());
+        }
+        let target = episode.target;
+        self.data
+            .set_mocap_position(self.scene.hand_target, target.to_array())?;
         match &mut episode.drive {
             None => self.data.set_ctrl(&[finger, -finger])?,
-            Some(drive) => {
-                let hand = self.hand();
-                episode.target = drive.within_lead(episode.target, hand);
-                drive.advance(&mut self.data, episode.target, finger)?;
-            }
+            Some(drive) => drive.advance(&mut self.data, target, finger)?,
         }
-        let target = episode.target.to_array();
-        self.data
-            .set_mocap_position(self.scene.hand_target, target)?;
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;

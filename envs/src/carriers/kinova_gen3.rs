@@ -23,7 +23,7 @@ const CLAW: f64 = 0.0075;
 /// From the middle of a pad to its lower end (metres).
 const TIP: f64 = 0.01875;
 /// How far the target is ahead of the hand at most (metres).
-const LEAD: f64 = 0.033;
+const LEAD: f64 = 0.034;
 /// Acceleration of the hand (m/s^2): what the arm's hard limit, 4.94 rad/s^2 of its first four
 /// joints, leaves at 0.4 m from an axis. Its driver's default of 0.4 m/s^2 takes 13 cm to stop from
 /// the speed of a full action, so that hands pass what they are sent to.
