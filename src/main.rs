@@ -1,8 +1,8 @@
 //! The `covers` command.
 //!
 //! Exit codes: 0 where all was done, every check held and everything works, 1 for an error, a check
-//! that failed or a machine that lacks something, 2 for wrong options, 3 where a signal stopped a run
-//! that can be resumed.
+//! that failed or a machine that lacks something, 2 for wrong options, 3 where a signal stopped a
+//! run that can be resumed.
 
 use std::io::stdout;
 use std::process::ExitCode;
