@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         size: SIZE,
         ..Camera::default()
     };
-    let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera)?);
+    let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera)?);
     let mut renderer = SceneRenderer::with_arm(Arc::clone(&scene))?;
     let films = D2::ALL
         .into_iter()

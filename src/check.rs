@@ -28,7 +28,7 @@ pub use parity::{ParityRow, parity};
 pub enum Check {
     /// Scripted experts on all 16 variants.
     Experts {
-        /// `sawyer` or `hand`; both where none is named.
+        /// `sawyer`, `hand` or `kinova_gen3`; the first two where none is named.
         #[arg(long)]
         embodiment: Option<Embodiment>,
         /// Episodes a variant.
@@ -48,7 +48,7 @@ pub enum Check {
     },
     /// Variants beside their canonical twins, open loop and closed loop.
     Symmetry {
-        /// `sawyer` or `hand`.
+        /// `sawyer`, `hand` or `kinova_gen3`.
         #[arg(long)]
         embodiment: Embodiment,
         /// Placements a variant.
@@ -88,7 +88,7 @@ fn check_experts(
     json: bool,
     out: &mut impl Write,
 ) -> Result<bool, CoversError> {
-    let embodiments = embodiment.map_or(Embodiment::ALL.to_vec(), |one| vec![one]);
+    let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
     let mut rows = Vec::new();
     for embodiment in embodiments {
         rows.extend(of_variants(embodiment, &D2::ALL, |scene, element| {
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn json_holds_every_row() {
         let check = Check::Experts {
-            embodiment: Some(Embodiment::Hand),
+            embodiment: Some(Embodiment::HAND),
             seeds: 1,
             json: true,
         };

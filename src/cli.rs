@@ -54,7 +54,7 @@ pub struct Changes {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads: Threads,
-    /// What carries the gripper: `sawyer` (the presets') or `hand`.
+    /// What carries the gripper: `sawyer` (the presets'), `hand` or `kinova_gen3`.
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
     /// The group that networks are equivariant under: `D2`, `D1x`, `D1y`, `C2`, or `C1` for

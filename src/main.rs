@@ -1,7 +1,8 @@
 //! The `covers` command.
 //!
-//! Exit codes: 0 where all was done and every check held, 1 for an error or a check that failed, 2
-//! for wrong options, 3 where a signal stopped a run that can be resumed.
+//! Exit codes: 0 where all was done, every check held and everything works, 1 for an error, a check
+//! that failed or a machine that lacks something, 2 for wrong options, 3 where a signal stopped a
+//! run that can be resumed.
 
 use std::io::stdout;
 use std::process::ExitCode;
@@ -9,6 +10,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use covers::check::Check;
 use covers::commands::{Command, Outcome};
+use covers::doctor::DoctorOptions;
+use covers::preset_list::PresetsOptions;
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
@@ -25,12 +28,18 @@ enum Subcommands {
     /// Checks the environments; fails where a figure misses its bound.
     #[command(subcommand)]
     Check(Check),
+    /// Says what this machine has, how fast it is, and how to cure what is missing.
+    Doctor(DoctorOptions),
+    /// Lists methods and budgets, or prints all that a preset sets.
+    Presets(PresetsOptions),
 }
 
 fn main() -> ExitCode {
     let result = match Options::parse().command {
         Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
         Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),
+        Subcommands::Doctor(doctor) => doctor.run(&mut stdout()).map(|works| u8::from(!works)),
+        Subcommands::Presets(presets) => presets.run(&mut stdout()).map(|()| 0),
     };
     match result {
         Ok(code) => ExitCode::from(code),

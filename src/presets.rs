@@ -11,6 +11,8 @@ use crate::groupings::GroupingSettings;
 use crate::learners::{CoversSettings, LearnerSettings, OffPolicySettings};
 use crate::schedule::Schedule;
 
+/// Environments of every method: a rollout of 500 decisions is an episode of each.
+const NUM_ENVS: usize = 10;
 /// Side of the paper's pictures (pixels).
 const PAPER_PICTURES: usize = 128;
 
@@ -123,7 +125,10 @@ impl Method {
     }
 
     fn envs(self) -> VecEnvSettings {
-        let mut envs = VecEnvSettings::default();
+        let mut envs = VecEnvSettings {
+            num_envs: NUM_ENVS,
+            ..VecEnvSettings::default()
+        };
         if self == Self::Paper {
             envs.camera.size = PAPER_PICTURES;
         }
@@ -186,7 +191,7 @@ impl Budget {
             schedule: self.schedule(rollout),
             evaluation: self.evaluation(),
             checkpoints: CheckpointPlan {
-                every: if self == Self::Smoke { 3 } else { 10 },
+                every: if self == Self::Smoke { 3 } else { 20 },
                 ..CheckpointPlan::default()
             },
         }
@@ -204,15 +209,16 @@ impl Budget {
         }
     }
 
-    /// The stream of learners with rollouts of this many decisions.
+    /// The stream; the shortest one is for learners with rollouts of this many decisions.
     fn schedule(self, rollout: usize) -> Schedule {
-        let (cycles, rollouts) = match self {
+        let (cycles, visits) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
             Self::Short => (2, [6, 20, 10, 4]),
             Self::Full | Self::Table => (3, [6, 18, 9, 35]),
             Self::ZeroShot => (2, [8, 27, 12, 40]),
         };
-        let decisions = rollouts.map(|rollouts| rollouts * rollout);
+        let unit = if self == Self::Smoke { rollout } else { 1000 };
+        let decisions = visits.map(|visit| visit * unit);
         let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
         let mut schedule = Schedule::shuffled(cycles, &visits);
         if self == Self::ZeroShot {
@@ -229,17 +235,20 @@ impl Budget {
                 looks: 1,
                 ..EvaluationPlan::AT_THE_END
             },
-            Self::Short => EvaluationPlan::AT_THE_END,
-            Self::Full | Self::ZeroShot => EvaluationPlan {
+            Self::Short => EvaluationPlan {
                 rounds: 2,
-                // as many, so that what is forgotten by the end shows on the same episodes
-                visit_rounds: 2,
                 ..EvaluationPlan::AT_THE_END
             },
-            // of 20 environments each; an evaluation plays a fifth of the last one's episodes
+            Self::Full | Self::ZeroShot => EvaluationPlan {
+                rounds: 4,
+                // as many, so that what is forgotten by the end shows on the same episodes
+                visit_rounds: 4,
+                ..EvaluationPlan::AT_THE_END
+            },
+            // of 10 environments each; an evaluation plays a fifth of the last one's episodes
             Self::Table => EvaluationPlan {
-                rounds: 5,
-                visit_rounds: 1,
+                rounds: 10,
+                visit_rounds: 2,
                 looks: 10,
                 ..EvaluationPlan::AT_THE_END
             },
@@ -317,7 +326,7 @@ mod tests {
                 run.schedule.cycles += 1;
                 run.checkpoints.keep = 7;
                 assert_eq!(Method::of(&run), Some(method));
-                let other = run.clone().with_embodiment(envs::Embodiment::Hand);
+                let other = run.clone().with_embodiment(envs::Embodiment::HAND);
                 assert_eq!(Method::of(&other), None);
                 match &mut run.learner {
                     LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,

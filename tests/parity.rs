@@ -41,7 +41,7 @@ fn episodes_start_where_meta_worlds_do() {
         2.163679, -0.562765, -1.225574, 2.173459, 1.237292, 1.003001, 1.918364,
     ];
     for group in TaskGroup::STANDARD {
-        let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
         let joints = match group.name() {
             "button-press" => further_back,

@@ -214,7 +214,7 @@ fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_thread
         Method::EquiSac,
     ];
     for method in [&off_policy[..], &[Method::CnnAug]].concat() {
-        let small = |method| small(method).with_embodiment(Embodiment::Hand);
+        let small = |method| small(method).with_embodiment(Embodiment::HAND);
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
@@ -450,7 +450,7 @@ fn changes_reach_the_experiment() {
         .changes
         .apply(options.budget.experiment(Method::Covers))
         .unwrap();
-    assert_eq!(experiment.envs.embodiment, Embodiment::Hand);
+    assert_eq!(experiment.envs.embodiment, Embodiment::HAND);
     let LearnerSettings::Covers(settings) = experiment.learner else {
         panic!("{:?}", experiment.learner);
     };

@@ -1,84 +1,145 @@
-//! What carries the gripper: its part of the scene and the posture that it settles from.
+//! The handle by which the rest of the crate knows what carries the gripper, and the names.
 
-use glam::DVec3;
-use serde::{Deserialize, Serialize};
+use std::cmp::Ordering;
+use std::hash::{Hash, Hasher};
+use std::sync::{PoisonError, RwLock};
 
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
+use crate::carrier::Carrier;
+use crate::carriers::{Hand, KinovaGen3, Sawyer};
 use crate::error::EnvError;
-use crate::mjcf::{Mjcf, part, parts};
+use crate::identity::Identity;
 
-const SAWYER: Mjcf<'static> = part!("sawyer.xml");
-const HAND: Mjcf<'static> = part!("hand.xml");
-const OF_SAWYER: [Mjcf<'static>; 3] =
-    parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
-const OF_HAND: [Mjcf<'static>; 3] =
-    parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
+/// What carries the gripper: a handle on the [`Carrier`] that defines it.
+///
+/// Embodiments are compared, ordered, hashed, printed and serialised by their names. Settings hold
+/// one by name, so reading them knows the embodiments that come with the crate, and those that the
+/// program has given to [`Embodiment::register`].
+#[derive(Clone, Copy)]
+pub struct Embodiment(&'static dyn Carrier);
 
-/// Joint positions (radians) near the arm's rest with the hand at
-/// [`HAND_START`](crate::HAND_START).
-const SAWYER_POSTURE: [(&str, f64); 7] = [
-    ("j0", 1.932580),
-    ("j1", -0.499083),
-    ("j2", -1.058834),
-    ("j3", 1.651000),
-    ("j4", 1.047360),
-    ("j5", 1.084860),
-    ("j6", 2.292554),
-];
-
-/// What carries the gripper.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Embodiment {
-    /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open
-    /// loop.
-    #[default]
-    Sawyer,
-    /// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.
-    Hand,
-}
+/// Those that a program has added.
+static REGISTERED: RwLock<Vec<Embodiment>> = RwLock::new(Vec::new());
 
 impl Embodiment {
-    /// Every embodiment, in the order of reports.
-    pub const ALL: [Self; 2] = [Self::Sawyer, Self::Hand];
+    /// A seven-joint Sawyer arm, which breaks the symmetry of the table by a centimetre or two open
+    /// loop.
+    pub const SAWYER: Self = Self::of(&Sawyer);
+    /// The gripper alone on three slides; moves like the arm's hand and mirrors exactly.
+    pub const HAND: Self = Self::of(&Hand);
+    /// A Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that have learnt
+    /// with another arm.
+    pub const KINOVA_GEN3: Self = Self::of(&KinovaGen3);
 
-    /// The name as options spell it.
+    /// Those that learners learn with, in the order of reports. Every task is held to its rules
+    /// with them.
+    pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
+    /// Those that come with the crate.
+    pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
+
+    /// The embodiment that `carrier` defines.
+    ///
+    /// As with [`TaskGroup::of`](crate::TaskGroup::of), one that is made while the program runs is
+    /// leaked: `Embodiment::of(Box::leak(Box::new(carrier)))`.
+    pub const fn of(carrier: &'static dyn Carrier) -> Self {
+        Self(carrier)
+    }
+
+    /// The name as settings and files spell it, for instance `sawyer`.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Sawyer => "sawyer",
-            Self::Hand => "hand",
+        self.0.name()
+    }
+
+    /// What defines it.
+    pub fn carrier(self) -> &'static dyn Carrier {
+        self.0
+    }
+
+    /// Makes the name known to this process, so that settings which hold it can be read. To
+    /// register an embodiment again changes nothing.
+    ///
+    /// # Errors
+    /// [`EnvError::EmbodimentName`] for a name that settings cannot spell,
+    /// [`EnvError::DuplicateEmbodiment`] for one that is taken.
+    pub fn register(self) -> Result<(), EnvError> {
+        self.check_name()?;
+        let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
+        let mut known = Self::BUILT_IN.iter().chain(registered.iter());
+        match known.find(|known| **known == self) {
+            Some(known) if known.identity() == self.identity() => {}
+            Some(_) => {
+                let name = self.name().to_owned();
+                return Err(EnvError::DuplicateEmbodiment { name });
+            }
+            None => registered.push(self),
         }
+        Ok(())
+    }
+
+    /// Those that come with the crate, then the registered ones.
+    pub fn known() -> Vec<Self> {
+        let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
+        [&Self::BUILT_IN, &registered[..]].concat()
     }
 
     /// Whether the four variants of a group move as exact mirror images of one another.
     pub fn mirrors_exactly(self) -> bool {
-        self == Self::Hand
+        self.0.mirrors_exactly()
     }
 
-    pub(crate) fn mjcf(self) -> Mjcf<'static> {
-        match self {
-            Self::Sawyer => SAWYER,
-            Self::Hand => HAND,
-        }
+    /// What tells it from another one of its name.
+    pub(crate) fn identity(self) -> Identity {
+        Identity::of(self.0)
     }
 
-    /// Files that other parts include by name: what collides with what, and what of the puck does.
-    pub(crate) fn included(self) -> &'static [Mjcf<'static>] {
-        match self {
-            Self::Sawyer => &OF_SAWYER,
-            Self::Hand => &OF_HAND,
+    pub(crate) fn check_name(self) -> Result<(), EnvError> {
+        let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
+        let is_word = |word: &str| !word.is_empty() && word.bytes().all(plain);
+        if self.name().split(['-', '_']).all(is_word) {
+            return Ok(());
         }
+        let name = self.name().to_owned();
+        Err(EnvError::EmbodimentName { name })
     }
+}
 
-    /// Joints and positions near rest with the hand's target at `hand_target`, which for the arm is
-    /// [`HAND_START`](crate::HAND_START).
-    pub(crate) fn posture(self, hand_target: DVec3) -> Vec<(&'static str, f64)> {
-        match self {
-            Self::Sawyer => SAWYER_POSTURE.to_vec(),
-            Self::Hand => ["hand_x", "hand_y", "hand_z"]
-                .into_iter()
-                .zip(hand_target.to_array())
-                .collect(),
-        }
+impl Default for Embodiment {
+    /// [`Embodiment::SAWYER`].
+    fn default() -> Self {
+        Self::SAWYER
+    }
+}
+
+impl PartialEq for Embodiment {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl Eq for Embodiment {}
+
+impl PartialOrd for Embodiment {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Embodiment {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.name().cmp(other.name())
+    }
+}
+
+impl Hash for Embodiment {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.name().hash(state);
+    }
+}
+
+impl std::fmt::Debug for Embodiment {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Embodiment({})", self.name())
     }
 }
 
@@ -92,25 +153,90 @@ impl std::str::FromStr for Embodiment {
     type Err = EnvError;
 
     fn from_str(name: &str) -> Result<Self, EnvError> {
-        Self::ALL
-            .into_iter()
-            .find(|embodiment| embodiment.name() == name)
-            .ok_or_else(|| EnvError::UnknownEmbodiment {
-                name: name.to_owned(),
-            })
+        let known = Self::known();
+        let found = known.iter().find(|embodiment| embodiment.name() == name);
+        found.copied().ok_or_else(|| EnvError::UnknownEmbodiment {
+            name: name.to_owned(),
+            known: known.iter().map(|embodiment| embodiment.name()).collect(),
+        })
+    }
+}
+
+impl Serialize for Embodiment {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl<'de> Deserialize<'de> for Embodiment {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        name.parse().map_err(de::Error::custom)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
+    use crate::carrier::CarrierParts;
+    use crate::drive::Posture;
+
+    struct Named(&'static str);
+
+    impl Carrier for Named {
+        fn name(&self) -> &str {
+            self.0
+        }
+
+        fn parts(&self) -> Result<CarrierParts, EnvError> {
+            unreachable!("the registry asks for the name alone")
+        }
+
+        fn posture(&self, _: DVec3) -> Result<Posture, EnvError> {
+            unreachable!("the registry asks for the name alone")
+        }
+    }
+
+    static CRANE: Named = Named("crane_2");
 
     #[test]
     fn names_parse_back_and_unknown_ones_list_the_choices() {
-        for embodiment in Embodiment::ALL {
+        for embodiment in Embodiment::BUILT_IN {
             assert_eq!(embodiment.name().parse::<Embodiment>().unwrap(), embodiment);
         }
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();
-        assert!(message.contains("spot") && message.contains("sawyer or hand"));
+        assert!(message.contains("`spot`") && message.contains("sawyer, hand"));
+        let read: Result<Embodiment, _> = serde_json::from_str("\"spot\"");
+        assert!(read.unwrap_err().to_string().contains("sawyer, hand"));
+        let written = serde_json::to_string(&Embodiment::HAND).unwrap();
+        assert_eq!(written, "\"hand\"");
+        assert_eq!(
+            serde_json::from_str::<Embodiment>(&written).unwrap(),
+            Embodiment::HAND
+        );
+    }
+
+    #[test]
+    fn a_registered_name_is_read_and_a_taken_or_malformed_one_refused() {
+        let crane = Embodiment::of(&CRANE);
+        crane.register().unwrap();
+        crane.register().unwrap();
+        assert_eq!("crane_2".parse::<Embodiment>().unwrap(), crane);
+        assert_eq!(
+            Embodiment::known()
+                .iter()
+                .filter(|&&known| known == crane)
+                .count(),
+            1
+        );
+        let message = "spot".parse::<Embodiment>().unwrap_err().to_string();
+        assert!(message.contains("crane_2"), "{message}");
+        static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];
+        for (other, says) in OTHER.iter().zip(["taken", "taken", "`My Arm`"]) {
+            let message = Embodiment::of(other).register().unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
     }
 }

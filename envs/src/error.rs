@@ -30,8 +30,25 @@ pub enum EnvError {
         name: String,
     },
     /// An embodiment's name that none has.
-    #[error("unknown embodiment `{name}`: expected sawyer or hand")]
+    #[error("unknown embodiment `{name}`: expected one of {}", known.join(", "))]
     UnknownEmbodiment {
+        /// The name given.
+        name: String,
+        /// The names that exist: the crate's and the registered ones.
+        known: Vec<&'static str>,
+    },
+    /// An embodiment's name that settings cannot spell.
+    #[error(
+        "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
+         are joined by hyphens or underscores"
+    )]
+    EmbodimentName {
+        /// The name given.
+        name: String,
+    },
+    /// A second embodiment of one name.
+    #[error("the embodiment name `{name}` is taken by another one: choose another name")]
+    DuplicateEmbodiment {
         /// The name given.
         name: String,
     },
@@ -157,6 +174,12 @@ pub enum EnvError {
         /// The operating system's reason.
         source: std::io::Error,
     },
+    /// A robot that is not described well.
+    #[error(transparent)]
+    Robot(#[from] robots::DescriptionError),
+    /// A robot that cannot be where it should be, or control settings out of range.
+    #[error(transparent)]
+    Control(#[from] robots::ControlError),
     /// A scene that MuJoCo does not take, or that lacks a name.
     #[error(transparent)]
     Model(#[from] mujoco::ModelError),

@@ -5,10 +5,11 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
+use crate::carrier::Carrier;
 use crate::control::Control;
-use crate::embodiment::Embodiment;
+use crate::drive::Posture;
 use crate::error::EnvError;
-use crate::mjcf::{Mjcf, part, parts};
+use crate::mjcf::{Mjcf, parts};
 use crate::task::{Stock, TaskGroup};
 
 /// Where the hand's target stands at the start of every episode of the symmetric layout (metres):
@@ -19,7 +20,6 @@ const SYMMETRIC: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "symmetric");
 const META_WORLD: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
-const STOCK_ARM: Mjcf<'static> = part!("sawyer.xml" in "metaworld");
 
 /// Physics steps until a hand is at rest at its start: 10 s.
 const SETTLED: usize = 4000;
@@ -31,7 +31,7 @@ pub(crate) struct Settling {
     /// Where the hand's target stands (metres).
     pub hand_target: DVec3,
     /// Joints and positions away from zero.
-    pub posture: Vec<(&'static str, f64)>,
+    pub posture: Posture,
     /// Physics steps until episodes may start.
     pub steps: usize,
 }
@@ -100,28 +100,35 @@ impl Layout {
 
     /// How a scene with the hand's target at `hand_target` (metres) comes to where its episodes
     /// start.
-    pub(crate) fn settling(self, hand_target: DVec3, embodiment: Embodiment) -> Settling {
-        let posture = match (self, embodiment) {
+    ///
+    /// # Errors
+    /// Why `carrier` has no posture there.
+    pub(crate) fn settling(
+        self,
+        hand_target: DVec3,
+        carrier: &dyn Carrier,
+    ) -> Result<Settling, EnvError> {
+        let posture = match self.stock_carrier(carrier) {
             // the stock arm comes from its initial pose, stretched to the side
-            (Self::MetaWorld, Embodiment::Sawyer) => Vec::new(),
-            _ => embodiment.posture(hand_target),
+            Some(_) => Posture::new(),
+            None => carrier.posture(hand_target)?,
         };
         let steps = match self {
             Self::Symmetric => SETTLED,
             Self::MetaWorld => STOCK_RESET,
         };
-        Settling {
+        Ok(Settling {
             hand_target,
             posture,
             steps,
-        }
+        })
     }
 
-    /// The embodiment's part of a scene.
-    pub(crate) fn embodiment(self, embodiment: Embodiment) -> Mjcf<'static> {
-        match (self, embodiment) {
-            (Self::MetaWorld, Embodiment::Sawyer) => STOCK_ARM,
-            _ => embodiment.mjcf(),
+    /// The part of a scene that the embodiment has in this layout alone.
+    pub(crate) fn stock_carrier(self, carrier: &dyn Carrier) -> Option<&str> {
+        match self {
+            Self::Symmetric => None,
+            Self::MetaWorld => carrier.stock(),
         }
     }
 

@@ -8,12 +8,14 @@ use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
 use crate::camera::Camera;
-use crate::control::Control;
+use crate::control::{Control, PHYSICS_STEPS};
+use crate::drive::{Drive, ServoDrive};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
+use crate::identity::Identity;
 use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{Parts, Placement, Stock, TaskGroup, TaskIdentity};
+use crate::task::{Parts, Placement, Stock, TaskGroup};
 
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
@@ -21,7 +23,8 @@ const MAIN: &str = "scene.xml";
 const TASK: &str = "task.xml";
 const ADDITION: &str = "addition.xml";
 const ARENA: Mjcf<'static> = part!("arena.xml");
-const GRIPPER: Mjcf<'static> = part!("gripper.xml");
+/// File name of what the embodiment brings.
+const CARRIER: &str = "embodiment.xml";
 
 /// A model of one task group with one embodiment, at rest; shared by any number of environments.
 #[derive(Debug)]
@@ -57,6 +60,8 @@ pub struct Scene {
     pub(crate) decoy: Option<usize>,
     /// The state from which every episode starts.
     pub(crate) settled: State,
+    /// What moves the arm there, if no weld does.
+    pub(crate) drive: Option<ServoDrive>,
 }
 
 impl Scene {
@@ -81,13 +86,15 @@ impl Scene {
     ) -> Result<Self, EnvError> {
         camera.check()?;
         group.check_name()?;
+        embodiment.check_name()?;
         let stock = layout.stock(group)?;
         let hand_target_start = stock.map_or(HAND_START, |stock| stock.hand_target);
-        let settling = layout.settling(hand_target_start, embodiment);
+        let settling = layout.settling(hand_target_start, embodiment.carrier())?;
         let parts = group.task().parts();
         check_parts(&parts)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap(name);
+        let (settled, drive) = settle(&model, &settling, embodiment.carrier().drive()?)?;
         Ok(Self {
             layout,
             group,
@@ -107,7 +114,8 @@ impl Scene {
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, parts.start_joints)?,
-            settled: settle(&model, &settling)?,
+            settled,
+            drive,
             model,
         })
     }
@@ -124,7 +132,7 @@ impl Scene {
             layout: self.layout,
             embodiment: self.embodiment,
             group: self.group,
-            task: self.group.identity(),
+            identities: [self.group.identity(), self.embodiment.identity()],
             control,
         }
     }
@@ -144,19 +152,21 @@ pub(crate) struct SceneKey {
     layout: Layout,
     embodiment: Embodiment,
     group: TaskGroup,
-    task: TaskIdentity,
+    /// Of task and embodiment.
+    identities: [Identity; 2],
     control: Control,
 }
 
 impl SceneKey {
-    /// In words, beside those of `other`: where the names are one, it says whether the tasks are.
+    /// In words, beside those of `other`: where the names are one, it says whether the things are.
     pub(crate) fn words(&self, other: &Self) -> String {
-        let namesake = self.group == other.group && self.task != other.task;
-        let remark = if namesake {
-            " (another task of that name)"
-        } else {
-            ""
+        let [task, carrier] = [0, 1].map(|of| self.identities[of] != other.identities[of]);
+        let remark = |differs, what| match differs {
+            true => format!(" (another {what} of that name)"),
+            false => String::new(),
         };
+        let of_task = remark(self.group == other.group && task, "task");
+        let of_carrier = remark(self.embodiment == other.embodiment && carrier, "embodiment");
         let Self {
             layout,
             embodiment,
@@ -164,7 +174,7 @@ impl SceneKey {
             control,
             ..
         } = self;
-        format!("{group}{remark} with {embodiment}, {layout}, {control:?}")
+        format!("{group}{of_task} with {embodiment}{of_carrier}, {layout}, {control:?}")
     }
 }
 
@@ -188,7 +198,9 @@ fn compile(
     camera: &Camera,
 ) -> Result<Model, EnvError> {
     let addition = layout.stock(group)?.and_then(|stock| stock.addition);
-    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, GRIPPER, layout.embodiment(embodiment)];
+    let carrier = embodiment.carrier().parts()?;
+    let stock = layout.stock_carrier(embodiment.carrier());
+    let mut parts: Vec<Mjcf<'_>> = vec![ARENA, (CARRIER, stock.unwrap_or(&carrier.mjcf))];
     parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
     let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
@@ -196,7 +208,12 @@ fn compile(
     let main = format!("<mujoco>{includes}{}</mujoco>", camera.to_mjcf("top"));
     parts.push((MAIN, &main));
     // what the parts above include by name
-    parts.extend(embodiment.included());
+    parts.extend(
+        carrier
+            .included
+            .iter()
+            .map(|(name, text)| (*name, &text[..])),
+    );
     parts.extend(layout.included());
     let files: Vec<(&str, &[u8])> = parts
         .iter()
@@ -219,18 +236,41 @@ fn decoy(model: &Model, stock: &Stock<'_>) -> Option<usize> {
     Some(model.joint_qpos_address(joint))
 }
 
-fn settle(model: &Arc<Model>, settling: &Settling) -> Result<State, EnvError> {
+/// The state from which episodes start, and what moves an arm from there on.
+fn settle(
+    model: &Arc<Model>,
+    settling: &Settling,
+    drive: Drive,
+) -> Result<(State, Option<ServoDrive>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
-    for &(name, position) in &settling.posture {
+    for (name, position) in &settling.posture {
         let address = model.joint_qpos_address(model.joint(name)?);
-        data.qpos_mut()[address] = position;
+        data.qpos_mut()[address] = *position;
     }
     let hand_target = settling.hand_target.to_array();
     data.set_mocap_position(model.mocap("hand_target")?, hand_target)?;
-    data.set_ctrl(&OPEN_FINGERS)?;
-    data.step(settling.steps)?;
-    Ok(data.save())
+    let drive = match drive {
+        Drive::Weld => {
+            data.set_ctrl(&OPEN_FINGERS)?;
+            data.step(settling.steps)?;
+            None
+        }
+        Drive::Servos(mut drive) => {
+            drive.start(model, &settling.posture)?;
+            for _ in 0..SERVOS_SETTLED {
+                drive.advance(&mut data, settling.hand_target, OPENS)?;
+                data.step(PHYSICS_STEPS)?;
+            }
+            Some(*drive)
+        }
+    };
+    Ok((data.save(), drive))
 }
+
+/// Control steps in which servos come to rest, in any layout: a second.
+const SERVOS_SETTLED: usize = 80;
+/// The finger action that opens the gripper.
+const OPENS: f64 = -1.0;
 
 /// Controls of the two finger actuators that hold the gripper open.
 const OPEN_FINGERS: [f64; 2] = [-1.0, 1.0];

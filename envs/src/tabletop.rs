@@ -8,7 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::control::{Control, PHYSICS_STEPS, clip};
+use crate::drive::ServoDrive;
 use crate::error::EnvError;
+use crate::frame::{facing, map};
 use crate::scene::{Scene, SceneKey};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
@@ -56,11 +58,13 @@ struct Episode {
     start: EpisodeStart,
     /// Where the hand's target is (metres, world frame).
     target: DVec3,
+    /// What moves the arm there, if no weld does.
+    drive: Option<ServoDrive>,
     decisions: usize,
 }
 
 /// All that the future of a [`TableTop`] depends on: the simulation, its solver's warm start
-/// included, and the episode.
+/// included, the control of an arm, and the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     key: SceneKey,
@@ -145,6 +149,7 @@ impl TableTop {
             element,
             start,
             target: scene.hand_target_start,
+            drive: scene.drive.clone(),
             decisions: 0,
             touched: false,
         });
@@ -246,10 +251,16 @@ impl TableTop {
     ) -> Result<StepReward, EnvError> {
         let [low, high] = self.scene.layout.target_bounds();
         episode.target = (episode.target + move_by).clamp(low, high);
-        let target = episode.target.to_array();
+        if let Some(drive) = &episode.drive {
+            episode.target = drive.within_lead(episode.target, self.hand());
+        }
+        let target = episode.target;
         self.data
-            .set_mocap_position(self.scene.hand_target, target)?;
-        self.data.set_ctrl(&[finger, -finger])?;
+            .set_mocap_position(self.scene.hand_target, target.to_array())?;
+        match &mut episode.drive {
+            None => self.data.set_ctrl(&[finger, -finger])?,
+            Some(drive) => drive.advance(&mut self.data, target, finger)?,
+        }
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
@@ -370,22 +381,6 @@ impl TableTop {
             aperture: self.aperture(),
             object: object + self.scene.object_offset,
         }
-    }
-}
-
-/// Maps a point between the canonical and the world frame; every element is its own inverse.
-fn map(element: D2, point: DVec3) -> DVec3 {
-    let [x, y] = element.apply_xy([point.x, point.y]);
-    DVec3::new(x, y, point.z)
-}
-
-/// Orientation (w, x, y, z) of an object under `element`: flips along y turn it by half a turn
-/// instead of mirroring it, which is the same for objects that are their own mirror image along x.
-fn facing(element: D2) -> [f64; 4] {
-    if element.flips_y() {
-        [0.0, 0.0, 0.0, 1.0]
-    } else {
-        [1.0, 0.0, 0.0, 0.0]
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a task says about itself, and the handle by which the rest of the crate knows it.
 
-use std::any::{Any, TypeId};
+use std::any::Any;
 use std::cmp::Ordering;
 use std::hash::{Hash, Hasher};
 
@@ -8,6 +8,8 @@ use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 use serde::{Serialize, Serializer};
 use symmetry::D2;
+
+use crate::identity::Identity;
 
 /// A group of tasks that are one another's images under [`D2`]: a handle on the [`Task`] that
 /// defines the identity variant.
@@ -39,14 +41,8 @@ impl TaskGroup {
     }
 
     /// What tells this task from another one of its name.
-    pub(crate) fn identity(self) -> TaskIdentity {
-        let task: &dyn Any = self.0;
-        let address = std::ptr::from_ref(task).addr();
-        TaskIdentity {
-            kind: task.type_id(),
-            // tasks of a type without fields are the same wherever they are
-            address: (size_of_val(task) > 0).then_some(address),
-        }
+    pub(crate) fn identity(self) -> Identity {
+        Identity::of(self.0)
     }
 
     /// The group's variants, one for each element of [`D2::ALL`].
@@ -56,13 +52,6 @@ impl TaskGroup {
             element,
         })
     }
-}
-
-/// The type of a task, and where it lies if it has fields.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct TaskIdentity {
-    kind: TypeId,
-    address: Option<usize>,
 }
 
 impl PartialEq for TaskGroup {
@@ -188,10 +177,10 @@ pub struct Parts<'a> {
     ///
     /// The part may include by name what the stock tasks include: `drawer_stop.xml` and `puck.xml`
     /// of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout. The arena, the
-    /// gripper, the embodiment and the camera are in every scene.
+    /// embodiment and the camera are in every scene.
     ///
     /// Reserved names: a body `goal` is placed by the environment and must be a mocap body. The
-    /// names of the arena, the gripper and the embodiment are taken, for instance the bodies `hand`
+    /// names of the arena and the embodiment are taken, for instance the bodies `hand`
     /// and `hand_target`, the sites `right_tip` and `left_tip` and the camera `top`.
     pub mjcf: Option<&'a str>,
     /// Body whose position the task reads; without one, the placement's object is read.

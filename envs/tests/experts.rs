@@ -21,7 +21,7 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
         horizon: 100,
         ..Control::default()
     };
-    for (scene, element) in variants(Embodiment::Hand) {
+    for (scene, element) in variants(Embodiment::HAND) {
         let row = experts(&scene, element, crawling, 1).unwrap();
         assert_eq!(row.success_rate(), 0.0, "{row:?}");
     }
@@ -31,7 +31,7 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
 /// pictures bit for bit.
 #[test]
 fn the_hand_mirrors_exactly() {
-    for (scene, element) in variants(Embodiment::Hand) {
+    for (scene, element) in variants(Embodiment::HAND) {
         let row = symmetry(&scene, element, 2).unwrap();
         assert!(row.free_deviation <= 1e-12, "{row:?}");
         assert!(row.contact_deviation <= 1e-12, "{row:?}");
@@ -43,7 +43,7 @@ fn the_hand_mirrors_exactly() {
 
 #[test]
 fn no_seeds_are_refused() {
-    let (scene, element) = variants(Embodiment::Hand).remove(0);
+    let (scene, element) = variants(Embodiment::HAND).remove(0);
     let error = experts(&scene, element, Control::default(), 0).unwrap_err();
     assert!(error.to_string().contains("`seeds` is 0"), "{error}");
     assert!(symmetry(&scene, element, 0).is_err());

@@ -15,7 +15,7 @@ use crate::common::spoilt::Spoilt;
 use crate::common::{self, PushBlock};
 
 fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
-    Scene::new(group, Embodiment::Hand, Camera::default())
+    Scene::new(group, Embodiment::HAND, Camera::default())
 }
 
 /// A table on `group` at the start of an episode.
@@ -48,7 +48,7 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
     let settings = VecEnvSettings {
         num_envs: 1,
         threads: 1,
-        embodiment: Embodiment::Hand,
+        embodiment: Embodiment::HAND,
         ..VecEnvSettings::default()
     };
     let plain = Spoilt::default().group();

@@ -53,7 +53,7 @@ impl Studio {
             light,
             ..Camera::default()
         };
-        let scene = Arc::new(Scene::new(group, Embodiment::Sawyer, camera).unwrap());
+        let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera).unwrap());
         Self {
             table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
             raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),

@@ -12,7 +12,7 @@ use symmetry::D2;
 use crate::common::{self, PushBlock};
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
-    let scene = Scene::in_layout(layout, group, Embodiment::Hand, Camera::default());
+    let scene = Scene::in_layout(layout, group, Embodiment::HAND, Camera::default());
     TableTop::new(Arc::new(scene.unwrap()), layout.control()).unwrap()
 }
 
@@ -47,7 +47,7 @@ fn the_stock_layout_has_no_mirrored_variants() {
 #[test]
 fn a_task_without_stock_figures_has_no_stock_scene() {
     let group = TaskGroup::of(Box::leak(Box::new(PushBlock::default())));
-    let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+    let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
     let refused = Scene::in_layout(layout, group, arm, Camera::default());
     let message = refused.unwrap_err().to_string();
     assert!(

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
-    let scene = |group| Scene::new(group, Embodiment::Sawyer, Camera::default()).unwrap();
+    let scene = |group| Scene::new(group, Embodiment::SAWYER, Camera::default()).unwrap();
     TaskGroup::STANDARD
         .map(|group| Arc::new(scene(group)))
         .to_vec()

@@ -32,7 +32,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     if env::var_os("MJCF").is_some() {
         let servo = Some(Servo::default());
-        print!("{}", arm.to_mjcf(&MjcfSettings { servo, class: None })?);
+        print!(
+            "{}",
+            arm.to_mjcf(&MjcfSettings {
+                servo,
+                ..MjcfSettings::default()
+            })?
+        );
         return Ok(());
     }
     let chain = Chain::new(&arm, tip)?;

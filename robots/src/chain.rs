@@ -116,15 +116,7 @@ impl Chain {
 
 /// Indices of the joints from the base to the link `tip`.
 fn way(description: &Description, tip: &str) -> Result<Vec<usize>, DescriptionError> {
-    let links = description.links();
-    let mut link = links
-        .iter()
-        .position(|link| link.name == tip)
-        .ok_or_else(|| DescriptionError::UnknownLink {
-            link: tip.to_owned(),
-            asked: "a chain".to_owned(),
-            known: links.iter().map(|link| link.name.clone()).collect(),
-        })?;
+    let mut link = description.link_index(tip, "a chain")?;
     let mut way = Vec::new();
     while let Some(joint) = link.checked_sub(1) {
         way.push(joint);

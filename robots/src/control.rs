@@ -119,7 +119,7 @@ const POSTURE_SPEED: f64 = 0.1;
 /// commanded twist, within the limits of speed and acceleration. Joint references follow by damped
 /// least squares, within the ranges and speeds of the joints. Where a joint would be too fast, the
 /// whole motion is slowed down. Servos, or a simulation, move the arm to the references.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct CartesianControl {
     chain: Chain,
     settings: ControlSettings,

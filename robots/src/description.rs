@@ -149,6 +149,16 @@ impl Description {
         &self.joints
     }
 
+    /// Index of the link `name`, which `asked` names.
+    pub(crate) fn link_index(&self, name: &str, asked: &str) -> Result<usize, DescriptionError> {
+        let found = self.links.iter().position(|link| link.name == name);
+        found.ok_or_else(|| DescriptionError::UnknownLink {
+            link: name.to_owned(),
+            asked: asked.to_owned(),
+            known: self.links.iter().map(|link| link.name.clone()).collect(),
+        })
+    }
+
     /// Length of a position vector.
     pub fn dofs(&self) -> usize {
         self.dofs

@@ -8,7 +8,7 @@ use crate::spd;
 use crate::twist::Twist;
 
 /// Solves for joint velocities again and again without allocating.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DampedLeastSquares {
     columns: Vec<Twist>,
     /// Joints whose velocity is given by a bound.

@@ -21,8 +21,20 @@ use crate::pose::Pose;
 pub struct MjcfSettings {
     /// How joints are driven; without it, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Default class of everything in the robot (`childclass`), which the scene must declare.
-    pub class: Option<String>,
+    /// Links, and the default class (`childclass`) of each with everything that hangs on it. The
+    /// scene must declare the classes.
+    pub classes: Vec<(String, String)>,
+    /// What links hold beside their own masses and shapes.
+    pub additions: Vec<Addition>,
+}
+
+/// Elements of MJCF inside a link's body, for instance sites and cameras.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Addition {
+    /// Name of the link.
+    pub link: String,
+    /// The elements, which are not checked.
+    pub mjcf: String,
 }
 
 /// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
@@ -63,6 +75,12 @@ impl Servo {
         require(damping_time >= 0.0, place, what, damping_time, expected)
     }
 
+    /// What a joint's control needs on top to spend `force` (newtons, newton metres), for instance
+    /// one of [`Description::holding_forces`].
+    pub fn feed_forward(&self, motion: &Motion, force: f64) -> f64 {
+        force * self.saturation / motion.effort
+    }
+
     /// The control that makes a joint follow a position and its velocity (radians, metres; 1/s).
     pub fn control(&self, position: f64, velocity: f64) -> f64 {
         position + self.damping_time * velocity
@@ -76,7 +94,8 @@ impl Description {
     /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on.
     ///
     /// # Errors
-    /// [`DescriptionError::Number`] for a servo out of range.
+    /// [`DescriptionError::Number`] for a servo out of range, [`DescriptionError::UnknownLink`] for
+    /// an addition to no link.
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
@@ -98,6 +117,7 @@ impl Description {
 
     fn sections(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
+        self.check_links(settings)?;
         let servos = settings
             .servo
             .map_or(String::new(), |servo| self.servos(&servo));
@@ -114,14 +134,18 @@ impl Description {
         Ok(sections.map(section).concat())
     }
 
+    fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {
+        let classes = settings.classes.iter().map(|(link, _)| link);
+        let additions = settings.additions.iter().map(|addition| &addition.link);
+        let mut named = classes.chain(additions);
+        named.try_for_each(|link| self.link_index(link, "a setting of the MJCF").map(|_| ()))
+    }
+
     /// Bodies inside their parents. Links come parents first, each followed by all that hangs on
     /// it, so a link closes those that it does not hang on.
     fn bodies(&self, settings: &MjcfSettings) -> String {
-        let class = settings.class.as_ref();
-        let class = class.map_or(String::new(), |class| {
-            format!(" childclass=\"{}\"", escaped(class))
-        });
-        let mut text = body(&self.links[0], &self.base, &class) + &contents(&self.links[0]);
+        let mut text =
+            body(&self.links[0], &self.base, settings) + &contents(&self.links[0], settings);
         let mut open = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {
             while open.last().is_some_and(|&link| link != joint.parent) {
@@ -130,11 +154,11 @@ impl Description {
             }
             let link = index + 1;
             open.push(link);
-            text += &body(&self.links[link], &joint.origin, "");
+            text += &body(&self.links[link], &joint.origin, settings);
             text += &joint
                 .motion
                 .map_or(String::new(), |motion| moving(&joint.name, &motion));
-            text += &contents(&self.links[link]);
+            text += &contents(&self.links[link], settings);
         }
         text + &"</body>\n".repeat(open.len())
     }
@@ -203,22 +227,32 @@ impl Description {
     }
 }
 
-/// Start of a body. The name `world` is MuJoCo's own; only a root without shapes may have it.
-fn body(link: &Link, pose: &Pose, class: &str) -> String {
+/// Start of a link's body. The name `world` is MuJoCo's own; only a root without shapes may have it.
+fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
         "world" => String::new(),
         name => format!(" name=\"{}\"", escaped(name)),
     };
+    let mut classes = settings.classes.iter();
+    let class = classes.find(|(of, _)| *of == link.name);
+    let class = class.map_or(String::new(), |(_, class)| {
+        format!(" childclass=\"{}\"", escaped(class))
+    });
     format!("<body{name}{class}{}>\n", placed(pose))
 }
 
-/// Mass and shapes of a link.
-fn contents(link: &Link) -> String {
+/// Mass and shapes of a link, and what is added to it.
+fn contents(link: &Link, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
     let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
+    let additions = settings.additions.iter();
+    let additions = additions.filter(|addition| addition.link == link.name);
     link.inertia
         .map_or(String::new(), |inertia| inertial(&inertia))
         + &geoms.collect::<String>()
+        + &additions
+            .map(|addition| &addition.mjcf[..])
+            .collect::<String>()
 }
 
 fn inertial(inertia: &Inertia) -> String {

@@ -103,6 +103,21 @@ impl Default for TwistLimits {
 }
 
 impl TwistLimits {
+    /// The twist that leads the tip over `way`, a displacement and a rotation vector as of
+    /// [`Pose::way_to`](crate::Pose::way_to). It is as fast as the limits let a tip be that is to
+    /// stop at the end, and at most `rate` (1/s) times what is left.
+    pub fn towards(&self, [way, turn]: [DVec3; 2], rate: f64) -> Twist {
+        let speed = |way: DVec3, speed: f64, acceleration: f64| {
+            let left = way.length();
+            let braking = (2.0 * acceleration * left).sqrt();
+            (rate * way).clamp_length_max(speed.min(braking))
+        };
+        Twist {
+            linear: speed(way, self.speed, self.acceleration),
+            angular: speed(turn, self.angular_speed, self.angular_acceleration),
+        }
+    }
+
     /// The twist `seconds` after `present`, on the way to `wanted`. Too fast a `wanted` keeps its
     /// direction.
     pub fn ramp(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {

@@ -211,6 +211,31 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     }
 }
 
+/// The tip stops at its target, without passing it by more than two millimetres.
+#[test]
+fn a_twist_towards_a_target_ends_there() {
+    let mut control = at_work();
+    let limits = ControlSettings::default().limits;
+    let start = control.tip();
+    let turned = DQuat::from_rotation_z(0.3) * start.rotation;
+    let target = Pose {
+        position: start.position + DVec3::new(0.05, 0.1, 0.02),
+        rotation: turned,
+    };
+    let mut fastest = 0.0_f64;
+    for _ in 0..200 {
+        let way = control.tip().way_to(&target);
+        control.command(limits.towards(way, 10.0)).unwrap();
+        control.tick(TICK).unwrap();
+        fastest = fastest.max(control.twist().linear.length());
+        let passed = (control.tip().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
+        assert!(passed < 2e-3 * 0.113, "{passed}");
+    }
+    let [way, turn] = control.tip().way_to(&target);
+    assert!(way.length() < 1e-4 && turn.length() < 1e-3, "{way} {turn}");
+    assert!(fastest > 0.15 && fastest <= limits.speed, "{fastest}");
+}
+
 #[test]
 fn an_arm_at_rest_moves_no_joint() {
     let mut control = at_work();

@@ -71,7 +71,7 @@ proptest! {
             let positions = vec![0.3; arm.dofs()];
             prop_assert!(arm.poses(&positions).iter().all(|pose| pose.position.is_finite()));
             prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
-            let settings = MjcfSettings { servo: Some(Servo::default()), class: None };
+            let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
             let model = Model::from_xml(&arm.to_mjcf(&settings).unwrap());
             prop_assert!(model.is_ok(), "{:?}\n{text}", model.err());
         }

@@ -10,4 +10,4 @@ mod refusals;
 mod watchdog;
 
 /// A small arm of our own.
-const SIX_JOINT: &str = include_str!("six_joint.urdf");
+const SIX_JOINT: &str = include_str!("../assets/urdf/six_joint.urdf");

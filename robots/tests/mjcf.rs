@@ -8,7 +8,8 @@ use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo, Twist, gen3,
+    Addition, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo,
+    Twist, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -91,7 +92,7 @@ fn arms_fall_as_mujoco_has_them_fall() {
 fn limits_names_and_servos_are_in_the_model() {
     let settings = MjcfSettings {
         servo: Some(Servo::default()),
-        class: None,
+        ..MjcfSettings::default()
     };
     for urdf in [gen3::URDF, SIX_JOINT] {
         let arm = Description::from_urdf(urdf).unwrap();
@@ -127,7 +128,10 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
             saturation,
             damping_time,
         });
-        let settings = MjcfSettings { servo, class: None };
+        let settings = MjcfSettings {
+            servo,
+            ..MjcfSettings::default()
+        };
         for refused in [arm.to_mjcf(&settings), arm.to_mjcf_part(&settings)] {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
@@ -153,7 +157,11 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
 fn a_scene_includes_the_part() {
     let settings = MjcfSettings {
         servo: None,
-        class: Some("arm".to_owned()),
+        classes: vec![("base_link".to_owned(), "arm".to_owned())],
+        additions: vec![Addition {
+            link: "tool_link".to_owned(),
+            mjcf: "<site name=\"tool\" pos=\"0 0 0.01\"/>".to_owned(),
+        }],
     };
     let part = gen3::description()
         .unwrap()
@@ -175,6 +183,15 @@ fn a_scene_includes_the_part() {
         ),
         (3, (0, 0))
     );
+    // inside its link's body, which has no shape of its own
+    let tool = model.site("tool").unwrap();
+    let mut data = Data::new(Arc::new(model));
+    data.forward_kinematics().unwrap();
+    let arm = gen3::description().unwrap();
+    let link = arm.links().iter().position(|link| link.name == "tool_link");
+    let pose = arm.poses(&[0.0; 8])[link.unwrap()];
+    let site = DVec3::from_array(data.site_position(tool));
+    assert!(site.distance(pose.point(0.01 * DVec3::Z)) < 1e-9, "{site}");
 }
 
 #[test]
@@ -194,6 +211,77 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
     assert!(contacts(&[0.0, 1.5, 0.0, 2.57, 0.0, 2.0, 0.0]) > 0);
 }
 
+#[test]
+fn additions_to_no_link_are_refused() {
+    let settings = MjcfSettings {
+        additions: vec![Addition {
+            link: "elbow".to_owned(),
+            mjcf: String::new(),
+        }],
+        ..MjcfSettings::default()
+    };
+    let refused = gen3::description().unwrap().to_mjcf(&settings);
+    let message = refused.unwrap_err().to_string();
+    assert!(message.contains("`elbow`, which a setting"), "{message}");
+}
+
+/// Servos that spend the holding forces keep an arm where it is: what is left of its acceleration
+/// is a rounding.
+#[test]
+fn holding_forces_hold() {
+    let servo = Servo::default();
+    let settings = MjcfSettings {
+        servo: Some(servo),
+        ..MjcfSettings::default()
+    };
+    for urdf in [gen3::URDF, SIX_JOINT] {
+        // an equality is soft
+        let urdf = without(urdf, "<mimic", "/>");
+        let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"9\" velocity=\"1\"");
+        let arm = Description::from_urdf(&urdf).unwrap();
+        let arm = arm
+            .placed(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5]))
+            .unwrap();
+        let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
+        let mut generator = ChaCha8Rng::seed_from_u64(1005);
+        for _ in 0..20 {
+            let positions: Vec<f64> = arm
+                .free_joints()
+                .map(|(_, motion)| {
+                    let [low, high] = motion.range.unwrap_or([-3.0, 3.0]);
+                    // clear of the ends, which push, too
+                    generator.random_range(0.8 * low + 0.2 * high..0.2 * low + 0.8 * high)
+                })
+                .collect();
+            let forces = arm.holding_forces(&positions);
+            let joints = arm.free_joints().zip(positions.iter().zip(&forces));
+            let controls: Vec<f64> = joints
+                .map(|((_, motion), (&position, &force))| {
+                    assert!(force.abs() < motion.effort, "{force}");
+                    servo.control(position, 0.0) + servo.feed_forward(motion, force)
+                })
+                .collect();
+            let mut data = Data::new(Arc::clone(&model));
+            for ((joint, _), &position) in arm.free_joints().zip(&positions) {
+                data.qpos_mut()[model.joint_qpos_address(model.joint(&joint.name).unwrap())] =
+                    position;
+            }
+            data.forward().unwrap();
+            if data.contact_count() > 0 {
+                continue;
+            }
+            data.set_ctrl(&controls).unwrap();
+            data.step(1).unwrap();
+            let fastest = data
+                .qvel()
+                .iter()
+                .fold(0.0_f64, |most, v| most.max(v.abs()));
+            assert!(fastest < 1e-9, "{fastest}");
+            assert!(forces.iter().any(|force| force.abs() > 1.0), "{forces:?}");
+        }
+    }
+}
+
 /// The simulated arm draws a square with its servos, under gravity.
 #[test]
 fn the_simulated_arm_follows_its_control() {
@@ -201,7 +289,7 @@ fn the_simulated_arm_follows_its_control() {
     let servo = Servo::default();
     let settings = MjcfSettings {
         servo: Some(servo),
-        class: None,
+        ..MjcfSettings::default()
     };
     let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
@@ -239,7 +327,12 @@ fn the_simulated_arm_follows_its_control() {
 fn followers_follow_and_efforts_hold_in_motion() {
     let arm = Description::from_urdf(SIX_JOINT).unwrap();
     let servo = Some(Servo::default());
-    let mjcf = arm.to_mjcf(&MjcfSettings { servo, class: None }).unwrap();
+    let mjcf = arm
+        .to_mjcf(&MjcfSettings {
+            servo,
+            ..MjcfSettings::default()
+        })
+        .unwrap();
     let model = model(&mjcf, "arm.xml");
     let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
     let (swing, balance) = (address("swing"), address("balance"));

@@ -347,7 +347,7 @@ fn files_that_cannot_be_read_are_named() {
         matches!(endless, DescriptionError::TooLong { .. }),
         "{endless}"
     );
-    let arm = Description::read(Path::new("tests/six_joint.urdf")).unwrap();
+    let arm = Description::read(Path::new("assets/urdf/six_joint.urdf")).unwrap();
     assert_eq!(
         (arm.name(), arm.dofs(), arm.links().len()),
         ("six_joint", 6, 9)

@@ -145,7 +145,7 @@ struct Replica {
 
 impl Replica {
     fn new(group: TaskGroup) -> Result<Self, EnvError> {
-        let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Arc::new(Scene::in_layout(layout, group, arm, Camera::default())?);
         let mut table = TableTop::new(Arc::clone(&scene), layout.control())?;
         let placement = scene.place(&mut ChaCha8Rng::seed_from_u64(0));

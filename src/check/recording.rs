@@ -182,7 +182,7 @@ mod tests {
     /// What Meta-World's step was, with `change` made to it.
     fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
         let group = TaskGroup::PLATE_SLIDE;
-        let (layout, arm) = (Layout::MetaWorld, Embodiment::Sawyer);
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Scene::in_layout(layout, group, arm, Camera::default()).unwrap();
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
         let path = folder.join("mj222_plate-slide_expert.npz");

@@ -87,13 +87,20 @@ fn unseeded(run: &RunData) -> Experiment {
     run.experiment.clone().with_seed(0).with_threads(1)
 }
 
-/// What all methods share: the stream and the evaluation. A method has its own picture's size, and a
-/// learner of its own.
+/// What all methods share: the stream and the evaluation. A method has its own picture's size, its
+/// own number of environments, and a learner of its own: what evaluations have in common are
+/// episodes of a variant, and decisions from one to the next.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
+    let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
+    let plan = &mut world.evaluation;
+    plan.rounds = plan.rounds.saturating_mul(envs);
+    plan.visit_rounds = plan.visit_rounds.saturating_mul(envs);
+    plan.every = plan.every.map(|every| every.saturating_mul(rollout));
+    let any = VecEnvSettings::default();
+    (world.envs.num_envs, world.envs.camera.size) = (any.num_envs, any.camera.size);
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
-    world.envs.camera.size = VecEnvSettings::default().camera.size;
     world
 }
 
@@ -106,4 +113,27 @@ fn refuse(run: &RunData, differences: String) -> Result<(), CoversError> {
         run: run.name.clone(),
         differences,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+
+    #[test]
+    fn evaluations_are_compared_by_their_episodes_and_the_decisions_between_them() {
+        let mut few = Budget::Full.experiment(Method::Covers);
+        few.evaluation.every = Some(8);
+        let mut many = few.clone();
+        many.envs.num_envs *= 2;
+        if let LearnerSettings::Covers(settings) = &mut many.learner {
+            settings.rollout_steps *= 2;
+        }
+        assert_ne!(world(&few), world(&many));
+        many.evaluation.rounds /= 2;
+        many.evaluation.visit_rounds /= 2;
+        assert_ne!(world(&few), world(&many));
+        many.evaluation.every = Some(4);
+        assert_eq!(world(&few), world(&many));
+    }
 }

@@ -24,6 +24,7 @@ pub(crate) use heirs::acting;
 pub use ledger::Ledger;
 pub use progress::{Evaluation, Event, Progress};
 pub use provenance::Provenance;
+pub(crate) use provenance::{instructions, processor};
 pub use run::Run;
 pub use stop::Stop;
 pub use summary::Summary;

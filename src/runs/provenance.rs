@@ -80,14 +80,16 @@ fn seconds_since_1970(time: SystemTime) -> i64 {
     }
 }
 
-fn processor() -> Option<String> {
+/// The processor's name, where the system tells it.
+pub(crate) fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
+/// Sets of vector instructions that the processor has, of those that change speed.
 #[cfg(target_arch = "x86_64")]
-fn instructions() -> Vec<String> {
+pub(crate) fn instructions() -> Vec<String> {
     let sets = [
         ("avx512f", is_x86_feature_detected!("avx512f")),
         ("avx2", is_x86_feature_detected!("avx2")),
@@ -98,7 +100,7 @@ fn instructions() -> Vec<String> {
 }
 
 #[cfg(not(target_arch = "x86_64"))]
-fn instructions() -> Vec<String> {
+pub(crate) fn instructions() -> Vec<String> {
     Vec::new()
 }
 

@@ -35,7 +35,7 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
     // without an arm: quicker
-    experiment.envs.embodiment = Embodiment::Hand;
+    experiment.envs.embodiment = Embodiment::HAND;
     if method == Method::Paper
         && let LearnerSettings::Covers(settings) = &mut experiment.learner
     {

@@ -44,7 +44,7 @@ fn episode() -> Result<Rows, Box<dyn Error>> {
     };
     let scene = Arc::new(Scene::new(
         TaskGroup::DRAWER_CLOSE,
-        Embodiment::Sawyer,
+        Embodiment::SAWYER,
         camera,
     )?);
     let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;

@@ -41,7 +41,7 @@ impl fmt::Display for VariantName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{:<7} {:<13} {:<10}",
+            "{:<11} {:<13} {:<10}",
             self.embodiment, self.task, self.element
         )
     }

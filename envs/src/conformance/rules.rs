@@ -89,7 +89,7 @@ pub fn check(group: TaskGroup) -> Result<(), Flaw> {
         if layout == Layout::MetaWorld && group.task().stock().is_none() {
             continue;
         }
-        for embodiment in Embodiment::ALL {
+        for embodiment in Embodiment::STANDARD {
             let scene = Scene::in_layout(layout, group, embodiment, Camera::default());
             let scene = scene.map_err(|source| Flaw::Failed {
                 case: format!("{group}, {embodiment}, {layout}"),

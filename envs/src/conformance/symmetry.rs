@@ -235,7 +235,7 @@ mod tests {
 
     #[test]
     fn a_wrong_mirror_is_noticed() {
-        let row = row(Embodiment::Hand, D2::FlipX, D2::FlipY);
+        let row = row(Embodiment::HAND, D2::FlipX, D2::FlipY);
         assert!(row.free_deviation > 1e-2, "{row:?}");
         assert!(row.reward_deviation > 1e-2, "{row:?}");
         assert!(row.frames_differing * 2 > row.frames, "{row:?}");
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn the_arm_is_not_symmetric_open_loop() {
-        let row = row(Embodiment::Sawyer, D2::FlipY, D2::FlipY);
+        let row = row(Embodiment::SAWYER, D2::FlipY, D2::FlipY);
         assert!(row.free_deviation > 1e-3, "{row:?}");
         assert!(
             row.passes(),

@@ -190,7 +190,7 @@ fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
         // it refuses every simulation of this scene, as a lost context would
         hurt.inject(|table, renderer| {
             let camera = table.scene().camera;
-            let other = Scene::new(table.scene().group, Embodiment::Hand, camera).unwrap();
+            let other = Scene::new(table.scene().group, Embodiment::HAND, camera).unwrap();
             *renderer = SceneRenderer::new(Arc::new(other)).unwrap();
         });
         let lost = hurt.try_step().unwrap_err().to_string();

@@ -54,7 +54,7 @@ impl Default for CoversSettings {
             ppo: PpoSettings::default(),
             grouping: GroupingSettings::default(),
             first_frames: 1,
-            rollout_steps: 1000,
+            rollout_steps: 500,
             buffer_episodes: Some(100),
             handover: Handover::default(),
             embedding: Embedding::default(),

@@ -76,7 +76,7 @@ impl OffPolicySettings {
             newest_steps: 10_000,
             grouping: GroupingSettings::Single,
             first_frames: 1,
-            rollout_steps: 1000,
+            rollout_steps: 500,
             buffer_episodes: Some(100),
             new_policy: NewPolicy::default(),
             seed: 0,

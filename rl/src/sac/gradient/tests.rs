@@ -13,11 +13,11 @@ use crate::replay::ring::Replay;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
-/// A window of three steps, the last of which comes after the episode's end, and two other steps.
-const STEPS: [(usize, usize); 5] = [(4, 0), (4, 1), (4, 2), (7, 0), (11, 0)];
 const ALPHA: f64 = 0.2;
 const CLONING: f64 = 0.3;
 const A: usize = 3;
+/// A window of three steps, the last of which comes after the episode's end, and two other steps.
+const STEPS: [(usize, usize); 5] = [(4, 0), (4, 1), (4, 2), (7, 0), (11, 0)];
 
 /// A network with parameters, target critics, and what is drawn for a minibatch.
 struct Case {

@@ -1,0 +1,279 @@
+//! Arms that servos move: the Kinova Gen3, and one of somebody else's URDF.
+
+use std::sync::Arc;
+
+use envs::carriers::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
+use envs::conformance::experts;
+use envs::{
+    ACTION_DIM, Batch, Camera, Carrier, Control, Embodiment, EnvError, HAND_START, Scene, TableTop,
+    TaskGroup, VecEnv, VecEnvSettings,
+};
+use glam::DVec3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
+
+fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
+    Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap())
+}
+
+/// A table at the start of an episode.
+fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
+    let mut table = TableTop::new(scene(group, embodiment), Control::default()).unwrap();
+    table
+        .reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000))
+        .unwrap();
+    table
+}
+
+#[test]
+fn experts_solve_every_variant_with_the_gen3() {
+    for group in TaskGroup::STANDARD {
+        let scene = scene(group, Embodiment::KINOVA_GEN3);
+        for element in D2::ALL {
+            let row = experts(&scene, element, Control::default(), 2).unwrap();
+            assert_eq!(row.success_rate(), 1.0, "{row:?}");
+        }
+    }
+}
+
+/// Without a load its servos hold it where it should be, and it is open.
+#[test]
+fn the_gen3_rests_at_the_start() {
+    let table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
+    let off = table.hand().distance(HAND_START);
+    assert!(off < 1e-4, "{off}");
+    let [.., aperture, _, _, _] = table.observe().unwrap();
+    assert!((aperture - 1.0).abs() < 1e-3, "{aperture}");
+    let now = table.measurement().unwrap();
+    let fingers = now.hand - now.tcp;
+    assert!(fingers.distance(0.045 * DVec3::Z) < 3e-3, "{fingers}");
+    let fastest = table
+        .simulation()
+        .qvel()
+        .iter()
+        .fold(0.0_f64, |most, v| most.max(v.abs()));
+    assert!(fastest < 1e-3, "{fastest}");
+}
+
+/// Nothing that it is told takes it beyond the limits of its joints and of its hand.
+#[test]
+fn the_gen3_keeps_to_its_limits() {
+    let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
+    let arm = KinovaGen3.arm().unwrap();
+    let step = table.control();
+    let mut random = ChaCha8Rng::seed_from_u64(1001);
+    let mut spent = 0.0_f64;
+    let mut fastest = 0.0_f64;
+    for _ in 0..step.decisions() {
+        let before = table.hand();
+        let action = std::array::from_fn(|_| random.random_range(-2.0_f32..2.0));
+        table.step(&action).unwrap();
+        fastest = fastest.max(table.hand().distance(before) / 0.125);
+        let data = table.simulation();
+        for ((joint, motion), force) in arm.robot().free_joints().zip(data.actuator_force()) {
+            assert!(force.abs() <= motion.effort, "{}: {force}", joint.name);
+            spent = spent.max(force.abs() / motion.effort);
+            let model = data.model();
+            let address = model.joint_dof_address(model.joint(&joint.name).unwrap());
+            let speed = data.qvel()[address].abs();
+            assert!(speed < 1.2 * motion.speed, "{}: {speed}", joint.name);
+        }
+    }
+    assert!(
+        spent > 0.1 && (0.15..0.5).contains(&fastest),
+        "{spent} {fastest}"
+    );
+}
+
+/// The target does not run away from a hand that cannot follow it, so the way back is short.
+#[test]
+fn an_arm_stands_where_its_reach_ends_and_comes_back() {
+    let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
+    // the corner farthest from its base is out of its reach
+    for _ in 0..25 {
+        table.step(&[1.0, 1.0, 1.0, 0.0]).unwrap();
+    }
+    let furthest = table.hand();
+    assert!(furthest.x < 0.295 || furthest.y < 0.295, "{furthest}");
+    assert!(furthest.distance(HAND_START) > 0.3, "{furthest}");
+    for _ in 0..6 {
+        table.step(&[-1.0, -1.0, -1.0, 0.0]).unwrap();
+    }
+    let back = furthest - table.hand();
+    assert!(back.min_element() > 0.05, "{back}");
+}
+
+/// The control of the arm is part of a snapshot.
+#[test]
+fn a_saved_episode_of_an_arm_continues_to_the_same_bits() {
+    let mut table = started(TaskGroup::PLATE_SLIDE, Embodiment::KINOVA_GEN3);
+    let decide = |table: &mut TableTop, decisions| {
+        for _ in 0..decisions {
+            let action = table.expert_action().unwrap();
+            table.step(&action).unwrap();
+        }
+        table.save().unwrap()
+    };
+    // under way, and with the puck under a finger
+    for decisions in [3, 12] {
+        let saved = decide(&mut table, decisions);
+        let expected = decide(&mut table, 10);
+        let mut other = started(TaskGroup::PLATE_SLIDE, Embodiment::KINOVA_GEN3);
+        decide(&mut other, 5);
+        other.restore(&saved).unwrap();
+        assert!(decide(&mut other, 10) == expected);
+        table.restore(&saved).unwrap();
+        assert!(decide(&mut table, 10) == expected);
+    }
+}
+
+const SIX_JOINT: &str = include_str!("../assets/urdf/six_joint.urdf");
+
+/// Where its root stands, under the table (metres), and a posture with its tip over the centre.
+const BASE: DVec3 = DVec3::new(-0.36, -0.53, -0.665);
+const READY: [f64; 6] = [0.2, 0.1, 0.7, -0.3, -0.6, -1.1];
+
+/// An arm of a URDF that knows nothing of this crate, with a peg for a gripper.
+fn six_joint(name: &str) -> ArmSettings {
+    let robot = envs::robots::Description::from_urdf(SIX_JOINT).unwrap();
+    let peg = Finger {
+        link: "tip".to_owned(),
+        claw: DVec3::ZERO,
+        tip: DVec3::ZERO,
+    };
+    ArmSettings {
+        name: name.to_owned(),
+        robot: robot.placed(envs::robots::Pose::at(BASE)).unwrap(),
+        hand: "tip".to_owned(),
+        ready: READY.to_vec(),
+        gripper: Gripper {
+            link: "hand & tool".to_owned(),
+            fingers: [peg.clone(), peg],
+            joint: None,
+        },
+        // with six joints it is not everywhere turned as it should be
+        control: envs::robots::ControlSettings {
+            tolerance: 0.02,
+            angular_tolerance: 0.5,
+            ..envs::robots::ControlSettings::default()
+        },
+        servo: envs::robots::Servo::default(),
+        lead: 0.03,
+    }
+}
+
+fn made(settings: ArmSettings) -> Embodiment {
+    Embodiment::of(Box::leak(Box::new(Arm::new(settings).unwrap())))
+}
+
+/// Scenes, settings and experts take an arm of somebody else's as they take their own.
+#[test]
+fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
+    let arm = made(six_joint("six-joint"));
+    let text = serde_json::to_string(&VecEnvSettings {
+        embodiment: arm,
+        ..VecEnvSettings::default()
+    });
+    let text = text.unwrap();
+    let read = || serde_json::from_str::<VecEnvSettings>(&text);
+    let message = read().unwrap_err().to_string();
+    let known = "unknown embodiment `six-joint`: expected one of sawyer, hand, kinova_gen3";
+    assert!(message.contains(known), "{message}");
+    arm.register().unwrap();
+    let settings = read().unwrap();
+    assert_eq!(settings.embodiment, arm);
+    let scene = scene(TaskGroup::GOAL_REACH, settings.embodiment);
+    let of = |element| experts(&scene, element, settings.control, 5).unwrap();
+    let rows = D2::ALL.map(of);
+    assert!(
+        rows.iter().all(|row| row.success_rate() == 1.0),
+        "{rows:#?}"
+    );
+}
+
+#[test]
+fn a_snapshot_with_a_namesake_is_refused() {
+    let [one, other] = [0.03, 0.02].map(|lead| {
+        made(ArmSettings {
+            lead,
+            ..six_joint("twin")
+        })
+    });
+    one.register().unwrap();
+    assert!(matches!(
+        other.register(),
+        Err(EnvError::DuplicateEmbodiment { .. })
+    ));
+    let mut table = started(TaskGroup::GOAL_REACH, one);
+    let saved = started(TaskGroup::GOAL_REACH, other).save().unwrap();
+    let message = table.restore(&saved).unwrap_err().to_string();
+    assert!(
+        message.contains("another embodiment of that name"),
+        "{message}"
+    );
+}
+
+#[test]
+fn arms_that_cannot_be_driven_are_refused() {
+    type Change = fn(&mut ArmSettings);
+    let cases: [(Change, &str); 7] = [
+        (
+            |arm| arm.hand = "claw".to_owned(),
+            "`claw`, which a chain names",
+        ),
+        (|arm| arm.ready = vec![0.0; 7], "`ready` is [0.0"),
+        (|arm| arm.ready[1] = 0.5, "the joint `lift` is at 0.5"),
+        (|arm| arm.gripper.link = "palm".to_owned(), "`palm`"),
+        (
+            |arm| arm.gripper.fingers[1].link = "thumb".to_owned(),
+            "`thumb`",
+        ),
+        (
+            |arm| arm.gripper.joint = Some("balance".to_owned()),
+            "`gripper.joint` is balance",
+        ),
+        (|arm| arm.lead = f64::NAN, "`lead` is NaN"),
+    ];
+    for (change, says) in cases {
+        let mut settings = six_joint("refused");
+        change(&mut settings);
+        let message = Arm::new(settings).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+    let arm = Arm::new(six_joint("far")).unwrap();
+    let message = arm.posture(3.0 * DVec3::X).unwrap_err().to_string();
+    assert!(message.contains("cannot reach"), "{message}");
+    let name = made(six_joint("Six Joint"));
+    let scene = Scene::new(TaskGroup::GOAL_REACH, name, Camera::default());
+    assert!(matches!(scene, Err(EnvError::EmbodimentName { .. })));
+}
+
+/// Worker threads change nothing in what a learner is told.
+#[test]
+fn arms_move_alike_on_any_number_of_threads() {
+    let told = |threads| {
+        let settings = VecEnvSettings {
+            num_envs: 4,
+            threads,
+            embodiment: Embodiment::KINOVA_GEN3,
+            ..VecEnvSettings::default()
+        };
+        let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+        let mut batch = Batch::new(&settings);
+        env.reset(batch.observations()).unwrap();
+        let mut random = ChaCha8Rng::seed_from_u64(1003);
+        for _ in 0..10 {
+            let actions: Vec<f32> = (0..4 * ACTION_DIM)
+                .map(|_| random.random_range(-1.0..1.0))
+                .collect();
+            env.step(&actions, batch.step()).unwrap();
+        }
+        (
+            batch.images.clone(),
+            batch.vectors.clone(),
+            batch.rewards.clone(),
+        )
+    };
+    assert!(told(1) == told(3));
+}

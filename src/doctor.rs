@@ -1,0 +1,288 @@
+//! `covers doctor`: what this machine has, how fast it is, and how to cure what is missing.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use envs::{Camera, Embodiment, EnvError, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use symmetry::D2;
+
+use crate::cli::Work;
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::presets::{Budget, Method};
+use crate::runs::{Run, RunFolder, instructions, processor};
+
+/// The version that the environments were measured with.
+const MUJOCO: &str = "2.2.2";
+/// Pictures that one measurement draws.
+const PICTURES: u32 = 100;
+/// Memory that a run of COVERS takes (bytes), with room to spare.
+const MEMORY: u64 = 1 << 30;
+/// Memory that a full replay of 200,000 transitions takes beside it (bytes).
+const REPLAY: u64 = 3 << 30;
+
+/// How a machine is examined.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct DoctorOptions {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub work: Work,
+}
+
+/// Whether a part is as it should be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Health {
+    /// It is.
+    Good,
+    /// It works, and could be better.
+    Fair,
+    /// It does not work.
+    Bad,
+}
+
+/// What was found of one part.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// The part.
+    pub part: &'static str,
+    /// Whether it is as it should be.
+    pub health: Health,
+    /// What there is.
+    pub found: String,
+    /// What to do, where something is to be done.
+    pub cure: Option<String>,
+}
+
+impl Finding {
+    fn good(part: &'static str, found: impl Into<String>) -> Self {
+        let (found, cure) = (found.into(), None);
+        Self {
+            part,
+            health: Health::Good,
+            found,
+            cure,
+        }
+    }
+
+    /// This finding, unless all is `well`: then one that asks for `cure`.
+    fn unless(self, well: bool, health: Health, cure: impl Into<String>) -> Self {
+        match well {
+            true => self,
+            false => Self {
+                health,
+                cure: Some(cure.into()),
+                ..self
+            },
+        }
+    }
+
+    fn line(&self) -> String {
+        let Self {
+            part, found, cure, ..
+        } = self;
+        let mark = match self.health {
+            Health::Good => "ok",
+            Health::Fair => "fair",
+            Health::Bad => "BAD",
+        };
+        let cure = cure.iter().map(|cure| format!("\n{:17}{cure}", ""));
+        format!("{mark:<4}  {part:<9}  {found}{}", cure.collect::<String>())
+    }
+}
+
+impl DoctorOptions {
+    /// Examines this machine, prints what was found, and says whether everything works.
+    ///
+    /// # Errors
+    /// An `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
+        let findings = examine(self.work.threads.count());
+        let text = match self.work.json {
+            true => serde_json::json!(findings).to_string(),
+            false => {
+                let lines: Vec<String> = findings.iter().map(Finding::line).collect();
+                lines.join("\n")
+            }
+        };
+        let written = writeln!(out, "{text}");
+        written.map_err(|error| CoversError::write(Path::new("standard output"), error))?;
+        Ok(findings.iter().all(|found| found.health != Health::Bad))
+    }
+}
+
+/// What there is, part by part; learning is tried on so many threads.
+pub fn examine(threads: usize) -> Vec<Finding> {
+    vec![
+        the_processor(),
+        the_memory(),
+        the_simulator(),
+        the_pictures(),
+        the_learning(threads),
+    ]
+}
+
+fn the_processor() -> Finding {
+    let name = processor().unwrap_or_else(|| "unknown".to_owned());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let sets = instructions().join(", ");
+    let found = format!("{name}, {cores} threads, instructions: {sets}");
+    let cure = "networks run on portable code, several times slower: use a processor with AVX2";
+    let fast = sets.contains("avx2") && sets.contains("fma");
+    Finding::good("processor", found).unless(fast, Health::Fair, cure)
+}
+
+fn the_memory() -> Finding {
+    let Some(free) = available_memory() else {
+        return Finding::good("memory", "unknown");
+    };
+    let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
+    let found = Finding::good("memory", found);
+    let cure = "a run of COVERS takes up to 1 GiB: close other programs";
+    let replays = "enough for COVERS; a full replay (clear, 3rl, equi-sac) takes 3 GiB more";
+    found
+        .unless(free >= MEMORY + REPLAY, Health::Fair, replays)
+        .unless(free >= MEMORY, Health::Bad, cure)
+}
+
+/// Bytes that programs may still take, where the system says so.
+fn available_memory() -> Option<u64> {
+    let text = fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("MemAvailable"))?;
+    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kibibytes << 10)
+}
+
+fn the_simulator() -> Finding {
+    let version = envs::mujoco::version();
+    let cure = format!(
+        "figures are of MuJoCo {MUJOCO}: `make deps` installs it, where the system has that version"
+    );
+    let known = version == MUJOCO;
+    Finding::good("simulator", format!("MuJoCo {version}")).unless(known, Health::Fair, cure)
+}
+
+fn the_pictures() -> Finding {
+    match time_pictures() {
+        Ok(time) => {
+            let renderer = envs::mujoco::opengl().unwrap_or("unknown");
+            let milliseconds = time.as_secs_f64() * 1e3;
+            let found = format!("{milliseconds:.2} ms for one of 48 x 48 by {renderer}");
+            Finding::good("pictures", found)
+        }
+        Err(error) => Finding::good("pictures", error.to_string()).unless(
+            false,
+            Health::Bad,
+            "install EGL or OSMesa (`make deps` does), or start inside a session with a display",
+        ),
+    }
+}
+
+/// The time that a picture of Drawer Close takes with its arm, the median of some.
+fn time_pictures() -> Result<Duration, EnvError> {
+    let camera = Camera::default();
+    let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
+    let scene = Arc::new(scene);
+    let mut renderer = SceneRenderer::new(Arc::clone(&scene))?;
+    let mut table = TableTop::new(scene, envs::Control::default())?;
+    table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
+    let mut picture = vec![0; camera.size * camera.size * RGB];
+    let mut times = Vec::new();
+    for _ in 0..PICTURES {
+        let clock = Instant::now();
+        renderer.render(&mut table, &mut picture)?;
+        times.push(clock.elapsed());
+    }
+    times.sort_unstable();
+    Ok(times[times.len() / 2])
+}
+
+fn the_learning(threads: usize) -> Finding {
+    let experiment = Budget::Full.experiment(Method::Covers);
+    match time_learning(experiment.with_threads(threads)) {
+        Ok(rate) => {
+            let found = format!("{rate:.0} decisions of COVERS a second on {threads} threads");
+            Finding::good("learning", found)
+        }
+        Err(error) => Finding::good("learning", error.to_string()).unless(
+            false,
+            Health::Bad,
+            "cure what is bad above; a run also needs a folder for temporary files to write to",
+        ),
+    }
+}
+
+/// Decisions a second in Goal Reach, those of the second rollout, collected and learnt.
+fn time_learning(mut experiment: Experiment) -> Result<f64, CoversError> {
+    let name = TaskGroup::GOAL_REACH.name();
+    experiment.schedule.groups.retain(|plan| plan.group == name);
+    experiment.schedule.cycles = 1;
+    experiment.evaluation.visit_rounds = 0;
+    let decisions = experiment.learner.rollout_steps();
+    let scratch = Scratch::new()?;
+    let mut run = Run::start(experiment, RunFolder::open(&scratch.0))?;
+    run.advance()?;
+    let clock = Instant::now();
+    run.advance()?;
+    Ok(decisions as f64 / clock.elapsed().as_secs_f64())
+}
+
+/// A folder of this process's own, gone with the value.
+struct Scratch(PathBuf);
+
+impl Scratch {
+    fn new() -> Result<Self, CoversError> {
+        let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
+        fs::create_dir_all(&path).map_err(|error| CoversError::write(&path, error))?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_is_told_with_its_cure() {
+        let found = Finding::good("memory", "0.5 GiB free");
+        assert_eq!(found.line(), "ok    memory     0.5 GiB free");
+        let fair = found.unless(false, Health::Fair, "close others");
+        let bad = fair.clone().unless(false, Health::Bad, "buy some");
+        assert_eq!(fair.clone().unless(true, Health::Bad, "buy some"), fair);
+        let (said, under) = bad.line().split_once('\n').map_or_else(
+            || panic!("{}", bad.line()),
+            |(said, under)| (said.to_owned(), under.trim().to_owned()),
+        );
+        assert_eq!(said, "BAD   memory     0.5 GiB free");
+        assert_eq!(under, "buy some");
+    }
+
+    #[test]
+    fn this_machine_simulates_draws_and_learns() {
+        for part in [the_simulator(), the_pictures()] {
+            assert_eq!(part.health, Health::Good, "{part:?}");
+        }
+        let mut experiment = Budget::Smoke.experiment(Method::Covers);
+        assert!(time_learning(experiment.clone()).unwrap() > 0.0);
+        experiment.envs.num_envs = 0;
+        assert!(time_learning(experiment).is_err());
+    }
+
+    #[test]
+    fn the_memory_that_is_free_is_some() {
+        assert!(available_memory().is_none_or(|bytes| bytes > 1 << 20));
+    }
+}

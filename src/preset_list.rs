@@ -1,0 +1,83 @@
+//! `covers presets`: what there is to train, and all that a preset sets.
+
+use std::io::Write;
+use std::path::Path;
+
+use clap::{Args, ValueEnum};
+
+use crate::error::CoversError;
+use crate::presets::{Budget, Method};
+
+/// What to list.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct PresetsOptions {
+    /// Print the settings of this preset as JSON instead: a file to change and to train with
+    /// `--config`.
+    #[arg(value_enum)]
+    pub preset: Option<Method>,
+    /// How long that run may take.
+    #[arg(long, value_enum, default_value = "full")]
+    pub budget: Budget,
+}
+
+impl PresetsOptions {
+    /// Prints the list, or the settings.
+    ///
+    /// # Errors
+    /// An `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+        let text = match self.preset {
+            Some(preset) => format!("{:#}", serde_json::json!(self.budget.experiment(preset))),
+            None => format!(
+                "presets:\n{}\n\nbudgets:\n{}",
+                lines::<Method>(),
+                lines::<Budget>()
+            ),
+        };
+        let written = writeln!(out, "{text}");
+        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+    }
+}
+
+/// A line for each value: its name, and what it is.
+fn lines<V: ValueEnum>() -> String {
+    let values = V::value_variants().iter();
+    let line = |value: &V| {
+        let value = value.to_possible_value()?;
+        let help = value.get_help().map(ToString::to_string);
+        Some(format!("  {:<16} {}", value.get_name(), help?))
+    };
+    values.filter_map(line).collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::Experiment;
+
+    fn printed(preset: Option<Method>, budget: Budget) -> String {
+        let mut out = Vec::new();
+        PresetsOptions { preset, budget }.run(&mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn every_preset_and_budget_is_told_in_a_line() {
+        let list = printed(None, Budget::Full);
+        for name in Method::ALL.map(Method::name) {
+            assert!(list.contains(&format!("\n  {name} ")), "{name}: {list}");
+        }
+        assert!(list.contains("\n  zero-shot "), "{list}");
+        let lines = Method::ALL.len() + Budget::value_variants().len() + 3;
+        assert_eq!(list.lines().count(), lines);
+    }
+
+    #[test]
+    fn what_is_printed_of_a_preset_is_its_settings() {
+        for method in Method::ALL {
+            let settings: Experiment =
+                serde_json::from_str(&printed(Some(method), Budget::Smoke)).unwrap();
+            assert_eq!(settings, Budget::Smoke.experiment(method));
+        }
+    }
+}
