@@ -72,6 +72,10 @@ impl Finding {
         }
     }
 
+    fn bad(part: &'static str, error: &impl std::fmt::Display, cure: &str) -> Self {
+        Self::good(part, error.to_string()).unless(false, Health::Bad, cure)
+    }
+
     /// This finding, unless all is `well`: then one that asks for `cure`.
     fn unless(self, well: bool, health: Health, cure: impl Into<String>) -> Self {
         match well {
@@ -177,9 +181,9 @@ fn the_pictures() -> Finding {
             let found = format!("{milliseconds:.2} ms for one of 48 x 48 by {renderer}");
             Finding::good("pictures", found)
         }
-        Err(error) => Finding::good("pictures", error.to_string()).unless(
-            false,
-            Health::Bad,
+        Err(error) => Finding::bad(
+            "pictures",
+            &error,
             "install EGL or OSMesa (`make deps` does), or start inside a session with a display",
         ),
     }
@@ -211,11 +215,10 @@ fn the_learning(threads: usize) -> Finding {
             let found = format!("{rate:.0} decisions of COVERS a second on {threads} threads");
             Finding::good("learning", found)
         }
-        Err(error) => Finding::good("learning", error.to_string()).unless(
-            false,
-            Health::Bad,
-            "cure what is bad above; a run also needs a folder for temporary files to write to",
-        ),
+        Err(error) => {
+            let cure = "cure what is bad above; a run also needs a folder for temporary files";
+            Finding::bad("learning", &error, cure)
+        }
     }
 }
 

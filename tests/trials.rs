@@ -14,6 +14,8 @@ use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
 
 use crate::common::bars::{Bars, network, number};
 
+type Answer = Result<Assignment, CoversError>;
+
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
 #[derive(Clone, Default)]
 struct Script {
@@ -43,11 +45,7 @@ impl Grouping for Script {
         self.needs.max(1)
     }
 
-    fn assign(
-        &self,
-        _: &mut dyn Candidates,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn assign(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
         self.settled.set(false);
         let decision = match self.doubts {
             true => Decision::Undecided,
@@ -56,11 +54,7 @@ impl Grouping for Script {
         Ok(said(decision))
     }
 
-    fn settle(
-        &self,
-        _: &mut dyn Candidates,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn settle(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
         self.settled.set(true);
         Ok(said(self.decisions[self.turns - 1]))
     }

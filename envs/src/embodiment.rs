@@ -1,15 +1,13 @@
 //! The handle by which the rest of the crate knows what carries the gripper, and the names.
 
-use std::cmp::Ordering;
-use std::hash::{Hash, Hasher};
 use std::sync::{PoisonError, RwLock};
 
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use serde::{Deserialize, Deserializer, de};
 
 use crate::carrier::Carrier;
 use crate::carriers::{Hand, KinovaGen3, Sawyer};
 use crate::error::EnvError;
-use crate::identity::Identity;
+use crate::identity::{Identity, stands_for_its_name};
 
 /// What carries the gripper: a handle on the [`Carrier`] that defines it.
 ///
@@ -111,43 +109,7 @@ impl Default for Embodiment {
     }
 }
 
-impl PartialEq for Embodiment {
-    fn eq(&self, other: &Self) -> bool {
-        self.name() == other.name()
-    }
-}
-
-impl Eq for Embodiment {}
-
-impl PartialOrd for Embodiment {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Embodiment {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.name().cmp(other.name())
-    }
-}
-
-impl Hash for Embodiment {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        self.name().hash(state);
-    }
-}
-
-impl std::fmt::Debug for Embodiment {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Embodiment({})", self.name())
-    }
-}
-
-impl std::fmt::Display for Embodiment {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
+stands_for_its_name!(Embodiment);
 
 impl std::str::FromStr for Embodiment {
     type Err = EnvError;
@@ -159,12 +121,6 @@ impl std::str::FromStr for Embodiment {
             name: name.to_owned(),
             known: known.iter().map(|embodiment| embodiment.name()).collect(),
         })
-    }
-}
-
-impl Serialize for Embodiment {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
     }
 }
 

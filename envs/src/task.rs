@@ -1,15 +1,12 @@
 //! What a task says about itself, and the handle by which the rest of the crate knows it.
 
 use std::any::Any;
-use std::cmp::Ordering;
-use std::hash::{Hash, Hasher};
 
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
-use serde::{Serialize, Serializer};
 use symmetry::D2;
 
-use crate::identity::Identity;
+use crate::identity::{Identity, stands_for_its_name};
 
 /// A group of tasks that are one another's images under [`D2`]: a handle on the [`Task`] that
 /// defines the identity variant.
@@ -54,49 +51,7 @@ impl TaskGroup {
     }
 }
 
-impl PartialEq for TaskGroup {
-    fn eq(&self, other: &Self) -> bool {
-        self.name() == other.name()
-    }
-}
-
-impl Eq for TaskGroup {}
-
-impl PartialOrd for TaskGroup {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for TaskGroup {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.name().cmp(other.name())
-    }
-}
-
-impl Hash for TaskGroup {
-    fn hash<H: Hasher>(&self, state: &mut H) {
-        self.name().hash(state);
-    }
-}
-
-impl Serialize for TaskGroup {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
-    }
-}
-
-impl std::fmt::Debug for TaskGroup {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "TaskGroup({})", self.name())
-    }
-}
-
-impl std::fmt::Display for TaskGroup {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
-    }
-}
+stands_for_its_name!(TaskGroup);
 
 /// One task: a group and the symmetry that maps the group's identity variant to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -116,17 +116,23 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
     assert_few_and_off_by_an_edge(&differing, size);
 }
 
+/// A camera that draws no disc at the hand.
+fn without_mark() -> Camera {
+    let mark = envs::Mark {
+        radius: 0.0,
+        ..envs::Mark::default()
+    };
+    Camera {
+        mark,
+        ..Camera::default()
+    }
+}
+
 /// The hand's variants are drawn in a mirror, the arm's as they stand; neither picture shows what
 /// carries the gripper.
 #[test]
 fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
-    let camera = Camera {
-        mark: envs::Mark {
-            radius: 0.0,
-            ..envs::Mark::default()
-        },
-        ..Camera::default()
-    };
+    let camera = without_mark();
     let mut differing = Vec::new();
     for group in TaskGroup::STANDARD {
         let [mut direct, mut mirrored] =
@@ -143,13 +149,7 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
 /// What a learner sees says nothing of the arm, but for the disc.
 #[test]
 fn another_arm_does_not_show() {
-    let camera = Camera {
-        mark: envs::Mark {
-            radius: 0.0,
-            ..envs::Mark::default()
-        },
-        ..Camera::default()
-    };
+    let camera = without_mark();
     for group in TaskGroup::STANDARD {
         let arms = [Embodiment::SAWYER, Embodiment::KINOVA_GEN3];
         let [one, other] = arms.map(|arm| Studio::seen_by(group, arm, camera).pictures(1002));

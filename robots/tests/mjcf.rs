@@ -43,6 +43,18 @@ fn fall(model: &Arc<Model>, joints: &[&str], positions: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// Positions of the free joints, clear of either end of a range by this share of it.
+fn drawn(arm: &Description, generator: &mut ChaCha8Rng, clear: f64) -> Vec<f64> {
+    let mut draw = |[low, high]: [f64; 2]| {
+        let margin = clear * (high - low);
+        generator.random_range(low + margin..high - margin)
+    };
+    let joints = arm.free_joints();
+    joints
+        .map(|(_, motion)| draw(motion.range.unwrap_or([-3.0, 3.0])))
+        .collect()
+}
+
 /// Masses, centres, inertias, axes, damping and friction: a difference in any shows in how the arm
 /// falls.
 #[test]
@@ -67,13 +79,7 @@ fn arms_fall_as_mujoco_has_them_fall() {
             .collect();
         let mut generator = ChaCha8Rng::seed_from_u64(1002);
         for _ in 0..20 {
-            let positions: Vec<f64> = arm
-                .free_joints()
-                .map(|(_, motion)| {
-                    let [low, high] = motion.range.unwrap_or([-3.0, 3.0]);
-                    generator.random_range(low..high)
-                })
-                .collect();
+            let positions = drawn(&arm, &mut generator, 0.0);
             let [theirs, ours] = models
                 .each_ref()
                 .map(|model| fall(model, &joints, &positions));
@@ -245,14 +251,8 @@ fn holding_forces_hold() {
         let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
         let mut generator = ChaCha8Rng::seed_from_u64(1005);
         for _ in 0..20 {
-            let positions: Vec<f64> = arm
-                .free_joints()
-                .map(|(_, motion)| {
-                    let [low, high] = motion.range.unwrap_or([-3.0, 3.0]);
-                    // clear of the ends, which push, too
-                    generator.random_range(0.8 * low + 0.2 * high..0.2 * low + 0.8 * high)
-                })
-                .collect();
+            // clear of the ends, which push, too
+            let positions = drawn(&arm, &mut generator, 0.2);
             let forces = arm.holding_forces(&positions);
             let joints = arm.free_joints().zip(positions.iter().zip(&forces));
             let controls: Vec<f64> = joints

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::error::CoversError;
 
-use super::grouping::{Candidates, Episodes, Grouping};
+use super::grouping::{Answer, Candidates, Episodes, Grouping};
 
 /// Compares accounts of episodes with those on which each policy learnt ([`evidence::Recogniser`]);
 /// a policy that is proposed must act itself before it is believed.
@@ -83,28 +83,16 @@ impl Grouping for Evident {
         self.recogniser.settings().min_episodes
     }
 
-    fn assign(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         self.look(candidates, Look::First, rng)
     }
 
-    fn settle(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         self.look(candidates, Look::Second, rng)
     }
 
     /// Fewer episodes than the tests need are weighed by probabilities.
-    fn recognise(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
         let episodes = candidates.episodes();
         if episodes.courses.len() >= self.min_episodes() {
             return self.look(candidates, Look::First, rng);
