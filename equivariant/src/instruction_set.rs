@@ -1,7 +1,5 @@
 //! The instruction sets that there are kernels for.
 
-use crate::simd::lanes::{Lanes, WithLanes, run_f32};
-
 /// What convolutions run on in single precision, from narrow to wide. They take the widest that the
 /// processor has, unless they are told otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -19,14 +17,18 @@ impl InstructionSet {
     pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
 
     /// Whether this processor has it.
+    #[cfg(target_arch = "x86_64")]
     pub fn is_available(self) -> bool {
-        run_f32(Nothing, self) == self
+        match self {
+            Self::Portable => true,
+            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
+            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
+        }
     }
-}
 
-/// Work that does nothing.
-struct Nothing;
-
-impl WithLanes<f32> for Nothing {
-    fn run<L: Lanes<f32>>(self, _lanes: L) {}
+    /// Whether this processor has it.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn is_available(self) -> bool {
+        self == Self::Portable
+    }
 }

@@ -49,25 +49,24 @@ pub(crate) trait WithLanes<T> {
 }
 
 /// Runs work in single precision on the widest instruction set that the processor has, up to
-/// `widest`, and says which it was.
-pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) -> InstructionSet {
+/// `widest`.
+pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     #[cfg(target_arch = "x86_64")]
     {
         if widest >= InstructionSet::Avx512
             && let Some(simd) = pulp::x86::V4::try_new()
         {
-            simd.vectorize(x86::On { simd, work });
-            return InstructionSet::Avx512;
+            return simd.vectorize(x86::On { simd, work });
         }
         if widest >= InstructionSet::Avx2
             && let Some(simd) = pulp::x86::V3::try_new()
         {
-            simd.vectorize(x86::On { simd, work });
-            return InstructionSet::Avx2;
+            return simd.vectorize(x86::On { simd, work });
         }
     }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = widest;
     work.run(Portable);
-    InstructionSet::Portable
 }
 
 /// The Walsh-Hadamard transform within groups of lanes, without its factor 1/sqrt(G).
