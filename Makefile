@@ -17,6 +17,9 @@ EXAMPLES := $(TARGET)/debug/examples
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
 
+# Nothing incremental: what it keeps takes time and as much of the disk again.
+test: export CARGO_INCREMENTAL := 0
+
 # Packages are built in a new folder each time: cargo unpacks and compiles a version of a package
 # once for each path, and would go on with what it unpacked before a change.
 test: deps
