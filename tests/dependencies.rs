@@ -52,7 +52,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 12] = [
     ("symmetry", &[], &[]),
     ("inpainting", &[], &[]),
     ("robots", &[], &["mujoco"]),
-    ("envs", &["mujoco", "symmetry"], &["inpainting"]),
+    ("envs", &["mujoco", "robots", "symmetry"], &["inpainting"]),
     ("equivariant", &["symmetry"], &[]),
     ("rl", &["equivariant", "symmetry"], &[]),
     ("cluster", &[], &[]),

@@ -437,7 +437,7 @@ fn options_are_checked_and_named() {
     assert!(refuse(&["--seed", "minus one"]).contains("minus one"));
     assert!(
         refuse(&["--embodiment", "ur5"])
-            .contains("unknown embodiment `ur5`: expected sawyer or hand")
+            .contains("unknown embodiment `ur5`: expected one of sawyer, hand, kinova_gen3")
     );
 }
 
