@@ -61,8 +61,8 @@ pub struct Changes {
     /// ordinary networks of equal width (default: the preset's).
     #[arg(long)]
     pub group: Option<Group>,
-    /// Sets any field of the settings, as `covers.ppo.gamma=0.97`; may be given several times, after
-    /// which the last one counts.
+    /// Sets any field of the settings, as `covers.ppo.gamma=0.97`; may be given several times,
+    /// after which the last one counts.
     #[arg(long, value_name = "PATH=VALUE")]
     pub set: Vec<Override>,
 }

@@ -84,8 +84,8 @@ impl Evaluator {
         })
     }
 
-    /// The environments that score a run: their episodes depend on the plan of the evaluation alone,
-    /// so all methods and seeds are scored on the same ones.
+    /// The environments that score a run: their episodes depend on the plan of the evaluation
+    /// alone, so all methods and seeds are scored on the same ones.
     ///
     /// # Errors
     /// As [`Evaluator::new`].
@@ -122,8 +122,8 @@ impl Evaluator {
         Ok(findings)
     }
 
-    /// Scores one variant and adds what it finds. The learner chooses a policy from the first frames
-    /// of the very episodes that are then played; nobody tells it the group.
+    /// Scores one variant and adds what it finds. The learner chooses a policy from the first
+    /// frames of the very episodes that are then played; nobody tells it the group.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner

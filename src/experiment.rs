@@ -71,9 +71,9 @@ pub struct EvaluationPlan {
     /// number there are none within visits.
     #[serde(default)]
     pub every: Option<usize>,
-    /// How often the learner is asked, after the stream, which policy a variant belongs to, for each
-    /// of 1, 4 and 20 episodes that it is shown; not at all where it is 0, and where there is one
-    /// policy for everything or the learner is told the group.
+    /// How often the learner is asked, after the stream, which policy a variant belongs to, for
+    /// each of 1, 4 and 20 episodes that it is shown; not at all where it is 0, and where there is
+    /// one policy for everything or the learner is told the group.
     #[serde(default)]
     pub looks: usize,
     /// Seed of the placements: runs of other methods and seeds are scored on the same episodes.

@@ -175,8 +175,8 @@ fn pointer(path: &str) -> String {
     format!("/{}", escaped.replace('.', "/"))
 }
 
-/// The path in the tree that is most like `wanted`: one that ends with it, or else, of those with as
-/// many dots, the nearest by edits.
+/// The path in the tree that is most like `wanted`: one that ends with it, or else, of those with
+/// as many dots, the nearest by edits.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);

@@ -153,8 +153,8 @@ pub enum Budget {
     Smoke,
     /// Minutes; learns all but Plate Slide and tells all four groups apart.
     Short,
-    /// About a quarter of an hour of learning; every group three times, and more of the two that take
-    /// longer.
+    /// About a quarter of an hour of learning; every group three times, and more of the two that
+    /// take longer.
     Full,
     /// What a table of methods takes: the stream of `full`, 100 episodes of each group and variant
     /// after it, and cheap evaluations in between (docs/results/protocol.md).

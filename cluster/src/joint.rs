@@ -73,7 +73,8 @@ pub struct JointTest {
 /// Runs the test with `permutations` random splits.
 ///
 /// # Errors
-/// No split, no source, sources that show different numbers of episodes, or clouds that cannot be compared.
+/// No split, no source, sources that show different numbers of episodes, or clouds that cannot be
+/// compared.
 pub fn joint_test<R: Rng + ?Sized>(
     sources: &[Source],
     permutations: usize,

@@ -3,9 +3,9 @@
 //! `cargo run --release -p covers-evidence --example own_frames -- FOLDER`
 //!
 //! FOLDER holds one folder for each group of tasks, and those hold the first picture of each of its
-//! episodes as PNG files of one size and colour type, 8 bits a channel; 40 of each group are plenty,
-//! 20 will do. Half of each group is remembered, and the other half is asked about.
-//! Without FOLDER the frames of a drawn world are measured.
+//! episodes as PNG files of one size and colour type, 8 bits a channel; 40 of each group are
+//! plenty, 20 will do. Half of each group is remembered, and the other half is asked about. Without
+//! FOLDER the frames of a drawn world are measured.
 
 use std::error::Error;
 use std::fs::{self, File};

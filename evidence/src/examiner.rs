@@ -192,8 +192,8 @@ impl Examiner<'_> {
     }
 }
 
-/// What is known before a test. A policy that has an heir is refused, unless it acted itself to show
-/// that it serves.
+/// What is known before a test. A policy that has an heir is refused, unless it acted itself to
+/// show that it serves.
 fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role) -> Opinion {
     let remembered: Vec<&Account> = memory.accounts.iter().collect();
     Opinion {

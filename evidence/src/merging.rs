@@ -38,10 +38,10 @@ impl Recogniser {
         (0..known).find(may_be).filter(|_| examiner.knows(own))
     }
 
-    /// Whether `twin` earned in the group of `policy` what it earns at home, and about what `policy`
-    /// earns there, judged by episodes in which it acted itself; what was found is remembered. If it
-    /// did, let `policy` act once more, and [`Recogniser::merge`] them: the group may have changed
-    /// before `twin` acted.
+    /// Whether `twin` earned in the group of `policy` what it earns at home, and about what
+    /// `policy` earns there, judged by episodes in which it acted itself; what was found is
+    /// remembered. If it did, let `policy` act once more, and [`Recogniser::merge`] them: the group
+    /// may have changed before `twin` acted.
     ///
     /// # Errors
     /// Too few episodes, no such policies, or points that cannot be compared.
@@ -66,8 +66,8 @@ impl Recogniser {
 
     /// Makes `twin` the heir of `policy`, in whose group [`Recogniser::compare`] found by `heard`
     /// that it serves, if `policy` serves still in the episodes `again`, in which it acted itself.
-    /// Else they may be compared again. It is `twin` that goes on, since nobody heard `policy` at the
-    /// home of `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
+    /// Else they may be compared again. It is `twin` that goes on, since nobody heard `policy` at
+    /// the home of `twin`; but where `policy` earns clearly more, `policy` goes on and is the heir.
     ///
     /// # Errors
     /// Those of [`Recogniser::compare`].

@@ -116,8 +116,8 @@ impl Recogniser {
         Ok(end)
     }
 
-    /// Whether what a policy remembers, if it is known, looks no more like that on which it is about
-    /// to learn: its group drifted while it was away.
+    /// Whether what a policy remembers, if it is known, looks no more like that on which it is
+    /// about to learn: its group drifted while it was away.
     fn is_outdated<R: Rng + ?Sized>(
         &self,
         policy: usize,
@@ -286,8 +286,8 @@ impl Recogniser {
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
-    /// Whether a policy may be meant that looks another, or has an heir: it was away, and has learnt
-    /// so much that it can show it.
+    /// Whether a policy may be meant that looks another, or has an heir: it was away, and has
+    /// learnt so much that it can show it.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
         let memory = &self.memories[policy];
         policy != situation.collector

@@ -282,8 +282,8 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
     assert!(heard > 0);
 }
 
-/// What looks said of a policy before it acted stands: episodes of its own in which it earns a fifth
-/// less than at home are no proof, though they do not speak against it, either.
+/// What looks said of a policy before it acted stands: episodes of its own in which it earns a
+/// fifth less than at home are no proof, though they do not speak against it, either.
 #[test]
 fn who_is_named_against_the_looks_must_earn_what_it_earned() {
     let kind = Kind::Target;

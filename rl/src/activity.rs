@@ -7,9 +7,9 @@ use crate::policy::Actor;
 /// What the rectified units of a network put out on average: Sokar et al., "The dormant neuron
 /// phenomenon in deep reinforcement learning" (ICML 2023, section 3).
 ///
-/// A unit is a channel of a ReLU in the basis in which it is pointwise, so a regular field of D2 has
-/// four; one of a convolution is averaged over places, too. What is not rectified, such as the state
-/// of a GRU, is no unit here.
+/// A unit is a channel of a ReLU in the basis in which it is pointwise, so a regular field of D2
+/// has four; one of a convolution is averaged over places, too. What is not rectified, such as the
+/// state of a GRU, is no unit here.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Activity {
     /// Sums of what each unit put out, a list for each ReLU.

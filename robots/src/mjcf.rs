@@ -227,7 +227,8 @@ impl Description {
     }
 }
 
-/// Start of a link's body. The name `world` is MuJoCo's own; only a root without shapes may have it.
+/// Start of a link's body. The name `world` is MuJoCo's own; only a root without shapes may have
+/// it.
 fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
         "world" => String::new(),

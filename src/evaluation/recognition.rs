@@ -36,8 +36,8 @@ pub struct Recognition {
 
 impl Evaluator {
     /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `looks` times each,
-    /// and counts what it answers. The episodes depend on the evaluation's seed alone and are others
-    /// each time.
+    /// and counts what it answers. The episodes depend on the evaluation's seed alone and are
+    /// others each time.
     ///
     /// # Errors
     /// What the environments or the learner say.

@@ -83,9 +83,9 @@ pub trait Grouping: Send {
         false
     }
 
-    /// Judges the policy that a decision named, by a rollout that it collected itself: names another
-    /// one or a new one, or nothing where it stays. `refused` lists those that are out of question,
-    /// [`Grouping::refused`] to begin with, and those that this call adds.
+    /// Judges the policy that a decision named, by a rollout that it collected itself: names
+    /// another one or a new one, or nothing where it stays. `refused` lists those that are out of
+    /// question, [`Grouping::refused`] to begin with, and those that this call adds.
     ///
     /// # Errors
     /// Episodes that cannot be compared.

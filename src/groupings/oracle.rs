@@ -11,7 +11,8 @@ use crate::error::CoversError;
 
 use super::grouping::{Answer, Candidates, Grouping};
 
-/// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads it.
+/// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads
+/// it.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<Option<String>>>);
 

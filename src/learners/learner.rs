@@ -19,8 +19,8 @@ pub trait Learner: Send {
     /// What the environment, a policy or a grouping says.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError>;
 
-    /// Finds the policy for what `env` runs from the first frames of this many episodes, or, without
-    /// a number, of as many as it needs; learns nothing.
+    /// Finds the policy for what `env` runs from the first frames of this many episodes, or,
+    /// without a number, of as many as it needs; learns nothing.
     ///
     /// All draws come from `rng`, so that looking does not change what is learnt next.
     ///
@@ -45,8 +45,8 @@ pub trait Learner: Send {
         rounds: usize,
     ) -> Result<Performance, CoversError>;
 
-    /// All numbers of policy `index` that [`Learner::perform`] depends on, so that a policy which is
-    /// the same need not perform the same again. None where a learner does not say.
+    /// All numbers of policy `index` that [`Learner::perform`] depends on, so that a policy which
+    /// is the same need not perform the same again. None where a learner does not say.
     fn parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
@@ -111,8 +111,8 @@ pub struct Turn {
     /// Evidence of the first look, where it left the grouping undecided and one more rollout was
     /// collected: `evidence` is that of both.
     pub first_look: Option<Vec<Evidence>>,
-    /// For each policy the one that acts for its group since the two were merged; empty for learners
-    /// and groupings that merge no policies.
+    /// For each policy the one that acts for its group since the two were merged; empty for
+    /// learners and groupings that merge no policies.
     pub heirs: Vec<Option<usize>>,
     /// Decisions taken, discarded ones included.
     pub decisions: usize,

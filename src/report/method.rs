@@ -32,9 +32,9 @@ impl MethodRuns {
     /// Sorts runs into methods, in the order in which they appear.
     ///
     /// # Errors
-    /// [`CoversError::MixedRuns`] for runs of another stream or evaluation than the first one's, for
-    /// runs of one name whose settings differ in more than the seed and the number of threads, and
-    /// for two of one seed.
+    /// [`CoversError::MixedRuns`] for runs of another stream or evaluation than the first one's,
+    /// for runs of one name whose settings differ in more than the seed and the number of threads,
+    /// and for two of one seed.
     pub fn sort(runs: Vec<RunData>) -> Result<Vec<Self>, CoversError> {
         let mut methods: Vec<Self> = Vec::new();
         for run in runs {

@@ -11,8 +11,8 @@ pub fn last_acting(rollouts: &[RolloutRow], policy: usize) -> usize {
 }
 
 /// The policy that belongs to a group: one that served it in most of its rollouts, where no other
-/// policy served the group in more; of equals the first. A policy counts as the one that acts for its
-/// group in the end. Rollouts within which the group changed count for nobody.
+/// policy served the group in more; of equals the first. A policy counts as the one that acts for
+/// its group in the end. Rollouts within which the group changed count for nobody.
 pub fn partner(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let policies = rollouts.iter().map(|row| row.policy + 1).max()?;
     let served = |policy, group: &str| {

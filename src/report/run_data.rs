@@ -128,8 +128,8 @@ impl RunData {
     /// Reads a run's folder.
     ///
     /// # Errors
-    /// [`CoversError::Read`] names the file and what is wrong in it; [`CoversError::UnfitRun`] for a
-    /// run that is not finished, and for files that do not belong together.
+    /// [`CoversError::Read`] names the file and what is wrong in it; [`CoversError::UnfitRun`] for
+    /// a run that is not finished, and for files that do not belong together.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let folder = RunFolder::open(path);
         let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;

@@ -86,8 +86,8 @@ impl Scores {
     }
 
     /// The probability that a run of this method scores above a run of the other in the same group,
-    /// where equal counts one half, averaged over groups; and its interval, for which whole runs are
-    /// drawn again.
+    /// where equal counts one half, averaged over groups; and its interval, for which whole runs
+    /// are drawn again.
     pub fn improvement(&self, other: &Self) -> (f64, Option<Interval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)

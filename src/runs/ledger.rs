@@ -23,8 +23,8 @@ pub struct Ledger {
     pub decisions: usize,
     /// Rollouts within which the stream changed the group: nobody can say which policy is right.
     pub straddled: usize,
-    /// The other rollouts assigned to the policy of their group: the first that was opened for it, or
-    /// its heir where that is no other group's policy.
+    /// The other rollouts assigned to the policy of their group: the first that was opened for it,
+    /// or its heir where that is no other group's policy.
     pub right: usize,
     /// Rollouts of groups that came back.
     pub returns: usize,
@@ -90,8 +90,8 @@ impl Ledger {
         self.opened_for.resize(policies, None);
     }
 
-    /// Share of rollouts of one group assigned to its policy, in `[0, 1]`; none where there was no such
-    /// rollout.
+    /// Share of rollouts of one group assigned to its policy, in `[0, 1]`; none where there was no
+    /// such rollout.
     pub fn accuracy(&self) -> Option<f64> {
         share(self.right, self.rollouts - self.straddled)
     }

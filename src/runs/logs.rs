@@ -24,9 +24,9 @@ pub(super) struct Logs {
 }
 
 impl Logs {
-    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, `evaluation.csv`, one row a variant,
-    /// `units.csv`, one row a policy, and `recognition.csv`, one row an answer, hold what they held
-    /// after this many rollouts.
+    /// Makes `metrics.csv` and `timings.csv`, one row a rollout, `evaluation.csv`, one row a
+    /// variant, `units.csv`, one row a policy, and `recognition.csv`, one row an answer, hold what
+    /// they held after this many rollouts.
     pub fn open(folder: &RunFolder, rollouts: usize, rows: Rows) -> Result<Self, CoversError> {
         let open = |name: &str, text: String| {
             Table::open(folder.file(name), folder.shared_disk(), text.into_bytes())

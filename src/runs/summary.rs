@@ -22,8 +22,8 @@ pub struct Summary {
     pub failures: usize,
     /// Rollouts within which the group changed; the shares below leave them out.
     pub straddled: usize,
-    /// Share of rollouts assigned to the policy of their group ([`Ledger::right`](super::Ledger)), in
-    /// `[0, 1]`; none where there was no rollout of one group.
+    /// Share of rollouts assigned to the policy of their group ([`Ledger::right`](super::Ledger)),
+    /// in `[0, 1]`; none where there was no rollout of one group.
     pub assignment_accuracy: Option<f64>,
     /// The same share among rollouts of groups that came back; none where none did.
     pub return_accuracy: Option<f64>,

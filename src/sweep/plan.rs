@@ -292,8 +292,8 @@ mod tests {
         }
     }
 
-    /// Reported seeds for what is published alone: ten for the efficiency of COVERS; for the table five
-    /// for each method that learns by PPO, and three for each other.
+    /// Reported seeds for what is published alone: ten for the efficiency of COVERS; for the table
+    /// five for each method that learns by PPO, and three for each other.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
         let (tables, others): (Vec<_>, Vec<_>) = plans()

@@ -91,8 +91,8 @@ pub struct Arm {
 
 impl Arm {
     /// # Errors
-    /// [`EnvError::Robot`] for links that the robot does not have, [`EnvError::Control`] for control
-    /// settings out of range, [`EnvError::Setting`] for the rest.
+    /// [`EnvError::Robot`] for links that the robot does not have, [`EnvError::Control`] for
+    /// control settings out of range, [`EnvError::Setting`] for the rest.
     pub fn new(settings: ArmSettings) -> Result<Self, EnvError> {
         let (robot, ready) = (&settings.robot, &settings.ready);
         let chain = Chain::new(robot, &settings.hand)?;

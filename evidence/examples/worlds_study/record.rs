@@ -131,7 +131,8 @@ pub struct Results {
 }
 
 impl Results {
-    /// Reads what the file holds of streams like `plan`. A last line that was broken off is removed.
+    /// Reads what the file holds of streams like `plan`. A last line that was broken off is
+    /// removed.
     ///
     /// # Errors
     /// A file's, and a line that this version did not write.

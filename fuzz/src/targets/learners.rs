@@ -1,4 +1,5 @@
-//! The smallest learners of every kind and grouping, and environments that show them next to nothing.
+//! The smallest learners of every kind and grouping, and environments that show them next to
+//! nothing.
 
 use covers::{
     CoversSettings, Embedding, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
@@ -12,7 +13,8 @@ use symmetry::{Group, Irrep};
 
 use super::small::small_network;
 
-/// Learners of every kind and grouping; the first needs one turn to have everything, the others two.
+/// Learners of every kind and grouping; the first needs one turn to have everything, the others
+/// two.
 pub fn learners() -> Vec<LearnerSettings> {
     let calibrated = r#"{"calibrated": {"min_episodes": 4}}"#;
     let evidence = r#"{"evidence": {"filters": 1, "memory": 4}}"#;

@@ -165,7 +165,8 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
     })
 }
 
-/// The folder of a run lies in the folder that was asked for, whatever the settings' file is called.
+/// The folder of a run lies in the folder that was asked for, whatever the settings' file is
+/// called.
 fn check_names(command: Option<Command>) {
     let Some(Command::Train(options)) = command else {
         return;

@@ -7,8 +7,8 @@ use serde::Deserialize;
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
-/// The array of the note. The header of a safetensors file has at most 100 MB, and a note grows with
-/// its run.
+/// The array of the note. The header of a safetensors file has at most 100 MB, and a note grows
+/// with its run.
 const NAME: &str = "note";
 
 /// The part of a header that says whether the note stands there.

@@ -27,8 +27,8 @@ pub(super) struct Collected {
 }
 
 impl<S: CollectionSettings> Collection<S> {
-    /// Whether the policy that was named may learn from a rollout of another one: the paper does not
-    /// know rollouts of two groups, nor policies that must act before they are believed.
+    /// Whether the policy that was named may learn from a rollout of another one: the paper does
+    /// not know rollouts of two groups, nor policies that must act before they are believed.
     pub(super) fn may_reuse(&self) -> bool {
         self.settings.handover() == Handover::Reuse
             && !self.grouping.is_cut()
@@ -84,9 +84,9 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// Lets a policy act that may serve the group of the current one, too; if it does, one of the two
-    /// goes on for both, with its parameters, its optimiser and its number. Returns the decisions
-    /// taken.
+    /// Lets a policy act that may serve the group of the current one, too; if it does, one of the
+    /// two goes on for both, with its parameters, its optimiser and its number. Returns the
+    /// decisions taken.
     pub(super) fn look_for_twin(&mut self, env: &mut dyn VectorEnv) -> Result<usize, CoversError> {
         let mut decisions = 0;
         let policy = self.current;
