@@ -178,7 +178,8 @@ fn the_pictures() -> Finding {
         Ok(time) => {
             let renderer = envs::mujoco::opengl().unwrap_or("unknown");
             let milliseconds = time.as_secs_f64() * 1e3;
-            let found = format!("{milliseconds:.2} ms for one of 48 x 48 by {renderer}");
+            let size = Camera::default().size;
+            let found = format!("{milliseconds:.2} ms for one of {size} x {size} by {renderer}");
             Finding::good("pictures", found)
         }
         Err(error) => Finding::bad(
@@ -189,7 +190,7 @@ fn the_pictures() -> Finding {
     }
 }
 
-/// The time that a picture of Drawer Close takes with its arm, the median of some.
+/// The time that a picture of Drawer Close takes as learners see it, the median of some.
 fn time_pictures() -> Result<Duration, EnvError> {
     let camera = Camera::default();
     let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
@@ -222,18 +223,19 @@ fn the_learning(threads: usize) -> Finding {
     }
 }
 
-/// Decisions a second in Goal Reach, those of the second rollout, collected and learnt.
+/// Decisions a second in Goal Reach, those of the second turn, collected and learnt.
 fn time_learning(mut experiment: Experiment) -> Result<f64, CoversError> {
     let name = TaskGroup::GOAL_REACH.name();
     experiment.schedule.groups.retain(|plan| plan.group == name);
     experiment.schedule.cycles = 1;
     experiment.evaluation.visit_rounds = 0;
-    let decisions = experiment.learner.rollout_steps();
     let scratch = Scratch::new()?;
     let mut run = Run::start(experiment, RunFolder::open(&scratch.0))?;
     run.advance()?;
-    let clock = Instant::now();
+    let (clock, before) = (Instant::now(), run.ledger().decisions);
     run.advance()?;
+    // a turn in doubt collects twice
+    let decisions = run.ledger().decisions - before;
     Ok(decisions as f64 / clock.elapsed().as_secs_f64())
 }
 

@@ -5,7 +5,7 @@ use covers::schedule::Schedule;
 use covers::{Experiment, Run, RunFolder};
 use envs::TaskGroup;
 
-/// Decisions in Goal Reach: eight rollouts.
+/// Decisions in Goal Reach.
 const DECISIONS: usize = 8000;
 
 fn experiment() -> Experiment {

@@ -72,8 +72,8 @@ fn deviation(got: &[f32], expected: &[f32]) -> f32 {
     largest(&mut differences) / scale
 }
 
-/// What one set gives is compared with what the portable code gives; where two sets gave the same
-/// bits throughout, one of them did not run.
+/// What one set gives is compared with what the portable code gives; where two neighbours gave the
+/// same bits throughout, one of them did not run.
 #[test]
 fn all_instruction_sets_of_this_machine_agree() {
     let wider = &InstructionSet::ALL[1..];
@@ -86,12 +86,14 @@ fn all_instruction_sets_of_this_machine_agree() {
     for conv in &convolutions {
         for with_dx in [false, true] {
             let expected = run(conv, InstructionSet::Portable, with_dx);
+            let mut narrower = expected.clone();
             for (&&set, differs) in wider.iter().zip(&mut differ) {
                 let found = run(conv, set, with_dx);
                 let error = deviation(&found, &expected);
                 let shapes = (conv.in_shape(), conv.out_shape());
                 assert!(error < 1e-5, "{set:?} {shapes:?}: {error}");
-                *differs |= found != expected;
+                *differs |= found != narrower;
+                narrower = found;
             }
         }
     }

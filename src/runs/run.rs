@@ -375,7 +375,7 @@ impl Run {
             seconds: ledger.seconds,
             decisions_per_second: self.logs.timings().decisions_per_second(),
             policies: self.learner.policies(),
-            merged: ledger.merged,
+            merged: ledger.merged(),
             failures: ledger.failures,
             straddled: ledger.straddled,
             assignment_accuracy: ledger.accuracy(),

@@ -1,6 +1,7 @@
 //! A Kinova Gen3 with a Robotiq gripper, driven as a real one is.
 
 use std::f64::consts::FRAC_PI_2;
+use std::sync::OnceLock;
 
 use glam::DVec3;
 use robots::{ControlSettings, Pose, Servo, TwistLimits, gen3};
@@ -64,20 +65,30 @@ impl KinovaGen3 {
     }
 }
 
+/// The arm, made once.
+fn made() -> Result<&'static Arm, EnvError> {
+    static ARM: OnceLock<Arm> = OnceLock::new();
+    if let Some(arm) = ARM.get() {
+        return Ok(arm);
+    }
+    let arm = KinovaGen3.arm()?;
+    Ok(ARM.get_or_init(|| arm))
+}
+
 impl Carrier for KinovaGen3 {
     fn name(&self) -> &str {
         "kinova_gen3"
     }
 
     fn parts(&self) -> Result<CarrierParts, EnvError> {
-        self.arm()?.parts()
+        made()?.parts()
     }
 
     fn posture(&self, hand_target: DVec3) -> Result<Posture, EnvError> {
-        self.arm()?.posture(hand_target)
+        made()?.posture(hand_target)
     }
 
     fn drive(&self) -> Result<Drive, EnvError> {
-        self.arm()?.drive()
+        made()?.drive()
     }
 }
