@@ -2,9 +2,9 @@
 # need, but for the Rust toolchain.
 
 # Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen
-# (Mesa's EGL, OSMesa).
+# (Mesa's EGL, OSMesa). Mesa's Vulkan drivers include one without hardware, for networks on a GPU.
 DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 \
-  libgl1-mesa-dri libosmesa6
+  libgl1-mesa-dri libosmesa6 libvulkan1 mesa-vulkan-drivers
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
 # `cargo test` builds the examples. `cargo run` would compile the dependencies again, with other
@@ -12,7 +12,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test faults fuzz sanitise deps
+.PHONY: stream test gpu faults fuzz sanitise deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -36,6 +36,13 @@ test: deps
 	packages=$$(mktemp -d -p $(TARGET)) && trap 'rm -rf "$$packages"' EXIT && \
 	  cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
 	  --target-dir "$$packages"
+
+# Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
+gpu: export CARGO_INCREMENTAL := 0
+
+gpu: deps
+	cargo clippy -p covers-equivariant --features wgpu --all-targets --locked -- -D warnings
+	cargo test -p covers-equivariant --features wgpu --locked --test gpu
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps

@@ -44,6 +44,8 @@ mod backward_pass;
 mod chunks;
 mod conv;
 mod error;
+#[cfg(feature = "wgpu")]
+pub mod gpu;
 mod init;
 mod instruction_set;
 mod layers;

@@ -7,6 +7,8 @@ use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
@@ -41,6 +43,11 @@ impl Signature for AveragePool {
 
     fn out_shape(&self) -> Shape {
         self.windows.out_shape(self.shape.fields)
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::AveragePool(self.windows.kernel))
     }
 }
 

@@ -13,6 +13,8 @@ use crate::error::LayerError;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::{Moments, Operation};
 
 /// Added to every variance.
 const EPSILON: f64 = 1e-5;
@@ -328,6 +330,15 @@ impl Signature for FieldNorm {
             Statistics::Fixed(moments) => format!("{self} {moments:?}"),
             _ => self.to_string(),
         }
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::FieldNorm(match &self.statistics {
+            Statistics::Sample => Moments::Sample,
+            Statistics::Batch => Moments::Batch,
+            Statistics::Fixed(moments) => Moments::Fixed(moments),
+        }))
     }
 }
 

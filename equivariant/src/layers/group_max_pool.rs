@@ -12,6 +12,8 @@ use crate::order::with_order;
 use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 
 /// The maximum over the group of every regular field.
 ///
@@ -37,6 +39,11 @@ impl Signature for GroupMaxPool {
 
     fn out_shape(&self) -> Shape {
         self.0.pooled()
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::GroupMaxPool)
     }
 }
 

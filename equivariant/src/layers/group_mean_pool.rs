@@ -8,6 +8,8 @@ use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 
 /// The mean over the group of every regular field.
 ///
@@ -39,6 +41,11 @@ impl Signature for GroupMeanPool {
 
     fn out_shape(&self) -> Shape {
         self.0.pooled()
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::GroupMeanPool)
     }
 }
 

@@ -12,6 +12,8 @@ use crate::layers::scalar::Scalar;
 use crate::scratch::Scratch;
 use crate::shape::{LARGEST, Shape};
 use crate::steerable::dense::Dense;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 
 /// The gain of weights that are followed by a ReLU: it halves the second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
@@ -60,6 +62,13 @@ pub trait Signature: fmt::Display + Send + Sync {
     fn mark(&self) -> u64 {
         let shapes = (self.in_shape(), self.out_shape());
         mark_of((type_name::<Self>(), shapes, self.num_params()))
+    }
+
+    /// What the layer does, for other hardware; none if only the processor knows it.
+    #[cfg(feature = "wgpu")]
+    #[doc(hidden)]
+    fn operation(&self) -> Option<Operation<'_>> {
+        self.as_dense().map(Box::new).map(Operation::Linear)
     }
 
     /// What a sequence may fuse this layer as.

@@ -10,6 +10,8 @@ use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::transform_pixels;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
@@ -90,6 +92,11 @@ impl Signature for MaxPool {
     /// One image in the regular basis, then two of its pixels.
     fn scratch_len(&self, _samples: usize) -> usize {
         self.shape.len() + 2 * self.shape.fields.dim()
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::MaxPool(self.windows.kernel))
     }
 }
 

@@ -12,6 +12,8 @@ use crate::layers::scalar::Scalar;
 use crate::order::with_order;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 
 /// The pointwise max(0, .) in the regular basis.
 ///
@@ -50,6 +52,11 @@ impl Signature for Relu {
 
     fn fusible(&self) -> Option<Fusible<'_>> {
         Some(Fusible::Relu)
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::Relu)
     }
 }
 

@@ -12,6 +12,8 @@ use crate::layers::scalar::Scalar;
 use crate::real::exceeds;
 use crate::shape::Shape;
 use crate::steerable::hadamard::transform_pixels;
+#[cfg(feature = "wgpu")]
+use crate::steerable::operation::Operation;
 use symmetry::FieldType;
 
 /// The expected position of every map under the softmax over its pixels.
@@ -207,6 +209,13 @@ impl Signature for SpatialSoftArgmax {
 
     fn mark(&self) -> u64 {
         mark_of(("SpatialSoftArgmax", self.shape, self.temperature.to_bits()))
+    }
+
+    #[cfg(feature = "wgpu")]
+    fn operation(&self) -> Option<Operation<'_>> {
+        Some(Operation::SoftArgmax {
+            temperature: self.temperature,
+        })
     }
 }
 

@@ -1,0 +1,129 @@
+//! Normalised fields.
+
+use symmetry::Irrep;
+
+use crate::gpu::channels::Channels;
+use crate::gpu::kernels::partial::sum;
+use crate::gpu::kernels::product::expression;
+use crate::gpu::plan::{Plan, Shared, Tensor};
+use crate::gpu::step::{Rows, Slot, Step, Work};
+use crate::steerable::operation::Moments;
+
+/// Added to every variance.
+const EPSILON: f64 = 1e-5;
+
+/// A normalisation as kernels see it.
+struct FieldNorm<'a> {
+    moments: Moments<'a>,
+    x: Tensor,
+    channels: Channels,
+    /// Fields with a mean and a bias.
+    centred: usize,
+    /// Where the parameters start.
+    base: usize,
+    /// Mean and one over the standard deviation of each part and field.
+    kept: Slot,
+}
+
+pub(super) fn add(plan: &mut Plan, moments: Moments, x: &Tensor, y: &Tensor) {
+    let fields = x.shape.fields;
+    let channels = match fields.regular_fields() {
+        Some(n) => Channels::regular(fields.group().order(), n),
+        None => Channels::single(fields.dim()),
+    };
+    let centred = fields.multiplicity(Irrep::Trivial);
+    let len = channels.fields() + centred;
+    let norm = FieldNorm {
+        moments,
+        x: *x,
+        centred,
+        base: plan.reserve(len, 0..len),
+        kept: match moments {
+            Moments::Batch => plan.buffer(2 * channels.fields(), 0),
+            _ => plan.buffer(0, 2 * channels.fields()),
+        },
+        channels,
+    };
+    let forward = norm.forward(plan, y.values);
+    let backward = match (x.gradient, y.gradient) {
+        (Some(dx), Some(dy)) => norm.backward(plan, [dx, dy], len),
+        _ => Vec::new(),
+    };
+    plan.push(vec![forward], backward);
+}
+
+impl FieldNorm<'_> {
+    /// Parts of the batch that kernels treat apart from one another.
+    fn parts(&self) -> Rows {
+        match self.moments {
+            Moments::Batch => Rows::Fixed(1),
+            _ => Rows::Each(1),
+        }
+    }
+
+    fn kernel(&self, plan: &Plan, label: &'static str) -> Step {
+        let (fields, pixels) = (self.channels.fields(), self.x.shape.pixels());
+        let (work, pixels) = match self.moments {
+            Moments::Batch => (Work::fixed_groups(fields), Rows::Each(pixels)),
+            _ => (Work::groups(fields), Rows::Fixed(pixels)),
+        };
+        let step = Step::new(label, self.channels.order(), work)
+            .constants([
+                ("FIELDS", fields),
+                ("CENTRED", self.centred),
+                ("BASE", self.base),
+            ])
+            .text(&expression("parts", self.parts()))
+            .text(&expression("pixels", pixels))
+            .read("params", "f32", plan.params);
+        self.channels.read(step, "x", self.x.values)
+    }
+
+    fn forward(&self, plan: &mut Plan, y: Slot) -> Step {
+        let step = self.kernel(plan, "field norm");
+        let step = self.channels.write(step, "y", y);
+        let step = step.write("kept", "vec2<f32>", self.kept);
+        let step = match self.moments {
+            Moments::Fixed(moments) => step
+                .read("standards", "vec2<f32>", plan.table(standards(moments)))
+                .text(include_str!("../wgsl/fixed.wgsl")),
+            _ => step
+                .number("EPSILON", EPSILON)
+                .text(include_str!("../wgsl/reduce.wgsl"))
+                .text(include_str!("../wgsl/measured.wgsl")),
+        };
+        step.text(include_str!("../wgsl/field_norm.wgsl"))
+    }
+
+    fn backward(&self, plan: &mut Plan, [dx, dy]: [Slot; 2], len: usize) -> Vec<Step> {
+        let partial = match self.parts() {
+            Rows::Fixed(parts) => plan.shared(Shared::Partial, parts * len, 0),
+            Rows::Each(parts) => plan.shared(Shared::Partial, 0, parts * len),
+        };
+        // fixed statistics do not depend on the input
+        let dependent = match self.moments {
+            Moments::Fixed(_) => 0.0,
+            _ => 1.0,
+        };
+        let step = self.kernel(plan, "field norm backward");
+        let step = self.channels.read(step, "dy", dy);
+        let step = self.channels.write(step, "dx", dx);
+        let step = step
+            .read("kept", "vec2<f32>", self.kept)
+            .write("partial", "f32", partial)
+            .constants([("LEN", len)])
+            .number("DEPENDENT", dependent)
+            .text(include_str!("../wgsl/reduce.wgsl"))
+            .text(include_str!("../wgsl/field_norm_backward.wgsl"));
+        vec![step, sum(plan, partial, self.parts(), (self.base, len))]
+    }
+}
+
+/// Means and ones over standard deviations.
+fn standards(moments: &[[f64; 2]]) -> Vec<u32> {
+    let standards = moments.iter().flat_map(|&[mean, variance]| {
+        let inverse = (variance + EPSILON).sqrt().recip();
+        [mean, inverse].map(|number| (number as f32).to_bits())
+    });
+    standards.collect()
+}

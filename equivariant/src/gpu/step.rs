@@ -1,0 +1,161 @@
+//! A kernel with the buffers that it runs on.
+
+/// A buffer of a plan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Slot(pub usize);
+
+/// How many groups of threads a kernel needs for N samples: `times` for each tile of `each` N +
+/// `fixed` units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Work {
+    each: usize,
+    fixed: usize,
+    tile: usize,
+    times: usize,
+}
+
+/// Threads of a group; `common.wgsl` says the same.
+pub(crate) const THREADS: usize = 64;
+
+impl Work {
+    /// This many threads for each sample.
+    pub fn threads(each: usize) -> Work {
+        Work {
+            each,
+            fixed: 0,
+            tile: THREADS,
+            times: 1,
+        }
+    }
+
+    /// This many threads, whatever the number of samples.
+    pub fn fixed_threads(fixed: usize) -> Work {
+        Work {
+            each: 0,
+            fixed,
+            tile: THREADS,
+            times: 1,
+        }
+    }
+
+    /// This many groups for each sample.
+    pub fn groups(each: usize) -> Work {
+        Work {
+            each,
+            fixed: 0,
+            tile: 1,
+            times: 1,
+        }
+    }
+
+    /// This many groups, whatever the number of samples.
+    pub fn fixed_groups(fixed: usize) -> Work {
+        Work {
+            each: 0,
+            fixed,
+            tile: 1,
+            times: 1,
+        }
+    }
+
+    /// `times` groups for each tile of rows.
+    pub fn tiles(rows: Rows, tile: usize, times: usize) -> Work {
+        let (each, fixed) = match rows {
+            Rows::Each(each) => (each, 0),
+            Rows::Fixed(fixed) => (0, fixed),
+        };
+        Work {
+            each,
+            fixed,
+            tile,
+            times,
+        }
+    }
+
+    /// The number of groups.
+    pub fn count(self, samples: usize) -> usize {
+        (self.each * samples + self.fixed).div_ceil(self.tile) * self.times
+    }
+}
+
+/// A number of rows: so many for each sample, or for the whole batch.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Rows {
+    Each(usize),
+    Fixed(usize),
+}
+
+impl Rows {
+    /// The number as an expression of WGSL.
+    pub fn expression(self) -> String {
+        match self {
+            Rows::Each(each) => format!("samples * {each}u"),
+            Rows::Fixed(fixed) => format!("{fixed}u"),
+        }
+    }
+}
+
+/// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
+#[derive(Clone, Debug)]
+pub(crate) struct Step {
+    pub label: &'static str,
+    pub source: String,
+    /// Buffers, and whether the kernel writes them.
+    pub buffers: Vec<(Slot, bool)>,
+    pub work: Work,
+}
+
+impl Step {
+    /// A kernel on fields of this order.
+    pub fn new(label: &'static str, order: usize, work: Work) -> Step {
+        let group = match order {
+            1 => include_str!("wgsl/group_1.wgsl"),
+            2 => include_str!("wgsl/group_2.wgsl"),
+            _ => include_str!("wgsl/group_4.wgsl"),
+        };
+        Step {
+            label,
+            source: [include_str!("wgsl/common.wgsl"), group].concat(),
+            buffers: Vec::new(),
+            work,
+        }
+    }
+
+    /// Adds text of WGSL.
+    pub fn text(mut self, text: &str) -> Step {
+        self.source.push_str(text);
+        self.source.push('\n');
+        self
+    }
+
+    /// Adds constants of type u32.
+    pub fn constants<const N: usize>(self, constants: [(&str, usize); N]) -> Step {
+        constants.into_iter().fold(self, |step, (name, value)| {
+            step.text(&format!("const {name} = {value}u;"))
+        })
+    }
+
+    /// Adds a constant of type f32.
+    pub fn number(self, name: &str, value: f64) -> Step {
+        // in decimal, with a point or an exponent: as short as it can be read back
+        self.text(&format!("const {name}: f32 = {:?};", value as f32))
+    }
+
+    /// Adds a buffer that is read, as an array of `element`.
+    pub fn read(self, name: &str, element: &str, slot: Slot) -> Step {
+        self.buffer((name, "read"), element, (slot, false))
+    }
+
+    /// Adds a buffer that is written, as an array of `element`.
+    pub fn write(self, name: &str, element: &str, slot: Slot) -> Step {
+        self.buffer((name, "read_write"), element, (slot, true))
+    }
+
+    fn buffer(mut self, (name, access): (&str, &str), element: &str, slot: (Slot, bool)) -> Step {
+        self.buffers.push(slot);
+        let binding = self.buffers.len();
+        self.text(&format!(
+            "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;"
+        ))
+    }
+}

@@ -1,0 +1,25 @@
+// What every kernel has: the batch, and where a thread stands in it.
+
+@group(0) @binding(0) var<uniform> samples: u32;
+
+const THREADS = 64u;
+
+struct Place {
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) thread: u32,
+}
+
+// Groups fill a plane, since a line of them is limited.
+fn group_of(place: Place) -> u32 {
+    return place.group.y * place.groups.x + place.group.x;
+}
+
+fn index_of(place: Place) -> u32 {
+    return group_of(place) * THREADS + place.thread;
+}
+
+// The sign of an irrep at an element, both by their positions in the group's lists.
+fn sign_of(irrep: u32, element: u32) -> f32 {
+    return 1.0 - 2.0 * f32(countOneBits(irrep & element) & 1u);
+}

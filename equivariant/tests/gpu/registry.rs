@@ -1,0 +1,131 @@
+//! Every layer on the device against the processor's.
+
+use equivariant::gpu::Network;
+use equivariant::{Group, Layer, Relu, Sequential, equivariance_error, equivariance_error_of};
+
+use crate::common::{
+    boxed, conv, inexact_layers_of, largest, largest_deviation, largest_magnitude, layers, normal,
+    params, rng, run,
+};
+use crate::device;
+
+const SAMPLES: usize = 3;
+/// Of the largest value of the processor's.
+const TOLERANCE: f64 = 1e-4;
+
+/// A network for up to five samples with these parameters.
+fn network(layer: &dyn Layer<f32>, params: &[f32]) -> Network {
+    let mut network = Network::new(device(), layer, 5).unwrap();
+    network.set_params(params);
+    network
+}
+
+fn deviation(got: &[f32], expected: &[f32]) -> f64 {
+    // biases that a linear layer's type lacks have no gradient at all
+    let scale = largest([1e-3, largest_magnitude(expected)].into_iter());
+    largest_deviation(got, expected) / scale
+}
+
+#[test]
+fn outputs_and_gradients_are_those_of_the_processor() {
+    for (name, layer) in layers::<f32>() {
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let x = normal(SAMPLES * layer.in_shape().len(), 2);
+        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
+        let [y, dx, dparams] = run(layer, &params, &x, &dy);
+        let mut network = network(layer, &params);
+        let output = network.forward(&x).unwrap();
+        let error = deviation(&output, &y);
+        assert!(error < TOLERANCE, "{name}: error {error} in the output");
+        let gradients = network.backward(&dy).unwrap();
+        let error = deviation(&gradients.input, &dx);
+        assert!(error < TOLERANCE, "{name}: error {error} in the input");
+        let error = deviation(&gradients.params, &dparams);
+        assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
+    }
+}
+
+/// The equivariance error of what a device computes with these parameters.
+fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
+    let mut network = network(layer, params);
+    let run = |x: &[f32], y: &mut [f32]| y.copy_from_slice(&network.forward(x).unwrap());
+    equivariance_error_of(layer.in_shape(), layer.out_shape(), run, 3, &mut rng(5))
+}
+
+#[test]
+fn all_layers_are_as_equivariant_as_on_the_processor() {
+    for (name, layer) in layers::<f32>() {
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let here = equivariance_error(layer, &params, 3, &mut rng(5));
+        let there = equivariance_error_on(layer, &params);
+        // what is exact to the bit here is so there
+        let allowed = if here == 0.0 { 0.0 } else { 1e-5 };
+        assert!(
+            there <= allowed,
+            "{name}: error {there}, and {here} on the processor"
+        );
+    }
+}
+
+/// A first layer and a later one, each with a ReLU, on even and odd windows.
+#[test]
+fn convolutions_are_exactly_equivariant() {
+    for group in Group::ALL {
+        for (window, size) in [([4, 2, 1], 8), ([3, 2, 1], 7)] {
+            let regular = group.regular(3);
+            let first = conv(group.trivial(3), regular, window, [size; 2]);
+            let relu = boxed(Relu::new(first.out_shape()));
+            let side = first.out_shape().height;
+            let second = conv(regular, regular, [3, 1, 1], [side; 2]);
+            let net = Sequential::new(vec![first, relu, second]).unwrap();
+            let error = equivariance_error_on(&net, &params(&net, 1));
+            assert_eq!(error, 0.0, "{window:?} of {group}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_parameter_and_a_wrong_gradient_are_seen() {
+    let layer: Box<dyn Layer<f32>> = conv(
+        Group::D2.regular(2),
+        Group::D2.regular(3),
+        [3, 1, 1],
+        [4, 4],
+    );
+    let params = params(layer.as_ref(), 1);
+    let x = normal(layer.in_shape().len(), 2);
+    let dy = normal(layer.out_shape().len(), 3);
+    let [y, _, dparams] = run(layer.as_ref(), &params, &x, &dy);
+    for i in 0..params.len() {
+        let mut wrong = params.clone();
+        wrong[i] += 0.01;
+        let mut network = network(layer.as_ref(), &wrong);
+        let output = network.forward(&x).unwrap();
+        assert!(deviation(&output, &y) > TOLERANCE, "parameter {i}");
+        let mut gradient = network.backward(&dy).unwrap().params;
+        assert!(deviation(&gradient, &dparams) < TOLERANCE);
+        gradient[i] += 0.01 * largest_magnitude(&dparams) as f32;
+        assert!(deviation(&gradient, &dparams) > TOLERANCE);
+    }
+}
+
+#[test]
+fn the_same_bits_come_twice_whatever_came_before() {
+    for (name, layer) in inexact_layers_of::<f32>(Group::D2) {
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let x = normal(3 * layer.in_shape().len(), 2);
+        let dy = normal(3 * layer.out_shape().len(), 3);
+        let results = |earlier: u64| {
+            let mut network = network(layer, &params);
+            let x_before = normal::<f32>(5 * layer.in_shape().len(), earlier);
+            let dy_before = normal::<f32>(5 * layer.out_shape().len(), earlier);
+            network.forward(&x_before).unwrap();
+            network.backward(&dy_before).unwrap();
+            (network.forward(&x).unwrap(), network.backward(&dy).unwrap())
+        };
+        assert!(results(4) == results(5), "{name}");
+    }
+}
