@@ -1,7 +1,9 @@
 //! The same layers on a GPU, through wgpu's Vulkan back end.
 //!
 //! [`adapters`] lists what there is and [`Device::open`] opens one of them. A [`Network`] is a
-//! layer or a chain of layers on a device: parameters, activations and gradients stay there.
+//! layer or a chain of layers on a device: parameters, activations and gradients stay there. A
+//! [`Plan`] joins several layers with kernels of somebody else, such as a loss, and a [`Program`]
+//! is a plan on a device.
 //!
 //! A convolution is three kernels, each for all irreps at once: patches are folded by parity,
 //! multiplied by the blocks of parameters, and, in the backward pass, unfolded. All numbers of a
@@ -12,14 +14,19 @@
 
 mod adapter;
 mod channels;
+mod command;
 mod device;
 mod error;
 mod kernels;
 mod network;
 mod plan;
+mod program;
 mod step;
 
 pub use adapter::{Adapter, AdapterKind, adapters};
 pub use device::Device;
 pub use error::GpuError;
 pub use network::{Gradients, Network};
+pub use plan::{Plan, Tensor};
+pub use program::{Batch, Passes, Program};
+pub use step::{Slot, Step, Work};

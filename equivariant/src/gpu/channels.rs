@@ -50,6 +50,22 @@ impl Channels {
         self
     }
 
+    /// The same fields where the first ones of another type are.
+    pub fn at_start_of(&self, sum: &Channels) -> Channels {
+        self.clone().within(sum.dim, sum.starts.clone())
+    }
+
+    /// The same fields where the last ones of another type are.
+    pub fn at_end_of(&self, sum: &Channels) -> Channels {
+        let ends = sum
+            .starts
+            .iter()
+            .zip(&sum.counts)
+            .map(|(start, count)| start + count);
+        let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
+        self.clone().within(sum.dim, starts.collect())
+    }
+
     /// The number of fields, of which some may lack numbers.
     pub fn fields(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)

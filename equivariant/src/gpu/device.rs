@@ -6,31 +6,20 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::gpu::adapter::{Adapter, describe, found};
 use crate::gpu::error::GpuError;
-use crate::gpu::step::Step;
-
-/// Groups of threads in one line of a dispatch; every adapter takes as many.
-const GROUPS_OF_A_LINE: usize = 32_768;
 
 /// An opened adapter. Clones are the same device.
 #[derive(Clone)]
 pub struct Device {
     adapter: Adapter,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
+    pub(crate) device: wgpu::Device,
+    pub(crate) queue: wgpu::Queue,
     /// Compiled kernels by their text.
-    pipelines: Arc<Mutex<HashMap<String, wgpu::ComputePipeline>>>,
+    pub(crate) pipelines: Arc<Mutex<HashMap<String, wgpu::ComputePipeline>>>,
     fault: Fault,
 }
 
 /// The first thing that went wrong, if anything did.
 type Fault = Arc<Mutex<Option<GpuError>>>;
-
-/// A step with its compiled kernel and its buffers.
-pub(crate) struct Command {
-    pipeline: wgpu::ComputePipeline,
-    bindings: wgpu::BindGroup,
-    step: Step,
-}
 
 impl Device {
     /// Opens the adapter whose name contains `name`, whatever the case; without a name the first of
@@ -89,12 +78,14 @@ impl Device {
         note(&self.fault, GpuError::Lost { adapter, reason });
     }
 
-    /// What went wrong, if anything did since the device was opened.
+    /// What went wrong since the last check, if anything did. A lost device stays lost.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
-        match &*locked(&self.fault) {
-            Some(fault) => Err(fault.clone()),
-            None => Ok(()),
-        }
+        let mut fault = locked(&self.fault);
+        let error = match &*fault {
+            Some(lost @ GpuError::Lost { .. }) => Some(lost.clone()),
+            _ => fault.take(),
+        };
+        error.map_or(Ok(()), Err)
     }
 
     /// A buffer of so many bytes, of zeros, for kernels.
@@ -103,14 +94,14 @@ impl Device {
         self.allocate("values", size, wgpu::BufferUsages::STORAGE | copied)
     }
 
-    /// The buffer of the number of samples.
-    pub(crate) fn uniform(&self) -> wgpu::Buffer {
+    /// A buffer of so many bytes that all threads read.
+    pub(crate) fn uniform(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
-        self.allocate("samples", 16, usage)
+        self.allocate("batch", size, usage)
     }
 
     /// A buffer that the processor reads.
-    fn staging(&self, size: u64) -> wgpu::Buffer {
+    pub(crate) fn staging(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         self.allocate("staging", size, usage)
     }
@@ -124,164 +115,11 @@ impl Device {
         })
     }
 
-    /// Writes to the front of a buffer before the next commands.
-    pub(crate) fn write<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, values: &[T]) {
-        self.queue
-            .write_buffer(buffer, 0, bytemuck::cast_slice(values));
-    }
-
-    /// Compiles a step; `buffers` are those of its plan.
-    pub(crate) fn command(
-        &self,
-        step: &Step,
-        uniform: &wgpu::Buffer,
-        buffers: &[wgpu::Buffer],
-    ) -> Command {
-        let layout = self.layout(step);
-        let own = step.buffers.iter().map(|(slot, _)| &buffers[slot.0]);
-        let entries = std::iter::once(uniform).chain(own).enumerate();
-        let entries = entries.map(|(binding, buffer)| wgpu::BindGroupEntry {
-            binding: binding as u32,
-            resource: buffer.as_entire_binding(),
-        });
-        let entries: Vec<_> = entries.collect();
-        Command {
-            bindings: self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(step.label),
-                layout: &layout,
-                entries: &entries,
-            }),
-            pipeline: self.pipeline(step, &layout),
-            step: step.clone(),
-        }
-    }
-
-    fn layout(&self, step: &Step) -> wgpu::BindGroupLayout {
-        let storage = step
-            .buffers
-            .iter()
-            .map(|&(_, written)| wgpu::BufferBindingType::Storage {
-                read_only: !written,
-            });
-        let types = std::iter::once(wgpu::BufferBindingType::Uniform).chain(storage);
-        let entries = types
-            .enumerate()
-            .map(|(binding, ty)| wgpu::BindGroupLayoutEntry {
-                binding: binding as u32,
-                visibility: wgpu::ShaderStages::COMPUTE,
-                ty: wgpu::BindingType::Buffer {
-                    ty,
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
-                count: None,
-            });
-        let entries: Vec<_> = entries.collect();
-        self.device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-                label: Some(step.label),
-                entries: &entries,
-            })
-    }
-
-    fn pipeline(&self, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
-        let mut pipelines = locked(&self.pipelines);
-        if let Some(pipeline) = pipelines.get(&step.source) {
-            return pipeline.clone();
-        }
-        let pipeline = self.compile(step, layout);
-        pipelines.insert(step.source.clone(), pipeline.clone());
-        pipeline
-    }
-
-    fn compile(&self, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
-        let label = Some(step.label);
-        let module = self
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor {
-                label,
-                source: wgpu::ShaderSource::Wgsl(step.source.as_str().into()),
-            });
-        let layout = self
-            .device
-            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                label,
-                bind_group_layouts: &[Some(layout)],
-                immediate_size: 0,
-            });
-        self.device
-            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label,
-                layout: Some(&layout),
-                module: &module,
-                entry_point: Some("main"),
-                // kernels write what they share before they read it
-                compilation_options: wgpu::PipelineCompilationOptions {
-                    zero_initialize_workgroup_memory: false,
-                    ..Default::default()
-                },
-                cache: None,
-            })
-    }
-
-    /// Runs commands for so many samples, one after the other, then reads the first `words` numbers
-    /// of some buffers.
-    ///
-    /// # Errors
-    /// [`GpuError::Lost`] and [`GpuError::Failed`], also for what went wrong before.
-    pub(crate) fn run<'a, const N: usize>(
-        &self,
-        commands: impl IntoIterator<Item = &'a Command>,
-        samples: usize,
-        results: [(&wgpu::Buffer, usize); N],
-    ) -> Result<[Vec<f32>; N], GpuError> {
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        commands
-            .into_iter()
-            .for_each(|command| command.record(samples, &mut pass));
-        drop(pass);
-        let staged = results.map(|(buffer, words)| {
-            let staged = self.staging(4 * words as u64);
-            encoder.copy_buffer_to_buffer(buffer, 0, &staged, 0, 4 * words as u64);
-            staged
-        });
-        self.queue.submit([encoder.finish()]);
-        for staged in &staged {
-            // whether it was mapped is seen below
-            staged.map_async(wgpu::MapMode::Read, .., |_| ());
-        }
-        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
-        self.check()?;
-        waited.map_err(|error| self.failed(error))?;
-        let mut read = [const { Vec::new() }; N];
-        for (read, staged) in read.iter_mut().zip(&staged) {
-            let view = staged
-                .get_mapped_range(..)
-                .map_err(|error| self.failed(error))?;
-            *read = bytemuck::pod_collect_to_vec(&view);
-        }
-        Ok(read)
-    }
-
-    fn failed(&self, error: impl fmt::Display) -> GpuError {
+    pub(crate) fn failed(&self, error: impl fmt::Display) -> GpuError {
         GpuError::Failed {
             adapter: self.adapter.name.clone(),
             reason: error.to_string(),
         }
-    }
-}
-
-impl Command {
-    fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
-        let groups = self.step.work.count(samples);
-        let line = groups.min(GROUPS_OF_A_LINE);
-        if line == 0 {
-            return;
-        }
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, &self.bindings, &[]);
-        pass.dispatch_workgroups(line as u32, groups.div_ceil(line) as u32, 1);
     }
 }
 
@@ -307,12 +145,16 @@ fn watch(device: &wgpu::Device, adapter: &str) -> Fault {
     fault
 }
 
-/// Keeps the first fault; later ones follow from it.
+/// Keeps the first fault, since later ones follow from it, but for the loss of the device.
 fn note(fault: &Fault, error: GpuError) {
-    locked(fault).get_or_insert(error);
+    let mut fault = locked(fault);
+    let known = matches!(&*fault, Some(GpuError::Lost { .. }));
+    if fault.is_none() || (!known && matches!(error, GpuError::Lost { .. })) {
+        *fault = Some(error);
+    }
 }
 
 /// What a mutex holds. Nothing that runs under it can leave it half written.
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -2,26 +2,24 @@
 
 use std::fmt;
 
-use crate::gpu::device::{Command, Device};
+use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
-use crate::gpu::kernels;
 use crate::gpu::plan::{Plan, Tensor};
+use crate::gpu::program::{Batch, Passes, Program};
+use crate::gpu::step::Slot;
 use crate::layers::layer::Layer;
 
 /// A layer on a device, with memory for the passes of a batch. What it computes is what
 /// [`Layer::forward`] and [`Layer::backward`] do, but for rounding.
 pub struct Network {
-    device: Device,
+    program: Program,
+    plan: Plan,
     /// What the layer prints.
     name: String,
-    samples: usize,
-    plan: Plan,
     x: Tensor,
     y: Tensor,
-    uniform: wgpu::Buffer,
-    buffers: Vec<wgpu::Buffer>,
-    forward: Vec<Command>,
-    backward: Vec<Command>,
+    /// Gradients in input and output.
+    gradients: [Slot; 2],
     /// Samples of the last forward pass.
     seen: usize,
 }
@@ -53,46 +51,34 @@ impl Network {
         assert!(samples > 0, "{layer}: got 0 samples, expected at least 1");
         let mut plan = Plan::new();
         let x = plan.tensor(layer.in_shape());
-        let y = kernels::add(&mut plan, layer, x)?;
-        plan.check(device.adapter(), samples)?;
-        let extents = plan.extents().iter();
-        let buffers = extents.map(|extent| device.buffer(extent.bytes(samples)));
-        let buffers: Vec<wgpu::Buffer> = buffers.collect();
-        for (slot, words) in &plan.tables {
-            device.write(&buffers[slot.0], words);
-        }
-        let uniform = device.uniform();
-        let command = |step| device.command(step, &uniform, &buffers);
-        let network = Network {
-            device: device.clone(),
+        let y = plan.layer(layer, x)?;
+        let [Some(dx), Some(dy)] = [x.gradient, y.gradient] else {
+            unreachable!("both ends have gradients")
+        };
+        Ok(Network {
+            program: Program::new(device, &plan, samples)?,
+            plan,
             name: layer.to_string(),
-            samples,
             x,
             y,
-            forward: plan.forward.iter().map(command).collect(),
-            backward: plan.backward().map(command).collect(),
-            plan,
-            uniform,
-            buffers,
+            gradients: [dx, dy],
             seen: 0,
-        };
-        device.check()?;
-        Ok(network)
+        })
     }
 
     /// The largest number of samples of a batch.
     pub fn samples(&self) -> usize {
-        self.samples
+        self.program.samples()
     }
 
     /// The number of parameters, as the layer has them.
     pub fn num_params(&self) -> usize {
-        self.plan.places.len()
+        self.plan.num_params()
     }
 
     /// Kernels of one forward and one backward pass.
     pub fn dispatches(&self) -> [usize; 2] {
-        [self.forward.len(), self.backward.len()]
+        self.program.dispatches()
     }
 
     /// Sets the parameters, in the order of the layer.
@@ -101,12 +87,8 @@ impl Network {
     /// When there are more or fewer than the layer's.
     pub fn set_params(&mut self, params: &[f32]) {
         self.check_len("params", params.len(), self.num_params());
-        let mut placed = vec![0.0f32; self.plan.device_params()];
-        for (&place, &param) in self.plan.places.iter().zip(params) {
-            placed[place as usize] = param;
-        }
-        self.device
-            .write(&self.buffers[self.plan.params.0], &placed);
+        self.program
+            .write(self.plan.params(), &self.plan.placed(params));
     }
 
     /// f(x) of N samples `[N, H, W, C]`.
@@ -118,7 +100,7 @@ impl Network {
     /// When `x` is not whole samples, none, or more than there is memory for.
     pub fn forward(&mut self, x: &[f32]) -> Result<Vec<f32>, GpuError> {
         let each = self.x.shape.len();
-        let (got, most) = (x.len(), self.samples);
+        let (got, most) = (x.len(), self.samples());
         assert!(
             got > 0 && got.is_multiple_of(each) && got / each <= most,
             "{}: got x of {got} values, expected a multiple of {each} above 0 and at most {most} \
@@ -126,14 +108,10 @@ impl Network {
             self.name
         );
         self.seen = got / each;
-        self.device.write(&self.buffers[self.x.values.0], x);
-        self.device
-            .write(&self.uniform, &[self.seen as u32, 0, 0, 0]);
-        let y = (
-            &self.buffers[self.y.values.0],
-            self.seen * self.y.shape.len(),
-        );
-        let [y] = self.device.run(&self.forward, self.seen, [y])?;
+        self.program.write(self.x.values, x);
+        self.submit(Passes::Forward);
+        let len = self.seen * self.y.shape.len();
+        let [y] = self.program.read([(self.y.values, len)])?;
         Ok(y)
     }
 
@@ -146,22 +124,22 @@ impl Network {
     /// When `dy` does not hold as many samples as the last forward pass had.
     pub fn backward(&mut self, dy: &[f32]) -> Result<Gradients, GpuError> {
         self.check_len("dy", dy.len(), self.seen * self.y.shape.len());
-        let buffer = |tensor: &Tensor| tensor.gradient.map(|slot| &self.buffers[slot.0]);
-        let (Some(into), Some(input)) = (buffer(&self.y), buffer(&self.x)) else {
-            unreachable!("both ends of a network have gradients")
-        };
-        self.device.write(into, dy);
-        let input = (input, self.seen * self.x.shape.len());
-        let params = (
-            &self.buffers[self.plan.gradient.0],
-            self.plan.device_params(),
-        );
-        let [input, placed] = self
-            .device
-            .run(&self.backward, self.seen, [input, params])?;
-        let params = self.plan.places.iter().map(|&place| placed[place as usize]);
-        let params = params.collect();
+        let [into, out_of] = self.gradients;
+        self.program.write(out_of, dy);
+        self.submit(Passes::Backward);
+        let input = (into, self.seen * self.x.shape.len());
+        let params = (self.plan.gradient(), self.plan.device_params());
+        let [input, params] = self.program.read([input, params])?;
+        let params = self.plan.unplaced(&params);
         Ok(Gradients { input, params })
+    }
+
+    fn submit(&self, passes: Passes) {
+        let batch = Batch {
+            samples: self.seen,
+            ..Batch::default()
+        };
+        self.program.submit(passes, batch);
     }
 
     fn check_len(&self, slice: &str, got: usize, expected: usize) {
@@ -179,7 +157,7 @@ impl fmt::Debug for Network {
             f,
             "Network({} on {})",
             self.name,
-            self.device.adapter().name
+            self.program.device().adapter().name
         )
     }
 }

@@ -27,9 +27,12 @@ impl Extent {
 
 /// A map of the batch, and the gradient in it where one is wanted.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Tensor {
+pub struct Tensor {
+    /// The shape of a sample.
     pub shape: Shape,
+    /// The values, `[N, H, W, C]`.
     pub values: Slot,
+    /// The gradient, in the same layout.
     pub gradient: Option<Slot>,
 }
 
@@ -42,94 +45,125 @@ pub(crate) enum Shared {
     Partial,
 }
 
-/// The buffers and the kernels of a network.
+/// The buffers and the kernels of networks that run together, for a
+/// [`Program`](crate::gpu::Program).
+///
+/// Layers are added one after the other. Parameters are laid out as the kernels read them, with
+/// zeros where a vector of WGSL has no parameter; [`placed`](Plan::placed) brings those of the
+/// processor there and [`unplaced`](Plan::unplaced) back.
 #[derive(Debug)]
-pub(crate) struct Plan {
+pub struct Plan {
     extents: Vec<Extent>,
-    /// Buffers with contents that do not change.
-    pub tables: Vec<(Slot, Vec<u32>)>,
-    pub forward: Vec<Step>,
+    tables: Vec<(Slot, Vec<u32>)>,
+    forward: Vec<Step>,
     /// The steps of each layer, in the order of the forward pass.
     backward: Vec<Vec<Step>>,
-    /// For each parameter of the processor's, its place among those of the device.
-    pub places: Vec<u32>,
-    /// All parameters, in the order of the kernels.
-    pub params: Slot,
-    /// The gradient in them.
-    pub gradient: Slot,
-    folded: Slot,
-    partial: Slot,
+    last: Vec<Step>,
+    places: Vec<u32>,
+}
+
+const PARAMS: Slot = Slot(0);
+const GRADIENT: Slot = Slot(1);
+const FOLDED: Slot = Slot(2);
+const PARTIAL: Slot = Slot(3);
+
+impl Default for Plan {
+    fn default() -> Plan {
+        Plan::new()
+    }
 }
 
 impl Plan {
+    /// A plan of nothing.
     pub fn new() -> Plan {
         Plan {
             extents: vec![Extent::default(); 4],
             tables: Vec::new(),
             forward: Vec::new(),
             backward: Vec::new(),
+            last: Vec::new(),
             places: Vec::new(),
-            params: Slot(0),
-            gradient: Slot(1),
-            folded: Slot(2),
-            partial: Slot(3),
         }
     }
 
-    /// The lengths of all buffers, by their slots.
-    pub fn extents(&self) -> &[Extent] {
-        &self.extents
+    /// The buffer of all parameters, in the order of the kernels.
+    pub fn params(&self) -> Slot {
+        PARAMS
+    }
+
+    /// The buffer of the gradient in them.
+    pub fn gradient(&self) -> Slot {
+        GRADIENT
+    }
+
+    /// The number of parameters as the processor has them.
+    pub fn num_params(&self) -> usize {
+        self.places.len()
     }
 
     /// The length of the device's parameters.
     pub fn device_params(&self) -> usize {
-        self.extents[self.params.0].fixed
+        self.extents[PARAMS.0].fixed
     }
 
-    /// The steps of the backward pass, in their order.
-    pub fn backward(&self) -> impl Iterator<Item = &Step> {
-        self.backward.iter().rev().flatten()
+    /// Values of all parameters in the order of the kernels.
+    ///
+    /// # Panics
+    /// When there are more or fewer than [`num_params`](Plan::num_params).
+    pub fn placed(&self, params: &[f32]) -> Vec<f32> {
+        let (got, expected) = (params.len(), self.num_params());
+        assert!(got == expected, "got {got} parameters, expected {expected}");
+        let mut placed = vec![0.0; self.device_params()];
+        for (&place, &param) in self.places.iter().zip(params) {
+            placed[place as usize] = param;
+        }
+        placed
     }
 
-    /// A buffer of so many numbers.
+    /// The reverse of [`placed`](Plan::placed).
+    ///
+    /// # Panics
+    /// When there are fewer than [`device_params`](Plan::device_params).
+    pub fn unplaced(&self, placed: &[f32]) -> Vec<f32> {
+        let places = self.places.iter();
+        places.map(|&place| placed[place as usize]).collect()
+    }
+
+    /// A buffer of `fixed` numbers of 4 bytes, and `each` a sample.
     pub fn buffer(&mut self, fixed: usize, each: usize) -> Slot {
         self.extents.push(Extent { fixed, each });
         Slot(self.extents.len() - 1)
     }
 
-    /// A buffer with these contents.
+    /// A buffer whose contents do not change.
     pub fn table(&mut self, words: Vec<u32>) -> Slot {
         let slot = self.buffer(words.len(), 0);
         self.tables.push((slot, words));
         slot
     }
 
-    /// A map with its gradient.
-    pub fn tensor(&mut self, shape: Shape) -> Tensor {
+    /// A map without a gradient.
+    pub fn input(&mut self, shape: Shape) -> Tensor {
         Tensor {
             shape,
             values: self.buffer(0, shape.len()),
-            gradient: Some(self.buffer(0, shape.len())),
+            gradient: None,
         }
     }
 
-    /// A buffer that is shared, with room for so many numbers.
-    pub fn shared(&mut self, which: Shared, fixed: usize, each: usize) -> Slot {
-        let slot = match which {
-            Shared::Folded => self.folded,
-            Shared::Partial => self.partial,
-        };
-        let extent = &mut self.extents[slot.0];
-        extent.fixed = extent.fixed.max(fixed);
-        extent.each = extent.each.max(each);
-        slot
+    /// A map with its gradient.
+    pub fn tensor(&mut self, shape: Shape) -> Tensor {
+        Tensor {
+            gradient: Some(self.buffer(0, shape.len())),
+            ..self.input(shape)
+        }
     }
 
     /// Makes room for `len` parameters of the device, of which the processor's lie at `places`;
     /// returns where they start.
     pub fn reserve(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
         let start = self.device_params().next_multiple_of(ALIGNMENT);
-        for slot in [self.params, self.gradient] {
+        for slot in [PARAMS, GRADIENT] {
             self.extents[slot.0].fixed = start + len;
         }
         let places = places.into_iter().map(|place| (start + place) as u32);
@@ -137,14 +171,52 @@ impl Plan {
         start
     }
 
-    /// Adds the steps of a layer.
+    /// Adds the steps of a layer. Those of the backward pass run before those of all layers that
+    /// were added earlier.
     pub fn push(&mut self, forward: Vec<Step>, backward: Vec<Step>) {
         self.forward.extend(forward);
         self.backward.push(backward);
     }
 
+    /// Adds a step after the backward pass.
+    pub fn push_last(&mut self, step: Step) {
+        self.last.push(step);
+    }
+
+    /// A buffer that is shared, with room for so many numbers.
+    pub(crate) fn shared(&mut self, which: Shared, fixed: usize, each: usize) -> Slot {
+        let slot = match which {
+            Shared::Folded => FOLDED,
+            Shared::Partial => PARTIAL,
+        };
+        let extent = &mut self.extents[slot.0];
+        extent.fixed = extent.fixed.max(fixed);
+        extent.each = extent.each.max(each);
+        slot
+    }
+
+    /// The lengths of all buffers, by their slots.
+    pub(crate) fn extents(&self) -> &[Extent] {
+        &self.extents
+    }
+
+    /// Buffers whose contents do not change, and these.
+    pub(crate) fn tables(&self) -> &[(Slot, Vec<u32>)] {
+        &self.tables
+    }
+
+    /// The steps of the forward pass, in their order.
+    pub(crate) fn forward(&self) -> impl Iterator<Item = &Step> {
+        self.forward.iter()
+    }
+
+    /// The steps of the backward pass and what comes after it, in their order.
+    pub(crate) fn backward(&self) -> impl Iterator<Item = &Step> {
+        self.backward.iter().rev().flatten().chain(&self.last)
+    }
+
     /// Refuses a plan whose buffers for so many samples an adapter cannot hold.
-    pub fn check(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
+    pub(crate) fn check(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
         let bytes = self.extents.iter().map(|extent| extent.bytes(samples));
         let largest = bytes.max().unwrap_or(0);
         let refused = |what, limit| GpuError::Limit {

@@ -2,12 +2,12 @@
 
 /// A buffer of a plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Slot(pub usize);
+pub struct Slot(pub(crate) usize);
 
 /// How many groups of threads a kernel needs for N samples: `times` for each tile of `each` N +
 /// `fixed` units.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Work {
+pub struct Work {
     each: usize,
     fixed: usize,
     tile: usize,
@@ -59,7 +59,7 @@ impl Work {
     }
 
     /// `times` groups for each tile of rows.
-    pub fn tiles(rows: Rows, tile: usize, times: usize) -> Work {
+    pub(crate) fn tiles(rows: Rows, tile: usize, times: usize) -> Work {
         let (each, fixed) = match rows {
             Rows::Each(each) => (each, 0),
             Rows::Fixed(fixed) => (0, fixed),
@@ -73,7 +73,7 @@ impl Work {
     }
 
     /// The number of groups.
-    pub fn count(self, samples: usize) -> usize {
+    pub(crate) fn count(self, samples: usize) -> usize {
         (self.each * samples + self.fixed).div_ceil(self.tile) * self.times
     }
 }
@@ -89,7 +89,7 @@ impl Rows {
     /// The number as an expression of WGSL.
     pub fn expression(self) -> String {
         match self {
-            Rows::Each(each) => format!("samples * {each}u"),
+            Rows::Each(each) => format!("batch.samples * {each}u"),
             Rows::Fixed(fixed) => format!("{fixed}u"),
         }
     }
@@ -97,16 +97,19 @@ impl Rows {
 
 /// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
 #[derive(Clone, Debug)]
-pub(crate) struct Step {
-    pub label: &'static str,
-    pub source: String,
+pub struct Step {
+    pub(crate) label: &'static str,
+    pub(crate) source: String,
     /// Buffers, and whether the kernel writes them.
-    pub buffers: Vec<(Slot, bool)>,
-    pub work: Work,
+    pub(crate) buffers: Vec<(Slot, bool)>,
+    pub(crate) work: Work,
 }
 
 impl Step {
-    /// A kernel on fields of this order.
+    /// A kernel on fields of this order, 1, 2 or 4.
+    ///
+    /// Its text begins with `wgsl/common.wgsl`, which has the batch and a thread's place in it, and
+    /// with `wgsl/group_1.wgsl` or another of these, which has the arithmetic of a field.
     pub fn new(label: &'static str, order: usize, work: Work) -> Step {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
@@ -139,6 +142,11 @@ impl Step {
     pub fn number(self, name: &str, value: f64) -> Step {
         // in decimal, with a point or an exponent: as short as it can be read back
         self.text(&format!("const {name}: f32 = {:?};", value as f32))
+    }
+
+    /// Adds the sum over the threads of a group: `summed(value, thread)`.
+    pub fn sums(self) -> Step {
+        self.text(include_str!("wgsl/reduce.wgsl"))
     }
 
     /// Adds a buffer that is read, as an array of `element`.

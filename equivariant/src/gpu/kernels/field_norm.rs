@@ -45,11 +45,10 @@ pub(super) fn add(plan: &mut Plan, moments: Moments, x: &Tensor, y: &Tensor) {
         channels,
     };
     let forward = norm.forward(plan, y.values);
-    let backward = match (x.gradient, y.gradient) {
-        (Some(dx), Some(dy)) => norm.backward(plan, [dx, dy], len),
-        _ => Vec::new(),
-    };
-    plan.push(vec![forward], backward);
+    // the gradient in the parameters is wanted in any case
+    let dx = x.gradient.unwrap_or_else(|| plan.buffer(0, x.shape.len()));
+    let backward = y.gradient.map(|dy| norm.backward(plan, [dx, dy], len));
+    plan.push(vec![forward], backward.unwrap_or_default());
 }
 
 impl FieldNorm<'_> {
@@ -75,7 +74,7 @@ impl FieldNorm<'_> {
             ])
             .text(&expression("parts", self.parts()))
             .text(&expression("pixels", pixels))
-            .read("params", "f32", plan.params);
+            .read("params", "f32", plan.params());
         self.channels.read(step, "x", self.x.values)
     }
 
@@ -89,7 +88,7 @@ impl FieldNorm<'_> {
                 .text(include_str!("../wgsl/fixed.wgsl")),
             _ => step
                 .number("EPSILON", EPSILON)
-                .text(include_str!("../wgsl/reduce.wgsl"))
+                .sums()
                 .text(include_str!("../wgsl/measured.wgsl")),
         };
         step.text(include_str!("../wgsl/field_norm.wgsl"))
@@ -113,7 +112,7 @@ impl FieldNorm<'_> {
             .write("partial", "f32", partial)
             .constants([("LEN", len)])
             .number("DEPENDENT", dependent)
-            .text(include_str!("../wgsl/reduce.wgsl"))
+            .sums()
             .text(include_str!("../wgsl/field_norm_backward.wgsl"));
         vec![step, sum(plan, partial, self.parts(), (self.base, len))]
     }

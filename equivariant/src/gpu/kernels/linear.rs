@@ -267,7 +267,7 @@ impl<'a> Linear<'a> {
     }
 
     fn weights(&self, step: Step, plan: &Plan) -> Step {
-        step.read("weights", "Field", plan.params)
+        step.read("weights", "Field", plan.params())
             .constants([("BASE", self.base)])
     }
 
@@ -315,7 +315,7 @@ impl<'a> Linear<'a> {
         };
         let sizes = |start| [("START", start), ("LEN", len / self.order)];
         if slices == 1 {
-            let step = step.write("gradient", "Field", plan.gradient);
+            let step = step.write("gradient", "Field", plan.gradient());
             return vec![step.text(&put("gradient")).constants(sizes(self.base))];
         }
         let partial = plan.shared(Shared::Partial, slices * len, 0);

@@ -10,6 +10,6 @@ pub(super) fn sum(plan: &Plan, partial: Slot, parts: Rows, (start, len): (usize,
         .constants([("BASE", start), ("LEN", len)])
         .text(&expression("parts", parts))
         .read("partial", "f32", partial)
-        .write("gradient", "f32", plan.gradient)
+        .write("gradient", "f32", plan.gradient())
         .text(include_str!("../wgsl/sum.wgsl"))
 }

@@ -1,6 +1,14 @@
 // What every kernel has: the batch, and where a thread stands in it.
 
-@group(0) @binding(0) var<uniform> samples: u32;
+struct Batch {
+    samples: u32,
+    // what the program that runs it means by them
+    start: u32,
+    index: u32,
+    numbers: vec4<f32>,
+}
+
+@group(0) @binding(0) var<uniform> batch: Batch;
 
 const THREADS = 64u;
 

@@ -8,7 +8,7 @@ fn passed(gate: Field, value: Field) -> Field {
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
     let index = index_of(place);
-    if index < samples * PIXELS * FIELDS {
+    if index < batch.samples * PIXELS * FIELDS {
         run(index / FIELDS, index % FIELDS);
     }
 }

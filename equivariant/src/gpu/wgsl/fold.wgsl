@@ -4,7 +4,7 @@
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
     let index = index_of(place);
-    if index >= samples * OUT_PIXELS * ORBITS * FIELDS {
+    if index >= batch.samples * OUT_PIXELS * ORBITS * FIELDS {
         return;
     }
     let field = index % FIELDS;

@@ -37,7 +37,7 @@ fn main(place: Place) {
     let group = group_of(place);
     let field = group % FIELDS;
     let sample = group / FIELDS;
-    if sample >= samples {
+    if sample >= batch.samples {
         return;
     }
     // threads beyond the pixels see the first pixel, which no maximum changes by

@@ -4,7 +4,7 @@
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
     let index = index_of(place);
-    if index >= samples * HEIGHT * WIDTH * FIELDS {
+    if index >= batch.samples * HEIGHT * WIDTH * FIELDS {
         return;
     }
     let field = index % FIELDS;

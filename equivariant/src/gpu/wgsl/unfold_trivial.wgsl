@@ -3,7 +3,7 @@
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
     let index = index_of(place);
-    if index >= samples * HEIGHT * WIDTH * FIELDS {
+    if index >= batch.samples * HEIGHT * WIDTH * FIELDS {
         return;
     }
     let channel = index % FIELDS;

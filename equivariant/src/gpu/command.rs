@@ -1,0 +1,117 @@
+//! Compiled kernels.
+
+use crate::gpu::device::{Device, locked};
+use crate::gpu::step::Step;
+
+/// Groups of threads in one line of a dispatch; every adapter takes as many.
+const GROUPS_OF_A_LINE: usize = 32_768;
+
+/// A step with its compiled kernel and its buffers.
+pub(crate) struct Command {
+    pipeline: wgpu::ComputePipeline,
+    bindings: wgpu::BindGroup,
+    step: Step,
+}
+
+impl Command {
+    /// Compiles a step; `buffers` are those of its plan.
+    pub fn new(
+        device: &Device,
+        step: &Step,
+        uniform: &wgpu::Buffer,
+        buffers: &[wgpu::Buffer],
+    ) -> Command {
+        let layout = layout(&device.device, step);
+        let own = step.buffers.iter().map(|(slot, _)| &buffers[slot.0]);
+        let entries = std::iter::once(uniform).chain(own).enumerate();
+        let entries = entries.map(|(binding, buffer)| wgpu::BindGroupEntry {
+            binding: binding as u32,
+            resource: buffer.as_entire_binding(),
+        });
+        let entries: Vec<_> = entries.collect();
+        let bindings = wgpu::BindGroupDescriptor {
+            label: Some(step.label),
+            layout: &layout,
+            entries: &entries,
+        };
+        Command {
+            bindings: device.device.create_bind_group(&bindings),
+            pipeline: pipeline(device, step, &layout),
+            step: step.clone(),
+        }
+    }
+
+    /// Adds a dispatch for so many samples.
+    pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
+        let groups = self.step.work.count(samples);
+        let line = groups.min(GROUPS_OF_A_LINE);
+        if line == 0 {
+            return;
+        }
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.bindings, &[]);
+        pass.dispatch_workgroups(line as u32, groups.div_ceil(line) as u32, 1);
+    }
+}
+
+fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
+    let storage = step.buffers.iter().map(|&(_, written)| {
+        let read_only = !written;
+        wgpu::BufferBindingType::Storage { read_only }
+    });
+    let types = std::iter::once(wgpu::BufferBindingType::Uniform).chain(storage);
+    let entries = types
+        .zip(0..)
+        .map(|(ty, binding)| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::COMPUTE,
+            ty: wgpu::BindingType::Buffer {
+                ty,
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            },
+            count: None,
+        });
+    let entries: Vec<_> = entries.collect();
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(step.label),
+        entries: &entries,
+    })
+}
+
+/// The compiled kernel of a step; equal texts are compiled once.
+fn pipeline(device: &Device, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
+    let mut pipelines = locked(&device.pipelines);
+    let known = pipelines.entry(step.source.clone());
+    let pipeline = known.or_insert_with(|| compile(&device.device, step, layout));
+    pipeline.clone()
+}
+
+fn compile(
+    device: &wgpu::Device,
+    step: &Step,
+    layout: &wgpu::BindGroupLayout,
+) -> wgpu::ComputePipeline {
+    let label = Some(step.label);
+    let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label,
+        source: wgpu::ShaderSource::Wgsl(step.source.as_str().into()),
+    });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label,
+        bind_group_layouts: &[Some(layout)],
+        immediate_size: 0,
+    });
+    device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label,
+        layout: Some(&layout),
+        module: &module,
+        entry_point: Some("main"),
+        // kernels write what they share before they read it
+        compilation_options: wgpu::PipelineCompilationOptions {
+            zero_initialize_workgroup_memory: false,
+            ..Default::default()
+        },
+        cache: None,
+    })
+}

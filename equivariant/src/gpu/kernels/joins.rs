@@ -1,0 +1,48 @@
+//! Where networks part and meet.
+
+use crate::gpu::channels::Channels;
+use crate::gpu::kernels::pointwise::each_field;
+use crate::gpu::plan::{Plan, Tensor};
+use crate::gpu::step::{Slot, Step};
+
+/// Adds a copy of both maps into their sum, and the reverse for gradients.
+pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
+    let pixels = y.shape.pixels();
+    let [first, second] = inputs
+        .each_ref()
+        .map(|input| Channels::of(input.shape.fields));
+    let sum = Channels::of(y.shape.fields);
+    let places = [first.at_start_of(&sum), second.at_end_of(&sum)];
+    let mut steps = [Vec::new(), Vec::new()];
+    for ((input, place), own) in inputs.iter().zip(places).zip([first, second]) {
+        steps[0].push(copy((&own, input.values), (&place, y.values), pixels));
+        if let (Some(to), Some(from)) = (input.gradient, y.gradient) {
+            steps[1].push(copy((&place, from), (&own, to), pixels));
+        }
+    }
+    let [forward, backward] = steps;
+    plan.push(forward, backward);
+}
+
+fn copy(from: (&Channels, Slot), to: (&Channels, Slot), pixels: usize) -> Step {
+    let step = each_field("copy", from.0, pixels);
+    let step = from.0.read(step, "x", from.1);
+    let step = to.0.write(step, "y", to.1);
+    step.text(include_str!("../wgsl/copy.wgsl"))
+}
+
+/// Adds up the gradients of both readers of a map.
+pub(super) fn fork(plan: &mut Plan, x: &Tensor, readers: &[Tensor; 2]) {
+    let [first, second] = readers.each_ref().map(|reader| reader.gradient);
+    let (Some(first), Some(second), Some(dx)) = (first, second, x.gradient) else {
+        return;
+    };
+    let channels = Channels::single(x.shape.fields.dim());
+    let step = each_field("add", &channels, x.shape.pixels());
+    let step = channels.read(channels.read(step, "a", first), "b", second);
+    let step = channels.write(step, "y", dx);
+    plan.push(
+        Vec::new(),
+        vec![step.text(include_str!("../wgsl/add.wgsl"))],
+    );
+}

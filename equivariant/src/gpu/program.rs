@@ -1,0 +1,181 @@
+//! A plan on a device: compiled kernels and allocated buffers.
+
+use crate::gpu::command::Command;
+use crate::gpu::device::Device;
+use crate::gpu::error::GpuError;
+use crate::gpu::plan::Plan;
+use crate::gpu::step::Slot;
+
+/// Bytes of a [`Batch`] as kernels see it.
+const BATCH_BYTES: u64 = 32;
+
+/// What all kernels of a pass know of the batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Batch {
+    /// The number of samples.
+    pub samples: usize,
+    /// Where the batch starts, in whatever the program draws it from.
+    pub start: usize,
+    /// The position of the batch in the order of batches.
+    pub index: usize,
+    /// Further numbers, such as learning rates.
+    pub numbers: [f32; 4],
+}
+
+/// Which passes to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Passes {
+    /// The forward pass.
+    Forward,
+    /// The backward pass, and what comes after it.
+    Backward,
+    /// All of them.
+    All,
+}
+
+/// A plan on a device, with memory for batches of up to some number of samples.
+pub struct Program {
+    device: Device,
+    samples: usize,
+    uniform: wgpu::Buffer,
+    buffers: Vec<wgpu::Buffer>,
+    forward: Vec<Command>,
+    backward: Vec<Command>,
+}
+
+impl Program {
+    /// Compiles the kernels of a plan and allocates its buffers, all of zeros but for its tables.
+    ///
+    /// # Errors
+    /// [`GpuError::Limit`] before anything is allocated when the batch is too large for the
+    /// adapter, [`GpuError::Lost`] and [`GpuError::Failed`].
+    pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
+        plan.check(device.adapter(), samples)?;
+        let extents = plan.extents().iter();
+        let buffers = extents.map(|extent| device.buffer(extent.bytes(samples)));
+        let buffers: Vec<wgpu::Buffer> = buffers.collect();
+        let uniform = device.uniform(BATCH_BYTES);
+        let command = |step| Command::new(device, step, &uniform, &buffers);
+        let program = Program {
+            device: device.clone(),
+            samples,
+            forward: plan.forward().map(command).collect(),
+            backward: plan.backward().map(command).collect(),
+            uniform,
+            buffers,
+        };
+        for (slot, words) in plan.tables() {
+            program.write_words(*slot, words);
+        }
+        device.check()?;
+        Ok(program)
+    }
+
+    /// The device.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// The largest number of samples of a batch.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Kernels of the forward pass, and of the backward pass with what comes after it.
+    pub fn dispatches(&self) -> [usize; 2] {
+        [self.forward.len(), self.backward.len()]
+    }
+
+    /// Writes to the front of a buffer before the next commands.
+    ///
+    /// # Panics
+    /// For more numbers than it has.
+    pub fn write(&self, slot: Slot, numbers: &[f32]) {
+        self.write_bytes(slot, bytemuck::cast_slice(numbers));
+    }
+
+    /// The same with integers.
+    ///
+    /// # Panics
+    /// For more numbers than it has.
+    pub fn write_words(&self, slot: Slot, words: &[u32]) {
+        self.write_bytes(slot, bytemuck::cast_slice(words));
+    }
+
+    fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
+        let buffer = &self.buffers[slot.0];
+        let (got, most) = (bytes.len() as u64, buffer.size());
+        assert!(
+            got <= most,
+            "got {got} bytes for a buffer, expected at most {most}"
+        );
+        self.device.queue.write_buffer(buffer, 0, bytes);
+    }
+
+    /// Starts passes over a batch, in one command buffer. They run after all that was started
+    /// before; [`read`](Program::read) waits for them.
+    ///
+    /// # Panics
+    /// For more samples than there is memory for.
+    pub fn submit(&self, passes: Passes, batch: Batch) {
+        let (got, most) = (batch.samples, self.samples);
+        assert!(
+            got <= most,
+            "got a batch of {got} samples, expected at most {most}"
+        );
+        let [a, b, c, d] = batch.numbers.map(f32::to_bits);
+        let [samples, start, index] = [got, batch.start, batch.index].map(|n| n as u32);
+        let words = [samples, start, index, 0, a, b, c, d];
+        let queue = &self.device.queue;
+        queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(&words));
+        let mut encoder = self.encoder();
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        let (forward, backward) = match passes {
+            Passes::Forward => (&self.forward[..], &[][..]),
+            Passes::Backward => (&[][..], &self.backward[..]),
+            Passes::All => (&self.forward[..], &self.backward[..]),
+        };
+        let commands = forward.iter().chain(backward);
+        commands.for_each(|command| command.record(got, &mut pass));
+        drop(pass);
+        queue.submit([encoder.finish()]);
+    }
+
+    /// Waits for all that was started and reads so many numbers from the front of some buffers.
+    ///
+    /// # Errors
+    /// [`GpuError::Lost`] and [`GpuError::Failed`], also for what went wrong before.
+    pub fn read<const N: usize>(
+        &self,
+        fronts: [(Slot, usize); N],
+    ) -> Result<[Vec<f32>; N], GpuError> {
+        let mut encoder = self.encoder();
+        let staged = fronts.map(|(slot, numbers)| {
+            let size = 4 * numbers as u64;
+            let staged = self.device.staging(size);
+            encoder.copy_buffer_to_buffer(&self.buffers[slot.0], 0, &staged, 0, size);
+            staged
+        });
+        self.device.queue.submit([encoder.finish()]);
+        for staged in &staged {
+            // whether it was mapped is seen below
+            staged.map_async(wgpu::MapMode::Read, .., |_| ());
+        }
+        let waited = self.device.device.poll(wgpu::PollType::wait_indefinitely());
+        self.device.check()?;
+        waited.map_err(|error| self.device.failed(error))?;
+        let mut read = [const { Vec::new() }; N];
+        for (read, staged) in read.iter_mut().zip(&staged) {
+            let view = staged.get_mapped_range(..);
+            let view = view.map_err(|error| self.device.failed(error))?;
+            *read = bytemuck::pod_collect_to_vec(&view);
+        }
+        Ok(read)
+    }
+
+    fn encoder(&self) -> wgpu::CommandEncoder {
+        self.device
+            .device
+            .create_command_encoder(&Default::default())
+    }
+}

@@ -1,0 +1,99 @@
+//! Networks that part and meet, and kernels of somebody else.
+
+use equivariant::gpu::{Batch, Passes, Plan, Program, Step, Work};
+use equivariant::{Concat, FieldType, Group, Linear, Shape, Signature};
+
+use crate::common::normal;
+use crate::device;
+
+const SAMPLES: usize = 3;
+
+fn batch() -> Batch {
+    Batch {
+        samples: SAMPLES,
+        ..Batch::default()
+    }
+}
+
+#[test]
+fn sums_of_maps_and_their_gradients_are_those_of_the_processor() {
+    for group in Group::ALL {
+        let a = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
+        let b = Shape::image(2, 3, group.regular(2));
+        let concat = Concat::new(a, b).unwrap();
+        let mut plan = Plan::new();
+        let inputs = [a, b].map(|shape| plan.tensor(shape));
+        let y = plan.concat(&concat, inputs);
+        let program = Program::new(device(), &plan, 4).unwrap();
+        let [x_a, x_b] = [(a, 1), (b, 2)].map(|(shape, seed)| normal(SAMPLES * shape.len(), seed));
+        let dy: Vec<f32> = normal(SAMPLES * y.shape.len(), 3);
+        program.write(inputs[0].values, &x_a);
+        program.write(inputs[1].values, &x_b);
+        program.write(y.gradient.unwrap(), &dy);
+        program.submit(Passes::All, batch());
+        let mut expected = vec![0.0; dy.len()];
+        concat.forward(&x_a, &x_b, &mut expected);
+        let [sum] = program.read([(y.values, dy.len())]).unwrap();
+        assert_eq!(sum, expected, "{group}");
+        let [mut dx_a, mut dx_b] = [vec![0.0; x_a.len()], vec![0.0; x_b.len()]];
+        concat.backward(&dy, &mut dx_a, &mut dx_b);
+        let gradients = inputs.map(|x| (x.gradient.unwrap(), SAMPLES * x.shape.len()));
+        assert_eq!(program.read(gradients).unwrap(), [dx_a, dx_b], "{group}");
+    }
+}
+
+#[test]
+fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
+    let types = [Group::D2.regular(2), Group::D2.regular(1)];
+    let layer = Linear::new(types[0], types[1]).unwrap();
+    let mut plan = Plan::new();
+    let x = plan.tensor(Shape::vector(types[0]));
+    let [first, second] = plan.fork(x);
+    let ends = [first, second].map(|x| plan.layer(&layer, x).unwrap());
+    let program = Program::new(device(), &plan, SAMPLES).unwrap();
+    assert_eq!(plan.num_params(), 2 * layer.num_params());
+    // one layer passes the gradient on, the other its threefold
+    let params: Vec<f32> = normal(layer.num_params(), 1);
+    let threefold = params.iter().map(|p| 3.0 * p);
+    let both: Vec<f32> = params.iter().copied().chain(threefold).collect();
+    program.write(plan.params(), &plan.placed(&both));
+    let dy: Vec<f32> = normal(SAMPLES * 4, 2);
+    for y in ends {
+        program.write(y.gradient.unwrap(), &dy);
+    }
+    program.submit(Passes::All, batch());
+    let slots = [x, first].map(|x| (x.gradient.unwrap(), SAMPLES * 8));
+    let [sum, first] = program.read(slots).unwrap();
+    assert!(first.iter().any(|&d| d.abs() > 0.1));
+    for (sum, first) in sum.iter().zip(first) {
+        assert!((sum - 4.0 * first).abs() < 1e-5, "{sum} {first}");
+    }
+}
+
+#[test]
+fn a_kernel_of_somebody_else_sees_the_batch() {
+    let mut plan = Plan::new();
+    let y = plan.input(Shape::vector(Group::C1.trivial(1)));
+    let step = Step::new("mine", 1, Work::threads(1)).write("y", "f32", y.values);
+    let step = step.text(
+        "@compute @workgroup_size(THREADS)
+         fn main(place: Place) {
+             let i = index_of(place);
+             if i < batch.samples { y[i] = f32(batch.start + i) + batch.numbers.w; }
+         }",
+    );
+    plan.push_last(step);
+    let program = Program::new(device(), &plan, 100).unwrap();
+    for (samples, start) in [(100, 7), (70, 20)] {
+        let numbers = [0.0, 0.0, 0.0, 0.5];
+        let batch = Batch {
+            samples,
+            start,
+            numbers,
+            ..Batch::default()
+        };
+        program.submit(Passes::Backward, batch);
+    }
+    let [y] = program.read([(y.values, 100)]).unwrap();
+    assert_eq!([y[0], y[69], y[70], y[99]], [20.5, 89.5, 77.5, 106.5]);
+}
