@@ -41,8 +41,9 @@ test: deps
 gpu: export CARGO_INCREMENTAL := 0
 
 gpu: deps
-	cargo clippy -p covers-equivariant --features wgpu --all-targets --locked -- -D warnings
-	cargo test -p covers-equivariant --features wgpu --locked --test gpu
+	cargo clippy -p covers-equivariant -p covers-rl --features covers-rl/wgpu --all-targets --locked \
+	  -- -D warnings
+	cargo test -p covers-equivariant -p covers-rl --features covers-rl/wgpu --locked --test gpu
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps

@@ -114,7 +114,7 @@ impl Adam {
 }
 
 /// 1 - beta^t.
-fn bias_correction(beta: f32, steps: u64) -> f32 {
+pub(crate) fn bias_correction(beta: f32, steps: u64) -> f32 {
     (1.0 - f64::from(beta).powf(steps as f64)) as f32
 }
 

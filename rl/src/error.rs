@@ -13,6 +13,10 @@ const GIB: f64 = (1_u64 << 30) as f64;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RlError {
+    /// A GPU cannot be used, or is lost.
+    #[cfg(feature = "wgpu")]
+    #[error(transparent)]
+    Gpu(#[from] equivariant::gpu::GpuError),
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \

@@ -1,44 +1,50 @@
 //! Proximal policy optimisation: one update of a policy from one rollout.
 
+#[cfg(feature = "wgpu")]
+mod device;
+#[cfg(feature = "wgpu")]
+mod graph;
+mod processor;
+mod task;
+
 use std::fmt;
 
-use equivariant::Chunks;
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::actor_critic_policy::ActorCriticPolicy;
-use crate::adam::{Adam, ParamGroup, SECOND_MOMENT, clip_global_norm};
+use crate::adam::{Adam, SECOND_MOMENT};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
-use crate::error::{RlError, check_all_finite, check_finite, check_params};
-use crate::loss::{LossSums, LossWeights};
-use crate::minibatch::{Minibatch, normalised_advantages};
-use crate::pass::Workspace;
+use crate::error::{RlError, check_all_finite, check_params};
+use crate::ppo::processor::Processor;
+use crate::ppo::task::{Rollout, Task};
 use crate::ppo_settings::PpoSettings;
 use crate::ppo_stats::{Totals, UpdateStats};
-
-/// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
-/// quarter more time.
-const TRAINING_CHUNK: usize = 8;
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
 pub struct Ppo {
     settings: PpoSettings,
     optimiser: Adam,
-    chunks: Chunks<f32, Workspace<f32>>,
-    gradient: Vec<f32>,
+    engine: Engine,
     rollout: Rollout,
 }
 
-/// What an update derives from its rollout, `[T, N]` each; kept for its memory.
-#[derive(Default)]
-struct Rollout {
-    advantages: Vec<f32>,
-    returns: Vec<f32>,
-    actions: Vec<f64>,
-    order: Vec<usize>,
-    normalised: Vec<f64>,
+/// What computes gradients and takes steps.
+enum Engine {
+    Processor(Processor),
+    #[cfg(feature = "wgpu")]
+    Device(Box<device::Device>),
+}
+
+impl Engine {
+    fn run(&mut self, task: Task) -> Result<Totals, RlError> {
+        match self {
+            Engine::Processor(processor) => processor.run(task),
+            #[cfg(feature = "wgpu")]
+            Engine::Device(device) => device.run(task),
+        }
+    }
 }
 
 impl Ppo {
@@ -48,18 +54,38 @@ impl Ppo {
     /// [`RlError::Setting`] when a setting is out of range, [`RlError::BelowFloor`] when a standard
     /// deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
+        let processor = Processor::new(policy);
+        Self::on(settings, policy, Engine::Processor(processor))
+    }
+
+    /// The same on a GPU: passes, losses and steps of an update run there, one command buffer for
+    /// each minibatch, and results are read once. The processor draws the order of the minibatches
+    /// and knows the optimiser's state after each update, so an update of either can follow one of
+    /// the other.
+    ///
+    /// # Errors
+    /// Those of [`Ppo::new`].
+    #[cfg(feature = "wgpu")]
+    pub fn on_device(
+        settings: PpoSettings,
+        policy: &ActorCriticPolicy,
+        device: &equivariant::gpu::Device,
+    ) -> Result<Self, RlError> {
+        let engine = Engine::Device(Box::new(device::Device::new(device)));
+        Self::on(settings, policy, engine)
+    }
+
+    fn on(
+        settings: PpoSettings,
+        policy: &ActorCriticPolicy,
+        engine: Engine,
+    ) -> Result<Self, RlError> {
         settings.check()?;
         check_floor(policy.log_std(), settings.min_log_std)?;
-        let network = policy.network().clone();
-        let num_params = network.num_params();
-        let chunks = Chunks::new(num_params, TRAINING_CHUNK, move || {
-            network.workspace(TRAINING_CHUNK)
-        });
         Ok(Self {
-            optimiser: Adam::new(num_params, settings.adam_epsilon),
+            optimiser: Adam::new(policy.network().num_params(), settings.adam_epsilon),
             settings,
-            chunks,
-            gradient: vec![0.0; num_params],
+            engine,
             rollout: Rollout::default(),
         })
     }
@@ -93,13 +119,18 @@ impl Algorithm for Ppo {
         buffer: &RolloutBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<UpdateStats, RlError> {
-        check_params(self.gradient.len(), policy.params().len())?;
+        let expected = self.optimiser.first_moment.len();
+        check_params(expected, policy.params().len())?;
         policy.network().spec().check_same(buffer.spec())?;
         self.rollout.prepare(&self.settings, buffer)?;
-        let mut totals = Totals::default();
-        while totals.epochs < self.settings.epochs && self.pass(policy, buffer, rng, &mut totals)? {
-            totals.epochs += 1;
-        }
+        let totals = self.engine.run(Task {
+            settings: &self.settings,
+            optimiser: &mut self.optimiser,
+            rollout: &mut self.rollout,
+            policy,
+            buffer,
+            rng,
+        })?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
         Ok(totals.stats(values, &self.rollout.returns, policy.log_std()))
@@ -115,131 +146,6 @@ impl Algorithm for Ppo {
         check_not_negative(state, &[SECOND_MOMENT])?;
         self.optimiser.restore(state);
         Ok(())
-    }
-}
-
-impl Ppo {
-    /// One pass over the rollout in a new order; false when the KL divergence ended it early.
-    fn pass(
-        &mut self,
-        policy: &mut ActorCriticPolicy,
-        buffer: &RolloutBuffer,
-        rng: &mut ChaCha8Rng,
-        totals: &mut Totals,
-    ) -> Result<bool, RlError> {
-        shuffle(&mut self.rollout.order, rng);
-        for start in (0..buffer.samples()).step_by(self.settings.minibatch) {
-            let sums = self.minibatch_gradient(policy, buffer, start)?;
-            totals.losses.add(&sums);
-            if sums.kl / sums.samples > self.settings.kl_stop() {
-                return Ok(false);
-            }
-            totals.grad_norms += self.descend(policy)?;
-            totals.steps += 1;
-        }
-        Ok(true)
-    }
-
-    /// The encoder is trained at a rate of its own: its drift under the critic's loss moves the
-    /// actor, too.
-    fn groups(&self, policy: &ActorCriticPolicy) -> [ParamGroup; 2] {
-        let group = |range, learning_rate| ParamGroup {
-            range,
-            learning_rate,
-        };
-        [
-            group(
-                policy.network().encoder(),
-                self.settings.encoder_learning_rate,
-            ),
-            group(policy.network().heads(), self.settings.head_learning_rate),
-        ]
-    }
-
-    /// Leaves the gradient of the minibatch that starts at position `start` of the order in
-    /// `self.gradient`.
-    fn minibatch_gradient(
-        &mut self,
-        policy: &ActorCriticPolicy,
-        buffer: &RolloutBuffer,
-        start: usize,
-    ) -> Result<LossSums, RlError> {
-        let rollout = &mut self.rollout;
-        let end = buffer.samples().min(start + self.settings.minibatch);
-        let indices = &rollout.order[start..end];
-        normalised_advantages(&rollout.advantages, indices, &mut rollout.normalised);
-        let minibatch = Minibatch {
-            buffer,
-            actions: &rollout.actions,
-            returns: &rollout.returns,
-            indices,
-            advantages: &rollout.normalised,
-            weights: loss_weights(&self.settings),
-        };
-        self.gradient.fill(0.0);
-        let (network, params) = (policy.network(), policy.params());
-        let mut sums = LossSums::default();
-        let parts = self.chunks.accumulate(
-            indices.len(),
-            &mut self.gradient,
-            |range, workspace, gradient| {
-                minibatch.chunk(network, params, range, workspace, gradient)
-            },
-        );
-        parts.iter().for_each(|part| sums.add(part));
-        check_finite(
-            "the loss of a minibatch",
-            sums.policy + sums.value + sums.kl,
-        )?;
-        Ok(sums)
-    }
-
-    /// Clips the gradient, takes a step and keeps exploration above its floor; returns the norm
-    /// before clipping.
-    fn descend(&mut self, policy: &mut ActorCriticPolicy) -> Result<f64, RlError> {
-        let norm = clip_global_norm(&mut self.gradient, self.settings.max_grad_norm);
-        check_finite("the norm of the gradient", norm)?;
-        let groups = self.groups(policy);
-        self.optimiser
-            .step(&groups, policy.params_mut(), &self.gradient);
-        policy.raise_log_std(self.settings.min_log_std);
-        Ok(norm)
-    }
-}
-
-impl Rollout {
-    /// Computes advantages and returns and starts from the order of time.
-    fn prepare(&mut self, settings: &PpoSettings, buffer: &RolloutBuffer) -> Result<(), RlError> {
-        self.advantages.resize(buffer.samples(), 0.0);
-        self.returns.resize(buffer.samples(), 0.0);
-        buffer.advantages(
-            settings.gamma,
-            settings.lambda,
-            &mut self.advantages,
-            &mut self.returns,
-        )?;
-        check_all_finite("a return", &self.returns)?;
-        self.actions.clear();
-        self.actions
-            .extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
-        self.order.clear();
-        self.order.extend(0..buffer.samples());
-        Ok(())
-    }
-}
-
-fn loss_weights(settings: &PpoSettings) -> LossWeights {
-    LossWeights {
-        clip: settings.clip.into(),
-        value: settings.value_weight.into(),
-        entropy: settings.entropy_weight.into(),
-    }
-}
-
-/// Fisher and Yates' shuffle, in Durstenfeld's form (Comm. ACM 7, 1964, algorithm 235).
-fn shuffle(order: &mut [usize], rng: &mut ChaCha8Rng) {
-    for i in (1..order.len()).rev() {
-        order.swap(i, rng.random_range(0..=i));
     }
 }
 

@@ -41,6 +41,17 @@ struct Sight<T> {
     concat: Concat,
 }
 
+/// The parts of a trunk, for what runs them elsewhere.
+#[cfg(feature = "wgpu")]
+pub struct Parts<'a, T> {
+    /// The image encoder, and how its fields join those of the vector.
+    pub sight: Option<(&'a Sequential<T>, &'a Concat)>,
+    pub vector: &'a Sequential<T>,
+    pub pool: &'a GroupMaxPool,
+    /// Natural index of every irrep-major component of the vector.
+    pub vector_order: &'a [usize],
+}
+
 /// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
@@ -120,6 +131,17 @@ impl<T: Scalar> Trunk<T> {
         }
         self.vector.init(rng, &mut params[self.vector_params()]);
         params
+    }
+
+    #[cfg(feature = "wgpu")]
+    pub fn parts(&self) -> Parts<'_, T> {
+        let sight = self.sight.as_ref();
+        Parts {
+            sight: sight.map(|sight| (&sight.encoder, &sight.concat)),
+            vector: &self.vector,
+            pool: &self.pool,
+            vector_order: &self.vector_order,
+        }
     }
 
     /// Buffers for up to `capacity` samples.
