@@ -9,6 +9,7 @@ use symmetry::Group;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
+use crate::learners::DeviceChoice;
 use crate::overrides::{self, Override};
 use crate::presets::{Budget, Method};
 use crate::runs::RunFolder;
@@ -157,6 +158,9 @@ pub struct TrainOptions {
     /// Settings of your own instead: a JSON file like the `experiment.json` of a run's folder.
     #[arg(long)]
     pub config: Option<PathBuf>,
+    /// Where policies learn; what is learnt is the same but for rounding.
+    #[arg(long, value_enum, default_value = "cpu")]
+    pub device: DeviceChoice,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub run: RunOptions,
@@ -166,13 +170,13 @@ impl TrainOptions {
     /// The run that these options ask for.
     ///
     /// # Errors
-    /// A file of settings that cannot be read.
+    /// A file of settings that cannot be read, or a GPU that there is not.
     pub fn experiment(&self) -> Result<Experiment, CoversError> {
         let experiment = match &self.config {
             Some(path) => Experiment::read(path)?,
             None => self.budget.experiment(self.preset),
         };
-        self.run.changes.apply(experiment)
+        self.run.changes.apply(experiment)?.with_device(self.device)
     }
 
     /// The name of the run's folder: of the file of settings, or of the method, and of the budget

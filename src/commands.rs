@@ -10,7 +10,7 @@ use crate::cli::{TrainOptions, Work, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
-use crate::learners::Extent;
+use crate::learners::{DeviceChoice, Extent};
 use crate::report::{Report, RunData};
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
@@ -41,6 +41,9 @@ pub enum Command {
 pub struct ResumeOptions {
     /// The run's folder.
     pub run: PathBuf,
+    /// Where policies learn from here on, which may be elsewhere than before.
+    #[arg(long, value_enum, default_value = "cpu")]
+    pub device: DeviceChoice,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub work: Work,
@@ -143,7 +146,8 @@ impl Command {
         match self {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
-                let mut run = Run::resume(&options.run, Some(options.work.threads.count()))?;
+                let threads = Some(options.work.threads.count());
+                let mut run = Run::resume_on(&options.run, threads, options.device)?;
                 finish(&mut run, options.work.json, out)
             }
             Self::Sweep(options) => sweep(options, out),

@@ -124,13 +124,35 @@ impl DoctorOptions {
 
 /// What there is, part by part; learning is tried on so many threads.
 pub fn examine(threads: usize) -> Vec<Finding> {
-    vec![
-        the_processor(),
+    let others = vec![
         the_memory(),
         the_simulator(),
         the_pictures(),
         the_learning(threads),
-    ]
+    ];
+    [vec![the_processor()], the_gpus(), others].concat()
+}
+
+/// Every adapter that policies can learn on; nothing in a program without the feature `wgpu`.
+#[cfg(feature = "wgpu")]
+fn the_gpus() -> Vec<Finding> {
+    let adapters = rl::gpu::adapters();
+    let cure =
+        "policies learn on the processor: install the Vulkan driver of a GPU, if there is one";
+    if adapters.is_empty() {
+        let none = Finding::good("gpu", "no Vulkan driver");
+        return vec![none.unless(false, Health::Fair, cure)];
+    }
+    let found = adapters.iter().map(|adapter| {
+        let found = Finding::good("gpu", adapter.to_string());
+        found.unless(adapter.kind.is_hardware(), Health::Fair, cure)
+    });
+    found.collect()
+}
+
+#[cfg(not(feature = "wgpu"))]
+fn the_gpus() -> Vec<Finding> {
+    Vec::new()
 }
 
 fn the_processor() -> Finding {
@@ -289,5 +311,20 @@ mod tests {
     #[test]
     fn the_memory_that_is_free_is_some() {
         assert!(available_memory().is_none_or(|bytes| bytes > 1 << 20));
+    }
+
+    #[cfg(feature = "wgpu")]
+    #[test]
+    fn every_adapter_is_listed_and_software_is_only_fair() {
+        let (found, adapters) = (the_gpus(), rl::gpu::adapters());
+        assert_eq!(found.len(), adapters.len().max(1));
+        for (finding, adapter) in found.iter().zip(adapters) {
+            assert_eq!(
+                (finding.part, &finding.found),
+                ("gpu", &adapter.to_string())
+            );
+            let good = finding.health == Health::Good;
+            assert_eq!(good, adapter.kind.is_hardware(), "{finding:?}");
+        }
     }
 }

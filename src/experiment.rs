@@ -11,7 +11,7 @@ use symmetry::Group;
 
 use crate::error::CoversError;
 use crate::groupings::Labels;
-use crate::learners::LearnerSettings;
+use crate::learners::{DeviceChoice, LearnerSettings};
 use crate::overrides::{parse, read};
 use crate::schedule::{Clock, Schedule};
 use crate::stream::Stream;
@@ -130,6 +130,15 @@ impl Experiment {
     pub fn with_threads(mut self, threads: usize) -> Self {
         self.envs.threads = threads;
         self
+    }
+
+    /// The same run with policies that learn elsewhere.
+    ///
+    /// # Errors
+    /// Those of [`LearnerSettings::set_device`].
+    pub fn with_device(mut self, choice: DeviceChoice) -> Result<Self, CoversError> {
+        self.learner.set_device(choice)?;
+        Ok(self)
     }
 
     /// The same run with another embodiment.

@@ -48,9 +48,9 @@ pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Single,
 };
 pub use learners::{
-    Collection, CollectionSettings, Covers, CoversSettings, Embedding, Extent, Handover, Learner,
-    LearnerSettings, Metric, Metrics, NewPolicy, OffPolicy, OffPolicySettings, Performance,
-    Recognised, Seconds, Turn,
+    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Embedding, Extent,
+    Handover, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
+    OffPolicySettings, Performance, Recognised, Seconds, Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

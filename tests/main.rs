@@ -5,6 +5,7 @@
 
 mod common;
 mod dependencies;
+mod device;
 mod embedding;
 mod fuzz;
 mod learner;

@@ -124,6 +124,9 @@ mod sac;
 mod stage;
 mod trunk;
 
+#[cfg(feature = "wgpu")]
+pub use equivariant::gpu;
+
 pub use activity::{Activity, Units};
 pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};

@@ -4,6 +4,7 @@
 
 mod collection;
 mod covers;
+mod device;
 mod learner;
 mod metrics;
 mod off_policy;
@@ -13,6 +14,7 @@ mod tensor_file;
 pub(crate) use collection::read_note;
 pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
+pub use device::{DeviceChoice, LearningDevice};
 pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 pub use metrics::{Metric, Metrics};
 pub use off_policy::{OffPolicy, OffPolicySettings};

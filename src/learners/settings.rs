@@ -11,6 +11,7 @@ use crate::groupings::{GroupingSettings, Labels};
 
 use super::collection::{Collection, CollectionSettings};
 use super::covers::CoversSettings;
+use super::device::DeviceChoice;
 use super::learner::Learner;
 use super::off_policy::OffPolicySettings;
 
@@ -88,6 +89,34 @@ impl LearnerSettings {
     /// Changes the group that networks are equivariant under, at equal width.
     pub fn set_group(&mut self, group: Group) {
         each!(self, settings => settings.network.group = group);
+    }
+
+    /// Chooses where policies learn.
+    ///
+    /// # Errors
+    /// Those of [`DeviceChoice::open`], and a GPU for learners with replays, whose updates run on
+    /// the processor.
+    pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), CoversError> {
+        match (self, choice) {
+            (Self::Covers(settings), _) => settings.device = choice.open()?,
+            (Self::OffPolicy(_), DeviceChoice::Cpu | DeviceChoice::Auto) => {}
+            (Self::OffPolicy(_), DeviceChoice::Gpu) => {
+                return Err(CoversError::Setting {
+                    name: "device",
+                    value: "gpu".to_owned(),
+                    expected: "`cpu` or `auto` for a learner with replays, which has no updates on a GPU",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The GPU that policies learn on, if they do.
+    pub fn gpu(&self) -> Option<&str> {
+        match self {
+            Self::Covers(settings) => settings.device.gpu(),
+            Self::OffPolicy(_) => None,
+        }
     }
 
     /// Whether it may keep more than one policy.

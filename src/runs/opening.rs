@@ -7,7 +7,7 @@ use envs::TaskRegistry;
 use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
-use crate::learners::Learner;
+use crate::learners::{DeviceChoice, Learner};
 use crate::overrides::same;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
@@ -93,7 +93,7 @@ fn begin(claim: Claim, new: bool, notice: String) -> Result<Opened, CoversError>
 /// none.
 pub(super) fn resume(
     folder: RunFolder,
-    threads: Option<usize>,
+    (threads, device): (Option<usize>, DeviceChoice),
     tasks: TaskRegistry,
 ) -> Result<Opened, CoversError> {
     if !folder.holds_run() {
@@ -101,7 +101,7 @@ pub(super) fn resume(
         return Err(CoversError::NoRun { folder });
     }
     let lock = Lock::take(folder.path())?;
-    let mut experiment = folder.experiment()?;
+    let mut experiment = folder.experiment()?.with_device(device)?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     let claim = Claim {

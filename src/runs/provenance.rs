@@ -36,6 +36,9 @@ pub struct Provenance {
     pub system: String,
     /// Worker threads.
     pub threads: usize,
+    /// The GPU that policies learnt on; none where that was the processor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gpu: Option<String>,
 }
 
 impl Provenance {
@@ -43,7 +46,12 @@ impl Provenance {
     pub const FILE: &str = "provenance.jsonl";
 
     /// This process, before a run's rollout of this number.
-    pub(crate) fn here(rollouts: usize, threads: usize, renderer: String) -> Self {
+    pub(crate) fn here(
+        rollouts: usize,
+        threads: usize,
+        renderer: String,
+        gpu: Option<&str>,
+    ) -> Self {
         Self {
             rollouts,
             started: seconds_since_1970(SystemTime::now()),
@@ -57,6 +65,7 @@ impl Provenance {
             instructions: instructions(),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             threads,
+            gpu: gpu.map(str::to_owned),
         }
     }
 

@@ -10,7 +10,7 @@ use rayon::ThreadPool;
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
-use crate::learners::{Extent, Learner, Turn};
+use crate::learners::{DeviceChoice, Extent, Learner, Turn};
 use crate::world::World;
 
 use super::checkpoints;
@@ -86,6 +86,20 @@ impl Run {
         Self::resume_with(RunFolder::open(folder), threads, TaskRegistry::standard())
     }
 
+    /// As [`Run::resume`], with policies that learn elsewhere; the bits are those of the device.
+    ///
+    /// # Errors
+    /// As there, and those of [`Experiment::with_device`].
+    pub fn resume_on(
+        folder: &Path,
+        threads: Option<usize>,
+        device: DeviceChoice,
+    ) -> Result<Self, CoversError> {
+        let folder = RunFolder::open(folder);
+        let tasks = TaskRegistry::standard();
+        Self::assemble(opening::resume(folder, (threads, device), tasks)?)
+    }
+
     /// As [`Run::resume`], for a run over groups of `tasks`.
     ///
     /// # Errors
@@ -95,7 +109,11 @@ impl Run {
         threads: Option<usize>,
         tasks: TaskRegistry,
     ) -> Result<Self, CoversError> {
-        Self::assemble(opening::resume(folder, threads, tasks)?)
+        Self::assemble(opening::resume(
+            folder,
+            (threads, DeviceChoice::Cpu),
+            tasks,
+        )?)
     }
 
     fn assemble(opened: Opened) -> Result<Self, CoversError> {
@@ -154,7 +172,8 @@ impl Run {
     fn sign(&self) -> Result<(), CoversError> {
         let renderer = envs::mujoco::opengl().unwrap_or("none").to_owned();
         let (rollouts, threads) = (self.ledger.rollouts, self.experiment.envs.threads);
-        let provenance = Provenance::here(rollouts, threads, renderer);
+        let gpu = self.experiment.learner.gpu();
+        let provenance = Provenance::here(rollouts, threads, renderer, gpu);
         self.folder.sign(&provenance)?;
         self.log(&self.notice)
     }

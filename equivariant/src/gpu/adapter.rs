@@ -17,6 +17,13 @@ pub enum AdapterKind {
     Other,
 }
 
+impl AdapterKind {
+    /// Whether it is a GPU for certain.
+    pub fn is_hardware(self) -> bool {
+        !matches!(self, AdapterKind::Software | AdapterKind::Other)
+    }
+}
+
 impl fmt::Display for AdapterKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {

@@ -123,6 +123,13 @@ impl Device {
     }
 }
 
+/// Whether they are one device, opened once.
+impl PartialEq for Device {
+    fn eq(&self, other: &Device) -> bool {
+        self.device == other.device
+    }
+}
+
 impl fmt::Debug for Device {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Device({})", self.adapter)

@@ -131,7 +131,7 @@ impl<S: CollectionSettings> Collection<S> {
             return Err(CoversError::PoliciesOnly { path });
         }
         let grouping = |settings: &S| settings.grouping().build_with(labels);
-        checkpoint.open(spec, whole, grouping)
+        checkpoint.open_as(Some(settings), spec, whole, grouping)
     }
 }
 
@@ -159,7 +159,22 @@ impl<'a> Checkpoint<'a> {
         training: bool,
         grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, CoversError>,
     ) -> Result<(Collection<S>, String), CoversError> {
+        self.open_as(None, spec, training, grouping)
+    }
+
+    /// The same with these settings, which say more than the file's where they are equal to them in
+    /// a file.
+    fn open_as<S: CollectionSettings>(
+        self,
+        settings: Option<&S>,
+        spec: &EnvSpec,
+        training: bool,
+        grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, CoversError>,
+    ) -> Result<(Collection<S>, String), CoversError> {
         let (mut header, file): (Header<'static, S>, _) = TensorFile::open(self.path, &self.bytes)?;
+        if let Some(settings) = settings {
+            header.settings = Cow::Owned(settings.clone());
+        }
         let mut grouping = grouping(&header.settings)?;
         // sizes are read by what the settings say, so those come first
         let checked = steps_per_env(&*header.settings, spec, grouping.min_episodes());

@@ -9,6 +9,7 @@ use crate::groupings::GroupingSettings;
 use crate::learners::collection::{
     CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
 };
+use crate::learners::device::LearningDevice;
 
 use super::training::PpoTraining;
 
@@ -45,6 +46,9 @@ pub struct CoversSettings {
     pub augmentation: Group,
     /// Seed of everything that the learner draws.
     pub seed: u64,
+    /// Where policies learn: not in a file.
+    #[serde(skip)]
+    pub device: LearningDevice,
 }
 
 impl Default for CoversSettings {
@@ -61,6 +65,7 @@ impl Default for CoversSettings {
             new_policy: NewPolicy::default(),
             augmentation: Group::C1,
             seed: 0,
+            device: LearningDevice::default(),
         }
     }
 }
@@ -82,6 +87,16 @@ impl CoversSettings {
             new_policy: NewPolicy::Random,
             augmentation: Group::C1,
             seed: 0,
+            device: LearningDevice::default(),
+        }
+    }
+
+    /// The update of `policy` where policies learn.
+    fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
+        match &self.device {
+            LearningDevice::Processor => Ppo::new(self.ppo.clone(), policy),
+            #[cfg(feature = "wgpu")]
+            LearningDevice::Gpu(device) => Ppo::on_device(self.ppo.clone(), policy, device),
         }
     }
 }
@@ -113,7 +128,7 @@ impl CollectionSettings for CoversSettings {
 
     fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {
         Ok(PpoTraining {
-            ppo: Ppo::new(self.ppo.clone(), policy)?,
+            ppo: self.ppo(policy)?,
             augmentation: self.augmentation,
         })
     }
