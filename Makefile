@@ -38,12 +38,15 @@ test: deps
 	  --target-dir "$$packages"
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
+GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu
+
 gpu: export CARGO_INCREMENTAL := 0
 
 gpu: deps
-	cargo clippy -p covers-equivariant -p covers-rl --features covers-rl/wgpu --all-targets --locked \
-	  -- -D warnings
-	cargo test -p covers-equivariant -p covers-rl --features covers-rl/wgpu --locked --test gpu
+	cargo clippy $(GPU) --all-targets --locked -- -D warnings
+	cargo test $(GPU) --locked --test gpu
+	cargo test $(GPU) --locked --test suite -- device::
+	cargo test $(GPU) --locked --lib -- graph adapter
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps

@@ -13,25 +13,29 @@ mod window;
 use crate::gpu::error::GpuError;
 use crate::gpu::plan::{Plan, Tensor};
 use crate::layers::concat::Concat;
-use crate::layers::layer::Layer;
+use crate::layers::layer::{Layer, leaves};
+use crate::shape::Shape;
+use crate::steerable::hadamard::permuted;
 use crate::steerable::operation::Operation;
 
 impl Plan {
-    /// Adds a layer, or those of a chain; returns the output.
+    /// Adds a layer, or those of a chain; returns the output. A ReLU after a layer with weights is
+    /// part of that layer's kernels.
     ///
     /// # Errors
     /// [`GpuError::Layer`] for a layer of another crate.
     pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
-        if !layer.layers().is_empty() {
-            let mut layers = layer.layers().iter();
-            return layers.try_fold(x, |x, layer| self.layer(layer.as_ref(), x));
+        let mut leaves = leaves(layer).into_iter().peekable();
+        let mut x = x;
+        while let Some(layer) = leaves.next() {
+            let operation = operation(layer)?;
+            let y = self.tensor(layer.out_shape());
+            let rectified = matches!(operation, Operation::Linear(_))
+                && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
+            add_operation(self, &operation, (&x, &y), rectified);
+            x = y;
         }
-        let operation = layer.operation().ok_or_else(|| GpuError::Layer {
-            layer: layer.to_string(),
-        })?;
-        let y = self.tensor(layer.out_shape());
-        add_operation(self, &operation, &x, &y);
-        Ok(y)
+        Ok(x)
     }
 
     /// Adds the direct sum of two maps; returns it.
@@ -52,9 +56,27 @@ impl Plan {
     }
 }
 
-fn add_operation(plan: &mut Plan, operation: &Operation, x: &Tensor, y: &Tensor) {
+fn operation(layer: &dyn Layer<f32>) -> Result<Operation<'_>, GpuError> {
+    layer.operation().ok_or_else(|| GpuError::Layer {
+        layer: layer.to_string(),
+    })
+}
+
+/// Whether a layer is a ReLU on fields as large as the group, which are those of products.
+fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
+    let whole =
+        permuted(shape.fields).is_some_and(|(order, _)| order == shape.fields.group().order());
+    whole && matches!(layer.operation(), Some(Operation::Relu))
+}
+
+fn add_operation(
+    plan: &mut Plan,
+    operation: &Operation,
+    (x, y): (&Tensor, &Tensor),
+    rectified: bool,
+) {
     match operation {
-        Operation::Linear(dense) => linear::add(plan, dense, x, y),
+        Operation::Linear(dense) => linear::add(plan, dense, (x, y), rectified),
         Operation::Relu => pointwise::relu(plan, x, y),
         Operation::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
         Operation::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),

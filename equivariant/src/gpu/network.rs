@@ -78,7 +78,7 @@ impl Network {
 
     /// Kernels of one forward and one backward pass.
     pub fn dispatches(&self) -> [usize; 2] {
-        self.program.dispatches()
+        self.plan.dispatches()
     }
 
     /// Sets the parameters, in the order of the layer.

@@ -101,6 +101,11 @@ impl Plan {
         self.places.len()
     }
 
+    /// Kernels of the forward pass, and of the backward pass with what comes after it.
+    pub fn dispatches(&self) -> [usize; 2] {
+        [self.forward.len(), self.backward().count()]
+    }
+
     /// The length of the device's parameters.
     pub fn device_params(&self) -> usize {
         self.extents[PARAMS.0].fixed

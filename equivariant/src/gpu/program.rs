@@ -81,11 +81,6 @@ impl Program {
         self.samples
     }
 
-    /// Kernels of the forward pass, and of the backward pass with what comes after it.
-    pub fn dispatches(&self) -> [usize; 2] {
-        [self.forward.len(), self.backward.len()]
-    }
-
     /// Writes to the front of a buffer before the next commands.
     ///
     /// # Panics

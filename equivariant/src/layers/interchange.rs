@@ -6,7 +6,7 @@ use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 use thiserror::Error;
 
-use crate::layers::layer::Layer;
+use crate::layers::layer::{Layer, leaves};
 
 /// The key of the metadata. There is no second one, whose order could vary: equal networks give
 /// equal bytes.
@@ -126,17 +126,6 @@ pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, 
         }
     }
     Ok(params)
-}
-
-/// The layers of a chain, those of chains inside it included.
-fn leaves(layer: &dyn Layer<f32>) -> Vec<&dyn Layer<f32>> {
-    match layer.layers() {
-        [] => vec![layer],
-        layers => layers
-            .iter()
-            .flat_map(|layer| leaves(layer.as_ref()))
-            .collect(),
-    }
 }
 
 fn describe(layers: &[&dyn Layer<f32>]) -> String {

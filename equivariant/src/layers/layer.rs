@@ -220,6 +220,17 @@ pub trait Layer<T: Scalar>: Signature {
     fn run_backward(&self, pass: BackwardPass<T>);
 }
 
+/// The layers of a chain, those of chains inside it included; any other layer is its only one.
+pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
+    match layer.layers() {
+        [] => vec![layer],
+        layers => {
+            let layers = layers.iter();
+            layers.flat_map(|layer| leaves(layer.as_ref())).collect()
+        }
+    }
+}
+
 /// The number of samples in `x` of this length.
 fn samples(layer: &(impl Signature + ?Sized), x: usize) -> usize {
     let each = layer.in_shape().len();

@@ -87,6 +87,23 @@ fn convolutions_are_exactly_equivariant() {
 }
 
 #[test]
+fn a_relu_after_weights_takes_no_kernel_of_its_own() {
+    let first = conv(
+        Group::D2.trivial(3),
+        Group::D2.regular(2),
+        [4, 2, 1],
+        [8, 8],
+    );
+    let relu = boxed(Relu::new(first.out_shape()));
+    let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
+    assert_eq!(alone.dispatches(), [1, 1]);
+    let net = Sequential::new(vec![first, relu]).unwrap();
+    // fold and product; the gradient in the weights, its sum, that in the patches, unfold
+    let fused = Network::new(device(), &net, 1).unwrap();
+    assert_eq!(fused.dispatches(), [2, 4]);
+}
+
+#[test]
 fn a_wrong_parameter_and_a_wrong_gradient_are_seen() {
     let layer: Box<dyn Layer<f32>> = conv(
         Group::D2.regular(2),

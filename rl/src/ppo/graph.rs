@@ -240,3 +240,32 @@ fn optimiser(
         .write("params", "f32", plan.params())
         .text(include_str!("wgsl/adam.wgsl"))
 }
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Irrep;
+
+    use super::*;
+    use crate::env::EnvSpec;
+    use crate::network_settings::NetworkSettings;
+
+    /// docs/performance.md says so.
+    #[test]
+    fn a_minibatch_of_the_default_network_takes_51_kernels() {
+        let action = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+        let spec = EnvSpec {
+            num_envs: 1,
+            image: [48, 48, 6],
+            vector: action.clone(),
+            action,
+        };
+        let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
+        let size = Size {
+            rollout: 500,
+            draws: 6000,
+            minibatches: 96,
+        };
+        let graph = Graph::new(&network, &PpoSettings::default(), size).unwrap();
+        assert_eq!(graph.plan.dispatches(), [19, 32]);
+    }
+}

@@ -48,11 +48,15 @@ struct Linear<'a> {
     entries: usize,
     /// Where the parameters start, in fields.
     base: usize,
+    /// Which numbers of each output field a ReLU lets pass, where one follows.
+    masks: Option<Slot>,
 }
 
-/// Adds a linear map.
-pub(super) fn add(plan: &mut Plan, dense: &Dense, x: &Tensor, y: &Tensor) {
+/// Adds a linear map, with a ReLU after it if it is `rectified`.
+pub(super) fn add(plan: &mut Plan, dense: &Dense, (x, y): (&Tensor, &Tensor), rectified: bool) {
     let mut linear = Linear::new(dense, x, y);
+    let fields = y.shape.pixels() * linear.output.fields();
+    linear.masks = rectified.then(|| plan.buffer(0, fields));
     let len = (linear.entries + 1) * linear.output.fields() * linear.order;
     linear.base = plan.reserve(len, linear.places()) / linear.order;
     let folded = match linear.direct {
@@ -99,6 +103,7 @@ impl<'a> Linear<'a> {
             orbits: Vec::new(),
             entries: 0,
             base: 0,
+            masks: None,
         };
         linear.add_orbits();
         linear
@@ -278,13 +283,41 @@ impl<'a> Linear<'a> {
         let step = self
             .output
             .write(self.weights(step, plan), "y", self.y.values);
-        step.text("fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }")
-            .text("fn right_at(d: u32, c: u32) -> Field { return weights[BASE + d * COLS + c]; }")
-            .text(
-                "fn put(slice: u32, r: u32, c: u32, v: Field) {
-                     store_y(r, c, v + weights[BASE + ENTRIES * COLS + c]);
+        let step = step.text(
+            "fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }
+             fn right_at(d: u32, c: u32) -> Field { return weights[BASE + d * COLS + c]; }
+             fn put(slice: u32, r: u32, c: u32, v: Field) {
+                 finish(r, c, v + weights[BASE + ENTRIES * COLS + c]);
+             }",
+        );
+        match self.masks {
+            None => step.text("fn finish(r: u32, c: u32, v: Field) { store_y(r, c, v); }"),
+            Some(masks) => step.write("masks", "u32", masks).text(
+                "fn finish(r: u32, c: u32, v: Field) {
+                     let regular = transform(v);
+                     let mask = passing(regular);
+                     masks[r * COLS + c] = mask;
+                     store_y(r, c, transform(masked(regular, mask)));
                  }",
-            )
+            ),
+        }
+    }
+
+    /// Adds the gradient in the output, before its ReLU, as `d_output(row, field)`.
+    fn output_gradient(&self, step: Step, dy: Slot) -> Step {
+        let step = self.output.read(step, "dy", dy);
+        match self.masks {
+            None => step.text("fn d_output(r: u32, c: u32) -> Field { return load_dy(r, c); }"),
+            Some(masks) => step
+                .read("masks", "u32", masks)
+                .constants([("OUTPUTS", self.output.fields())])
+                .text(
+                    "fn d_output(r: u32, c: u32) -> Field {
+                         let d = transform(load_dy(r, c));
+                         return transform(masked(d, masks[r * OUTPUTS + c]));
+                     }",
+                ),
+        }
     }
 
     fn weight_gradient(&self, plan: &mut Plan, folded: Option<Slot>, dy: Slot) -> Vec<Step> {
@@ -301,13 +334,13 @@ impl<'a> Linear<'a> {
         };
         let len = (self.entries + 1) * cols * self.order;
         let step = self.patches(product.step("weight gradient"), folded);
-        let step = self.output.read(step, "dy", dy).text(
+        let step = self.output_gradient(step, dy).text(
             // the bias has an input of one
             "fn left_at(r: u32, d: u32) -> Field {
                  if r == ENTRIES { return first(1.0); }
                  return input_at(d, r);
              }
-             fn right_at(d: u32, c: u32) -> Field { return load_dy(d, c); }",
+             fn right_at(d: u32, c: u32) -> Field { return d_output(d, c); }",
         );
         let put = |to: &str| {
             let place = "START + slice * LEN + r * COLS + c";
@@ -330,11 +363,10 @@ impl<'a> Linear<'a> {
         let product = self.product(rows, self.entries, Rows::Fixed(cols));
         let step = self.weights(product.step("input gradient"), plan);
         let step = self
-            .output
-            .read(step, "dy", dy)
+            .output_gradient(step, dy)
             .constants([("DEPTH", cols)])
             .text(
-                "fn left_at(r: u32, d: u32) -> Field { return load_dy(r, d); }
+                "fn left_at(r: u32, d: u32) -> Field { return d_output(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + c * DEPTH + d]; }",
             );
         let put = |to| format!("fn put(slice: u32, r: u32, c: u32, v: Field) {{ {to}; }}");

@@ -12,6 +12,14 @@ fn transform(v: Field) -> Field {
     return v;
 }
 
+fn passing(v: Field) -> u32 {
+    return select(1u, 0u, v <= 0.0);
+}
+
+fn masked(v: Field, mask: u32) -> Field {
+    return select(0.0, v, mask != 0u);
+}
+
 fn sums_of(v: array<Field, ORDER>) -> array<Field, ORDER> {
     return v;
 }

@@ -14,6 +14,19 @@ fn transform(v: Field) -> Field {
     return sums(v) * 0.70710678118654752;
 }
 
+const BITS = vec2(1u, 2u);
+
+// A bit for each number that a ReLU lets pass: what is above zero, or not a number.
+fn passing(v: Field) -> u32 {
+    let on = select(BITS, vec2<u32>(), v <= Field());
+    return on.x | on.y;
+}
+
+// The numbers whose bits are set, and zeros.
+fn masked(v: Field, mask: u32) -> Field {
+    return select(Field(), v, (BITS & vec2(mask)) != vec2<u32>());
+}
+
 // The sums over elements, of fields that are given for each of them.
 fn sums_of(v: array<Field, ORDER>) -> array<Field, ORDER> {
     return array<Field, ORDER>(v[0] + v[1], v[0] - v[1]);

@@ -15,6 +15,19 @@ fn transform(v: Field) -> Field {
     return sums(v) * 0.5;
 }
 
+const BITS = vec4(1u, 2u, 4u, 8u);
+
+// A bit for each number that a ReLU lets pass: what is above zero, or not a number.
+fn passing(v: Field) -> u32 {
+    let on = select(BITS, vec4<u32>(), v <= Field());
+    return on.x | on.y | on.z | on.w;
+}
+
+// The numbers whose bits are set, and zeros.
+fn masked(v: Field, mask: u32) -> Field {
+    return select(Field(), v, (BITS & vec4(mask)) != vec4<u32>());
+}
+
 // The sums over elements, of fields that are given for each of them.
 fn sums_of(v: array<Field, ORDER>) -> array<Field, ORDER> {
     let a = v[0] + v[1];
