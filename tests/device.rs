@@ -1,5 +1,5 @@
-//! Where policies learn: what is refused, and, with the feature `wgpu`, runs on a GPU or on software
-//! that stands in for one.
+//! Where policies learn: what is refused, and, with the feature `wgpu`, runs on a GPU or on
+//! software that stands in for one.
 
 use covers::presets::{Budget, Method};
 use covers::{DeviceChoice, Experiment};

@@ -104,7 +104,7 @@ impl LearnerSettings {
                 return Err(CoversError::Setting {
                     name: "device",
                     value: "gpu".to_owned(),
-                    expected: "`cpu` or `auto` for a learner with replays, which has no updates on a GPU",
+                    expected: "`cpu` or `auto`: a learner with replays has no updates on a GPU",
                 });
             }
         }

@@ -1,6 +1,7 @@
 //! The kernels of every kind of layer.
 
 mod field_norm;
+mod folds;
 mod joins;
 mod linear;
 mod partial;

@@ -1,0 +1,165 @@
+//! How patches are folded: the orbits of the taps, and where each parameter goes.
+
+use std::collections::BTreeSet;
+
+use symmetry::{FieldType, Irrep};
+
+use crate::gpu::channels::Channels;
+use crate::steerable::dense::Dense;
+
+/// The folds of a linear map's patches, in the order in which kernels read them.
+pub(super) struct Folds<'a> {
+    dense: &'a Dense<'a>,
+    in_type: FieldType,
+    order: usize,
+    /// Whether the input has trivial channels only, whose folds of one orbit are one field.
+    pub trivial: bool,
+    /// Input fields, or channels where they are trivial.
+    pub fields: usize,
+    orbits: Vec<Orbit>,
+    /// Fields of a folded patch.
+    pub entries: usize,
+}
+
+/// The taps that the group moves to one another, folded together.
+#[derive(Clone, Copy, Debug)]
+struct Orbit {
+    /// Row and column of its first tap.
+    tap: [usize; 2],
+    /// Its taps, and as many parities.
+    len: usize,
+    /// A bit for each parity, by its position in the group's list of irreps.
+    parities: u32,
+    /// The first of its entries in a folded patch.
+    first: usize,
+}
+
+impl<'a> Folds<'a> {
+    /// The folds of a map; `direct` where a patch is a pixel.
+    pub fn new(dense: &'a Dense<'a>, direct: bool) -> Folds<'a> {
+        let in_type = dense.in_shape.fields;
+        let order = in_type.group().order();
+        let mut folds = Folds {
+            dense,
+            in_type,
+            order,
+            trivial: in_type.is_trivial() && order > 1 && !direct,
+            fields: Channels::of(in_type).fields(),
+            orbits: Vec::new(),
+            entries: 0,
+        };
+        folds.add_orbits();
+        folds
+    }
+
+    /// The number of orbits.
+    pub fn orbits(&self) -> usize {
+        self.orbits.len()
+    }
+
+    fn add_orbits(&mut self) {
+        let functions = self.dense.taps.functions();
+        let starts: BTreeSet<[usize; 2]> = functions.iter().map(|f| f.parts[0].0).collect();
+        for tap in starts {
+            let own = functions.iter().filter(|f| f.parts[0].0 == tap);
+            let parities = own.fold(0u32, |mask, f| mask | 1 << self.position(f.parity));
+            let len = parities.count_ones() as usize;
+            self.orbits.push(Orbit {
+                tap,
+                len,
+                parities,
+                first: self.entries,
+            });
+            self.entries += self.fields * if self.trivial { 1 } else { len };
+        }
+    }
+
+    /// The position of an irrep in its group's list.
+    fn position(&self, irrep: Irrep) -> usize {
+        let irreps = self.in_type.group().irreps();
+        irreps.iter().position(|&a| a == irrep).unwrap_or(0)
+    }
+
+    /// The entry of a folded patch with the first channel of a function on the taps.
+    fn entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
+        let Some(orbit) = self.orbits.iter().find(|orbit| orbit.tap == tap) else {
+            unreachable!("every function starts with the first tap of an orbit")
+        };
+        let before = orbit.parities & ((1 << self.position(parity)) - 1);
+        let skipped = if self.trivial {
+            0
+        } else {
+            before.count_ones() as usize
+        };
+        orbit.first + skipped * self.fields
+    }
+
+    /// For every parameter of the layer, its place among `[entry, output field, irrep]`; the bias
+    /// is one entry more.
+    pub fn places(&self) -> Vec<usize> {
+        let Dense { taps, blocks, .. } = self.dense;
+        let (out_type, in_type) = (self.dense.out_shape.fields, self.in_type);
+        let cols = Channels::of(out_type).fields();
+        let mut places = vec![0; blocks.num_params()];
+        for (lane, &b) in out_type.group().irreps().iter().enumerate() {
+            for (i, function) in taps.functions().iter().enumerate() {
+                let entry = self.entry(function.parts[0].0, function.parity);
+                let first = blocks.weights(b).start + taps.column(b, i);
+                let channels = in_type.multiplicity(taps.input(b, function.parity));
+                for output in 0..out_type.multiplicity(b) {
+                    for channel in 0..channels {
+                        let weight = first + output * blocks.cols(b) + channel;
+                        let param = self.dense.places.map_or(weight, |places| places[weight]);
+                        places[param] = ((entry + channel) * cols + output) * self.order + lane;
+                    }
+                }
+            }
+        }
+        for (output, param) in blocks.bias().enumerate() {
+            places[param] = (self.entries * cols + output) * self.order;
+        }
+        places
+    }
+
+    /// `Orbit` of `window.wgsl`, with the factor that makes the fold of all elements orthonormal.
+    pub fn orbit_table(&self) -> Vec<u32> {
+        let rows = self.orbits.iter().map(|orbit| {
+            let scale = (orbit.len as f64).sqrt() / self.order as f64;
+            let [row, col] = orbit.tap.map(|at| at as u32);
+            let first = orbit.first as u32;
+            // the last number fills up what the alignment of the first two asks for
+            [row, col, first, orbit.parities, (scale as f32).to_bits(), 0]
+        });
+        rows.flatten().collect()
+    }
+
+    /// `Tap` of `window.wgsl`, row-major.
+    pub fn tap_table(&self) -> Vec<u32> {
+        let size = self.dense.window.size;
+        let elements = self.in_type.group().elements();
+        let taps = (0..size * size).map(|tap| [tap / size, tap % size]);
+        let rows = taps.map(|tap| {
+            let moved = |orbit: &Orbit| {
+                let [row, col] = orbit.tap;
+                elements
+                    .iter()
+                    .position(|g| g.apply_pixel(row, col, size, size) == (tap[0], tap[1]))
+            };
+            let found = self
+                .orbits
+                .iter()
+                .find_map(|orbit| Some((orbit, moved(orbit)?)));
+            let Some((orbit, element)) = found else {
+                unreachable!("every tap is in an orbit")
+            };
+            let scale = (orbit.len as f64).sqrt().recip() as f32;
+            [
+                orbit.first as u32,
+                orbit.parities,
+                element as u32,
+                scale.to_bits(),
+            ]
+        });
+        rows.flatten().collect()
+    }
+}
