@@ -97,19 +97,13 @@ mod tests {
     use crate::report::rows::{RecognitionRow, RolloutRow, ScoreRow};
 
     fn run() -> RunData {
-        let rollout = |&(group, policy, straddles): &(&str, usize, bool)| RolloutRow {
-            group: group.to_owned(),
+        let rollout = |&(group, policy): &(&str, usize)| RolloutRow {
+            group: group.trim_end_matches('*').to_owned(),
             policy,
-            straddles,
+            straddles: group.ends_with('*'),
             ..RolloutRow::default()
         };
-        let rollouts = [
-            ("a", 0, false),
-            ("b", 1, false),
-            ("b", 0, true),
-            ("a", 0, false),
-            ("a", 1, false),
-        ];
+        let rollouts = [("a", 0), ("b", 1), ("b*", 0), ("a", 0), ("a", 1)];
         let score = |group: &str| ScoreRow {
             rollouts: 5,
             decisions: 0,
