@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
-use robots::{CartesianControl, ControlError, Description, Pose, Servo};
+use robots::{
+    CartesianControl, Command, ControlError, Description, Motion, Pose, RobotState, Servo,
+};
 
 use crate::control::PHYSICS_STEPS;
 use crate::error::EnvError;
@@ -47,6 +49,8 @@ pub struct ServoDrive {
     addresses: Vec<usize>,
     /// Where the fingers should be: 0 is open, 1 is closed.
     closing: f64,
+    /// Where a command wants them to go.
+    wanted_closing: f64,
 }
 
 /// Rate (1/s) at which the last millimetres to the target are covered.
@@ -59,6 +63,7 @@ impl ServoDrive {
             control,
             addresses: Vec::new(),
             closing: 0.0,
+            wanted_closing: 0.0,
         }
     }
 
@@ -91,11 +96,81 @@ impl ServoDrive {
         target: DVec3,
         finger: f64,
     ) -> Result<(), EnvError> {
-        let seconds = PHYSICS_STEPS as f64 * data.model().timestep();
+        let seconds = control_seconds(data);
         self.follow(target, seconds)?;
         self.close(finger, seconds);
-        let positions: Vec<f64> = self.addresses.iter().map(|&at| data.qpos()[at]).collect();
-        Ok(data.set_ctrl(&self.controls(&positions))?)
+        Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
+    }
+
+    /// Takes a command, which stays in force.
+    pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.control.command(command.twist)?;
+        self.wanted_closing = command.closing;
+        Ok(())
+    }
+
+    /// Holds hand and fingers where they are.
+    pub(crate) fn stop(&mut self) {
+        self.control.stop();
+        self.wanted_closing = self.closing;
+    }
+
+    /// Tells the servos of one control step of what was commanded. Returns the speed of the
+    /// fingers in `[-1, 1]`, and why the arm stopped by itself, if it did.
+    pub(crate) fn proceed(
+        &mut self,
+        data: &mut Data,
+    ) -> Result<(f64, Option<ControlError>), EnvError> {
+        let seconds = control_seconds(data);
+        let stopped = self.control.tick(seconds).err();
+        if stopped.is_some() {
+            self.stop();
+        }
+        let speed = seconds * self.closing_rate();
+        let finger = match self.wanted_closing - self.closing {
+            0.0 => 0.0,
+            way if speed > 0.0 => (way / speed).clamp(-1.0, 1.0),
+            _ => 0.0,
+        };
+        self.close(finger, seconds);
+        data.set_ctrl(&self.controls(&self.positions(data)))?;
+        Ok((finger, stopped))
+    }
+
+    /// Where the robot is in `data`, as its own sensors tell it.
+    pub(crate) fn state(&self, data: &Data) -> RobotState {
+        let positions = self.positions(data);
+        let chain = self.control.chain();
+        let joints = chain.configuration(&positions);
+        let closing = self.finger().map_or(0.0, |(dof, motion)| {
+            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
+            ((positions[dof] - open) / (closed - open)).clamp(0.0, 1.0)
+        });
+        RobotState {
+            tip: chain.tip(&joints),
+            joints,
+            closing,
+        }
+    }
+
+    /// Positions of the arm's free joints.
+    fn positions(&self, data: &Data) -> Vec<f64> {
+        self.addresses.iter().map(|&at| data.qpos()[at]).collect()
+    }
+
+    /// The joint that closes the fingers, and its index among the free joints.
+    fn finger(&self) -> Option<(usize, &Motion)> {
+        let dof = self.servos.finger?;
+        let (_, motion) = self.servos.arm.free_joints().nth(dof)?;
+        Some((dof, motion))
+    }
+
+    /// How often a second the fingers can close; zero for fingers that do not move.
+    fn closing_rate(&self) -> f64 {
+        self.finger().map_or(0.0, |(_, motion)| {
+            let travel = motion.range.map_or(1.0, |[low, high]| high - low);
+            motion.speed / travel
+        })
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
@@ -114,13 +189,8 @@ impl ServoDrive {
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
-        let dof = self.servos.finger;
-        let joint = dof.and_then(|dof| self.servos.arm.free_joints().nth(dof));
-        if let Some((_, motion)) = joint {
-            let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-            let closing = self.closing + finger * seconds * motion.speed / travel;
-            self.closing = closing.clamp(0.0, 1.0);
-        }
+        let closing = self.closing + finger * seconds * self.closing_rate();
+        self.closing = closing.clamp(0.0, 1.0);
     }
 
     /// Controls of all servos for joints that are at `positions`: where they should be, how fast
@@ -145,4 +215,9 @@ impl ServoDrive {
         }
         controls
     }
+}
+
+/// Seconds of a control step.
+pub(crate) fn control_seconds(data: &Data) -> f64 {
+    PHYSICS_STEPS as f64 * data.model().timestep()
 }

@@ -11,8 +11,12 @@ use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::drive::ServoDrive;
 use crate::error::EnvError;
 use crate::frame::{facing, map};
-use crate::scene::{Scene, SceneKey};
+use crate::scene::{Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
+
+mod simulated_arm;
+
+pub use simulated_arm::SimulatedArm;
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -261,6 +265,11 @@ impl TableTop {
             None => self.data.set_ctrl(&[finger, -finger])?,
             Some(drive) => drive.advance(&mut self.data, target, finger)?,
         }
+        self.pass(episode, finger)
+    }
+
+    /// Lets 12.5 ms pass.
+    fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
@@ -382,13 +391,4 @@ impl TableTop {
             object: object + self.scene.object_offset,
         }
     }
-}
-
-fn check_placement(placement: &Placement) -> Result<(), EnvError> {
-    for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
-        if !value.is_finite() {
-            return Err(EnvError::NonFinitePlacement { what, value });
-        }
-    }
-    Ok(())
 }

@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 use robots::{
-    Addition, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo,
+    Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose,
+    RobotState, Servo,
 };
 
 use crate::carrier::{Carrier, CarrierParts};
@@ -118,6 +119,39 @@ impl Arm {
     /// The robot.
     pub fn robot(&self) -> &Description {
         &self.settings.robot
+    }
+
+    /// The joints between the base and the hand.
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// What it was made of.
+    pub fn settings(&self) -> &ArmSettings {
+        &self.settings
+    }
+
+    /// Capsules that hold the whole arm where it says that it is, in the world. Their order and
+    /// their radii are always the same.
+    ///
+    /// # Panics
+    /// Where the state is of an arm with another number of joints.
+    pub fn capsules(&self, state: &RobotState) -> Vec<Capsule> {
+        let robot = self.robot();
+        let mut positions = vec![0.0; robot.dofs()];
+        for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
+            positions[joint.dof] = *position;
+        }
+        if let Some(dof) = self.finger {
+            let range = robot
+                .free_joints()
+                .nth(dof)
+                .and_then(|(_, motion)| motion.range);
+            let [open, closed] = range.unwrap_or([0.0, 1.0]);
+            positions[dof] = open + state.closing * (closed - open);
+        }
+        let capsules = robot.capsules(&positions);
+        capsules.into_iter().map(|(_, capsule)| capsule).collect()
     }
 }
 
