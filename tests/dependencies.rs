@@ -67,6 +67,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 12] = [
             "evidence",
             "inpainting",
             "rl",
+            "robots",
             "symmetry",
         ],
         &[],

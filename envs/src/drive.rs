@@ -126,12 +126,10 @@ impl ServoDrive {
         if stopped.is_some() {
             self.stop();
         }
-        let speed = seconds * self.closing_rate();
-        let finger = match self.wanted_closing - self.closing {
-            0.0 => 0.0,
-            way if speed > 0.0 => (way / speed).clamp(-1.0, 1.0),
-            _ => 0.0,
-        };
+        let way = self.wanted_closing - self.closing;
+        let finger = self.closing_speed().map_or(0.0, |(speed, travel)| {
+            (way * travel / (speed * seconds)).clamp(-1.0, 1.0)
+        });
         self.close(finger, seconds);
         data.set_ctrl(&self.controls(&self.positions(data)))?;
         Ok((finger, stopped))
@@ -165,12 +163,11 @@ impl ServoDrive {
         Some((dof, motion))
     }
 
-    /// How often a second the fingers can close; zero for fingers that do not move.
-    fn closing_rate(&self) -> f64 {
-        self.finger().map_or(0.0, |(_, motion)| {
-            let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-            motion.speed / travel
-        })
+    /// Speed and travel of the joint that closes the fingers (metres or radians).
+    fn closing_speed(&self) -> Option<(f64, f64)> {
+        let (_, motion) = self.finger()?;
+        let travel = motion.range.map_or(1.0, |[low, high]| high - low);
+        Some((motion.speed, travel))
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
@@ -189,8 +186,10 @@ impl ServoDrive {
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
-        let closing = self.closing + finger * seconds * self.closing_rate();
-        self.closing = closing.clamp(0.0, 1.0);
+        if let Some((speed, travel)) = self.closing_speed() {
+            let closing = self.closing + finger * seconds * speed / travel;
+            self.closing = closing.clamp(0.0, 1.0);
+        }
     }
 
     /// Controls of all servos for joints that are at `positions`: where they should be, how fast

@@ -73,13 +73,14 @@ pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
 pub use mujoco::{self, Backdrop};
 pub use registry::TaskRegistry;
-pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
+pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer, stack};
 pub use robots;
 pub use rows::Failure;
 pub use scene::Scene;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, REWARD_SCALE, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM,
+    VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,

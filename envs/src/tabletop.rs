@@ -7,6 +7,7 @@ use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
+use crate::carrier::OPEN_APERTURE;
 use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::drive::ServoDrive;
 use crate::error::EnvError;
@@ -36,10 +37,8 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
     Irrep::Trivial,
 ];
 
-/// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
-const REWARD_SCALE: f64 = 0.1;
-/// Claw distance of an open gripper (metres).
-pub(crate) const OPEN_APERTURE: f64 = 0.1;
+/// Rewards of control steps lie in `[0, 10]`, as Meta-World's; those of decisions in `[0, 1]`.
+pub const REWARD_SCALE: f64 = 0.1;
 
 /// What one decision brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -116,6 +116,11 @@ impl Perception {
         Ok(())
     }
 
+    /// What it knows beforehand.
+    pub fn settings(&self) -> &PerceptionSettings {
+        &self.settings
+    }
+
     /// Where the last picture's arm was, in the pixels of the in-painting `[k H, k W]`.
     pub fn mask(&self) -> &[bool] {
         self.inpainter.mask()

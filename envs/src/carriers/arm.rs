@@ -6,7 +6,7 @@ use robots::{
     RobotState, Servo,
 };
 
-use crate::carrier::{Carrier, CarrierParts};
+use crate::carrier::{Carrier, CarrierParts, OPEN_APERTURE};
 use crate::drive::{Drive, Posture, ServoDrive, Servos};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
@@ -137,21 +137,56 @@ impl Arm {
     /// # Panics
     /// Where the state is of an arm with another number of joints.
     pub fn capsules(&self, state: &RobotState) -> Vec<Capsule> {
+        let capsules = self.robot().capsules(&self.positions(state));
+        capsules.into_iter().map(|(_, capsule)| capsule).collect()
+    }
+
+    /// How far the claws are apart where the arm says that it is, as learners are told it: in
+    /// `[0, 1]`, 1 for an open gripper.
+    ///
+    /// # Panics
+    /// As [`Arm::capsules`].
+    pub fn aperture(&self, state: &RobotState) -> f64 {
         let robot = self.robot();
+        let poses = robot.poses(&self.positions(state));
+        let claw = |finger: &Finger| {
+            let mut links = robot.links().iter().zip(&poses);
+            let found = links.find(|(link, _)| link.name == finger.link);
+            found.map(|(_, pose)| pose.point(finger.claw))
+        };
+        match self.settings.gripper.fingers.each_ref().map(claw) {
+            [Some(right), Some(left)] => (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0),
+            // `Arm::new` has found the links
+            _ => 1.0,
+        }
+    }
+
+    /// Seconds in which the fingers close; none for fingers that do not move.
+    pub fn closing_time(&self) -> Option<f64> {
+        let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
+        motion.range.map(|[low, high]| (high - low) / motion.speed)
+    }
+
+    /// Positions of all free joints; those beside the chain and the fingers are at zero.
+    fn positions(&self, state: &RobotState) -> Vec<f64> {
+        let robot = self.robot();
+        assert_eq!(
+            state.joints.len(),
+            self.chain.joints().len(),
+            "joints of a state"
+        );
         let mut positions = vec![0.0; robot.dofs()];
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
             positions[joint.dof] = *position;
         }
-        if let Some(dof) = self.finger {
-            let range = robot
-                .free_joints()
-                .nth(dof)
-                .and_then(|(_, motion)| motion.range);
-            let [open, closed] = range.unwrap_or([0.0, 1.0]);
+        let finger = self
+            .finger
+            .and_then(|dof| Some((dof, robot.free_joints().nth(dof)?.1)));
+        if let Some((dof, motion)) = finger {
+            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
             positions[dof] = open + state.closing * (closed - open);
         }
-        let capsules = robot.capsules(&positions);
-        capsules.into_iter().map(|(_, capsule)| capsule).collect()
+        positions
     }
 }
 
