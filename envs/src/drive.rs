@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    CartesianControl, Command, ControlError, Description, Motion, Pose, RobotState, Servo,
+    CartesianControl, Command, ControlError, Description, Motion, Pose, RobotState, Servo, Twist,
 };
 
 use crate::control::PHYSICS_STEPS;
@@ -49,10 +49,12 @@ pub struct ServoDrive {
     addresses: Vec<usize>,
     /// Where the fingers should be: 0 is open, 1 is closed.
     closing: f64,
-    /// Where a command wants them to go.
-    wanted_closing: f64,
+    /// What was commanded.
+    commanded: Command,
 }
 
+/// How far a hand may be turned from where its control has it (radians) while it turns further.
+const TURNED: f64 = 0.1;
 /// Rate (1/s) at which the last millimetres to the target are covered.
 const RATE: f64 = 10.0;
 
@@ -63,7 +65,7 @@ impl ServoDrive {
             control,
             addresses: Vec::new(),
             closing: 0.0,
-            wanted_closing: 0.0,
+            commanded: Command::default(),
         }
     }
 
@@ -105,14 +107,17 @@ impl ServoDrive {
     /// Takes a command, which stays in force.
     pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         self.control.command(command.twist)?;
-        self.wanted_closing = command.closing;
+        self.commanded = *command;
         Ok(())
     }
 
     /// Holds hand and fingers where they are.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
-        self.wanted_closing = self.closing;
+        self.commanded = Command {
+            twist: Twist::ZERO,
+            closing: self.closing,
+        };
     }
 
     /// Tells the servos of one control step of what was commanded. Returns the speed of the
@@ -122,17 +127,32 @@ impl ServoDrive {
         data: &mut Data,
     ) -> Result<(f64, Option<ControlError>), EnvError> {
         let seconds = control_seconds(data);
-        let stopped = self.control.tick(seconds).err();
+        let stopped = self.keep_on(data, seconds).err();
         if stopped.is_some() {
             self.stop();
         }
-        let way = self.wanted_closing - self.closing;
+        let way = self.commanded.closing - self.closing;
         let finger = self.closing_speed().map_or(0.0, |(speed, travel)| {
             (way * travel / (speed * seconds)).clamp(-1.0, 1.0)
         });
         self.close(finger, seconds);
         data.set_ctrl(&self.controls(&self.positions(data)))?;
         Ok((finger, stopped))
+    }
+
+    /// Moves on as commanded, unless something holds the hand back: the servos would push harder
+    /// and harder.
+    fn keep_on(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
+        let twist = self.commanded.twist;
+        let [ahead, turned] = self.state(data).tip.way_to(&self.control.tip());
+        let held_back = ahead.length() > self.servos.lead && ahead.dot(twist.linear) > 0.0;
+        let held_turned = turned.length() > TURNED && turned.dot(twist.angular) > 0.0;
+        if held_back || held_turned {
+            self.control.stop();
+            return Ok(());
+        }
+        self.control.command(twist)?;
+        self.control.tick(seconds)
     }
 
     /// Where the robot is in `data`, as its own sensors tell it.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use envs::carriers::Arm;
 use envs::{ACTION_DIM, Control, Layout};
 use glam::{DQuat, DVec3};
-use robots::{Command, ControlError, Pose, RobotState, TwistLimits};
+use robots::{Command, ControlError, Pose, RobotState, Twist, TwistLimits};
 
 use crate::error::CoversError;
 
@@ -17,17 +17,23 @@ const TICK: Duration = Duration::from_millis(25);
 /// Seconds of a control step of the environments.
 const CONTROL_STEP: f64 = 0.0125;
 /// Rate (1/s) at which what is left of the way is covered.
-const RATE: f64 = 8.0;
+const RATE: f64 = 10.0;
+/// Part of that rate at which a turned hand is turned back: things that it pushes turn it.
+const TURNING: f64 = 0.2;
+/// The furthest that the target may be ahead of the hand (metres): it waits for a hand that is slow
+/// or held back. More than the embodiment has for its experts, as commands come late.
+const LEAD: f64 = 0.05;
 
 /// Leads an arm where a policy wants its hand, as the policy knows it from its training: the hand
 /// follows a target, and each decision moves the target on.
+///
+/// It reckons where its commands bring the hand, and corrects that only by as much as the hand is
+/// further away than it may be. So an arm that obeys late does not swing.
 #[derive(Clone, Debug)]
 pub(super) struct Pilot {
     limits: TwistLimits,
     /// How the hand is turned.
     rotation: DQuat,
-    /// The furthest that the target may be ahead of the hand (metres).
-    lead: f64,
     /// Seconds in which the fingers close.
     closing_time: f64,
     /// How far a full action moves the target in a tick (metres).
@@ -35,6 +41,10 @@ pub(super) struct Pilot {
     /// Ticks of a decision.
     ticks: usize,
     target: DVec3,
+    /// Where the arm's own control has the hand (metres), as far as it follows.
+    reference: DVec3,
+    /// How the reference moves.
+    twist: Twist,
     closing: f64,
     refused: usize,
 }
@@ -48,11 +58,12 @@ impl Pilot {
         Self {
             limits: settings.control.limits,
             rotation: arm.chain().tip(&settings.ready).rotation,
-            lead: settings.lead,
             closing_time: arm.closing_time().unwrap_or(f64::INFINITY),
             displacement: control.displacement / ticks,
             ticks: ticks as usize,
             target: start.tip.position,
+            reference: start.tip.position,
+            twist: Twist::ZERO,
             closing: start.closing,
             refused: 0,
         }
@@ -84,7 +95,12 @@ impl Pilot {
                 state => state?,
             };
             self.move_target(DVec3::new(x, y, z), finger, &state);
-            match rig.command(&self.command(&state)) {
+            let command = self.command(&state);
+            self.twist = self
+                .limits
+                .ramp(self.twist, command.twist, TICK.as_secs_f64());
+            self.reference += TICK.as_secs_f64() * self.twist.linear;
+            match rig.command(&command) {
                 Err(ControlError::OutOfReach { .. }) => self.refused += 1,
                 sent => sent?,
             }
@@ -109,7 +125,8 @@ impl Pilot {
         let [low, high] = Layout::Symmetric.target_bounds();
         let wanted = (self.target + self.displacement * way).clamp(low, high);
         let hand = state.tip.position;
-        self.target = hand + (wanted - hand).clamp_length_max(self.lead);
+        let within_lead = |place: DVec3| hand + (place - hand).clamp_length_max(LEAD);
+        (self.target, self.reference) = (within_lead(wanted), within_lead(self.reference));
         let closing = self.closing + finger * TICK.as_secs_f64() / self.closing_time;
         self.closing = closing.clamp(0.0, 1.0);
     }
@@ -119,8 +136,10 @@ impl Pilot {
             position: self.target,
             rotation: self.rotation,
         };
+        let [_, turn] = state.tip.way_to(&target);
+        let way = [self.target - self.reference, TURNING * turn];
         Command {
-            twist: self.limits.towards(state.tip.way_to(&target), RATE),
+            twist: self.limits.towards(way, RATE),
             closing: self.closing,
         }
     }
