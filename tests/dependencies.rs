@@ -46,7 +46,7 @@ const SEVERAL_VERSIONS: [(&str, usize); 7] = [
 
 /// The table of imports in ARCHITECTURE.md: a crate, what its code may import, and what its tests,
 /// examples and benches may import besides.
-const IMPORTS: [(&str, &[&str], &[&str]); 12] = [
+const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
     ("mujoco-sys", &[], &[]),
     ("mujoco", &["mujoco-sys"], &[]),
     ("symmetry", &[], &[]),
@@ -58,6 +58,11 @@ const IMPORTS: [(&str, &[&str], &[&str]); 12] = [
     ("cluster", &[], &[]),
     ("evidence", &["cluster", "symmetry"], &["rl", "worlds"]),
     ("worlds", &["rl", "symmetry"], &[]),
+    (
+        "benches",
+        &[],
+        &["cluster", "envs", "equivariant", "rl", "symmetry"],
+    ),
     (
         "covers",
         &[

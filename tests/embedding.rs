@@ -55,10 +55,11 @@ impl Stranger {
             .map(|(package, folder)| format!("{package} = {{ path = \"{ROOT}/{folder}\" }}\n"))
             .collect();
         let head = "[package]\nname = \"stranger\"\nedition = \"2024\"\n\n[dependencies]\n";
+        let manifest = format!("{head}{lines}\n{}", profiles());
         fs::create_dir_all(folder.join("src")).unwrap();
-        fs::write(folder.join("Cargo.toml"), format!("{head}{lines}")).unwrap();
+        fs::write(folder.join("Cargo.toml"), manifest).unwrap();
         fs::write(folder.join("src/main.rs"), PROGRAM).unwrap();
-        // the toolchain, too: another one would compile everything again
+        // the toolchain, too: another one would check everything again
         for file in ["Cargo.lock", "rust-toolchain.toml"] {
             fs::copy(Path::new(ROOT).join(file), folder.join(file)).unwrap();
         }
@@ -82,6 +83,15 @@ impl Drop for Stranger {
     fn drop(&mut self) {
         let _ = fs::remove_dir_all(&self.0);
     }
+}
+
+/// The profiles of the workspace: with others, what it has checked would be checked again.
+fn profiles() -> String {
+    let manifest = fs::read_to_string(Path::new(ROOT).join("Cargo.toml")).unwrap();
+    let tables = manifest.split("\n[").filter(|t| t.starts_with("profile."));
+    let tables: String = tables.map(|table| format!("[{table}\n")).collect();
+    assert!(tables.contains("[profile.dev]"), "{manifest}");
+    tables
 }
 
 fn first_word(line: &str) -> Option<String> {

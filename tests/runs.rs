@@ -168,9 +168,11 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     );
 }
 
-/// A smoke run of two groups; the paper's with small pictures.
+/// A smoke run of two groups without an arm, which takes less time; the paper's with small
+/// pictures.
 fn small(method: Method) -> Experiment {
     let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
+    experiment = experiment.with_embodiment(Embodiment::HAND);
     experiment.schedule.groups.truncate(2);
     experiment.checkpoints.every = 2;
     if method == Method::Paper
@@ -214,7 +216,6 @@ fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_thread
         Method::EquiSac,
     ];
     for method in [&off_policy[..], &[Method::CnnAug]].concat() {
-        let small = |method| small(method).with_embodiment(Embodiment::HAND);
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
@@ -287,8 +288,7 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let scratch = Scratch::new("alias");
     let mut tasks = TaskRegistry::standard();
     tasks.register(TaskGroup::of(&Alias)).unwrap();
-    let mut experiment = smoke();
-    experiment.schedule.groups.truncate(2);
+    let mut experiment = small(Method::Covers);
     experiment.schedule.groups[1].group = "alias".to_owned();
     experiment.checkpoints.every = 1;
     let folder = || RunFolder::create(&scratch.0, "run").unwrap();
@@ -312,7 +312,8 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
 #[test]
 fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     let scratch = Scratch::new("edited");
-    let folder = RunFolder::open(&crash_after(4, start(&scratch.0, experiment(0, 2))));
+    let hand = experiment(0, 2).with_embodiment(Embodiment::HAND);
+    let folder = RunFolder::open(&crash_after(4, start(&scratch.0, hand)));
     let settings = folder.experiment().unwrap();
     let mut longer = settings.clone();
     longer.schedule.groups[0].decisions += 80;
@@ -332,7 +333,8 @@ fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
 #[test]
 fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let scratch = Scratch::new("pack");
-    let run = start(&scratch.0, experiment(3, 2));
+    let hand = experiment(3, 2).with_embodiment(Embodiment::HAND);
+    let run = start(&scratch.0, hand);
     let folder = run.folder().path().to_owned();
     finish(run);
     let packed = scratch.0.join("packed");
@@ -357,7 +359,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
     let message = self::command(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 7"), "{message}");
-    let table = command(&["eval", packed, "--embodiment", "hand", "--episodes", "32"]);
+    let table = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "32"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
 }
 

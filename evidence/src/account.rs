@@ -96,14 +96,7 @@ impl Accountant {
         course: &Course,
         described: Option<&[f32]>,
     ) -> Result<Account, EvidenceError> {
-        let steps = course.rewards.len().max(1);
-        check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
-        let first = course.vectors.iter().zip(&self.vector);
-        let vector = first.map(|(&v, irrep)| match irrep {
-            Irrep::Trivial => v,
-            _ => v.abs(),
-        });
-        let vector = vector.collect();
+        let vector = self.first_vector(course)?;
         let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
         let slope = motion.is_some().then(|| {
             let (rewards, actions) = (&course.rewards, &course.actions);
@@ -151,6 +144,18 @@ impl Accountant {
             album.keep(&course.image, &account.picture);
         }
         Ok(accounts)
+    }
+
+    /// The first vector, the same for all mirror images.
+    fn first_vector(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
+        let steps = course.rewards.len().max(1);
+        check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
+        let first = course.vectors.iter().zip(&self.vector);
+        let unsigned = first.map(|(&v, irrep)| match irrep {
+            Irrep::Trivial => v,
+            _ => v.abs(),
+        });
+        Ok(unsigned.collect())
     }
 
     fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {

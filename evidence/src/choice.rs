@@ -11,46 +11,77 @@ const MARGIN: f64 = 3.0;
 /// differ by chance.
 const UNLIKELY: f64 = 1e-3;
 
-/// The accepted policy that fits best; the first of equals.
-pub(crate) fn fittest(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<usize> {
-    let accepted = (0..opinions.len())
-        .filter(|&policy| opinions[policy].verdict == Verdict::Accepted && eligible(policy));
-    let misfit = |policy: &usize| opinions[*policy].misfit();
-    accepted.min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+/// All policies' opinions of episodes in which one of them acted.
+pub(crate) struct Choice<'a> {
+    opinions: &'a [Opinion],
+    collector: usize,
 }
 
-/// The accepted policies that fit about as well as the fittest. The one that has learnt most comes
-/// first: what it earns shows best whether it is meant.
-pub(crate) fn rivals(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Vec<usize> {
-    let Some(fittest) = fittest(opinions, &eligible) else {
-        return Vec::new();
-    };
-    let most = opinions[fittest].misfit() + MARGIN;
-    let is_near = |&policy: &usize| {
-        let opinion = &opinions[policy];
-        opinion.verdict == Verdict::Accepted && eligible(policy) && opinion.misfit() <= most
-    };
-    let mut near: Vec<usize> = (0..opinions.len()).filter(is_near).collect();
-    near.sort_by(|&a, &b| opinions[b].learnt.total_cmp(&opinions[a].learnt));
-    near
-}
+impl<'a> Choice<'a> {
+    pub(crate) fn new(opinions: &'a [Opinion], collector: usize) -> Self {
+        Self {
+            opinions,
+            collector,
+        }
+    }
 
-/// The policy whose looks differ least among the eligible ones that were tested.
-pub(crate) fn drifted(opinions: &[Opinion], eligible: impl Fn(usize) -> bool) -> Option<usize> {
-    let tested =
-        (0..opinions.len()).filter(|&policy| opinions[policy].test.is_some() && eligible(policy));
-    let ratio = |policy: &usize| opinions[*policy].look_ratio();
-    tested.min_by(|a, b| ratio(a).total_cmp(&ratio(b)))
-}
+    /// The opinion on the policy that acted, if it is one of them.
+    pub(crate) fn own(&self) -> Option<&'a Opinion> {
+        self.opinions.get(self.collector)
+    }
 
-/// The policy that acted, unless another one fits much better.
-pub(crate) fn keep_or_better(collector: usize, opinions: &[Opinion]) -> usize {
-    let own = &opinions[collector];
-    let other = fittest(opinions, |policy| policy != collector);
-    let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
-    let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
-    let better = |policy: &usize| opinions[*policy].look_score() + MARGIN < own.look_score();
-    other
-        .filter(|policy| is_unlikely && better(policy))
-        .unwrap_or(collector)
+    /// Whether the policy that acted is at home by the looks, at this level.
+    pub(crate) fn is_alike(&self, level: f64) -> bool {
+        self.own().is_some_and(|own| !own.looks_doubtful(level))
+    }
+
+    /// Where the policy that acted is accepted: it, unless another one fits much better.
+    pub(crate) fn kept(&self) -> Option<usize> {
+        let own = self.own().filter(|own| own.verdict == Verdict::Accepted)?;
+        let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
+        let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
+        let better =
+            |policy: &usize| self.opinions[*policy].look_score() + MARGIN < own.look_score();
+        let other = self
+            .fittest()
+            .filter(|policy| is_unlikely && better(policy));
+        Some(other.unwrap_or(self.collector))
+    }
+
+    /// The accepted policies, but for the one that acted, that fit about as well as the fittest.
+    /// The one that has learnt most comes first: what it earns shows best whether it is meant.
+    pub(crate) fn rivals(&self) -> Vec<usize> {
+        let Some(fittest) = self.fittest() else {
+            return Vec::new();
+        };
+        let most = self.opinions[fittest].misfit() + MARGIN;
+        let is_near = |policy: &usize| self.opinions[*policy].misfit() <= most;
+        let mut near: Vec<usize> = self.others().filter(is_near).collect();
+        near.sort_by(|&a, &b| self.opinions[b].learnt.total_cmp(&self.opinions[a].learnt));
+        near
+    }
+
+    /// The policy whose looks differ least among the eligible ones that were tested, if they differ
+    /// by less than this ratio.
+    pub(crate) fn drifted(&self, most: f64, eligible: impl Fn(usize) -> bool) -> Option<usize> {
+        let ratio = |policy: usize| self.opinions[policy].look_ratio();
+        let tested = (0..self.opinions.len())
+            .filter(|&policy| self.opinions[policy].test.is_some() && eligible(policy));
+        tested
+            .min_by(|&a, &b| ratio(a).total_cmp(&ratio(b)))
+            .filter(|&policy| ratio(policy) < most)
+    }
+
+    /// The accepted policies, but for the one that acted.
+    fn others(&self) -> impl Iterator<Item = usize> {
+        (0..self.opinions.len()).filter(|&policy| {
+            policy != self.collector && self.opinions[policy].verdict == Verdict::Accepted
+        })
+    }
+
+    /// The one of them that fits best; the first of equals.
+    fn fittest(&self) -> Option<usize> {
+        let misfit = |policy: &usize| self.opinions[*policy].misfit();
+        self.others().min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    }
 }

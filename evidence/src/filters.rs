@@ -102,32 +102,14 @@ impl Filters {
             *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
             *largest = (peak / unit) as f32;
         }
-        let length: f64 = described
-            .iter()
-            .map(|&v| f64::from(v).powi(2))
-            .sum::<f64>()
-            .sqrt();
-        described
-            .iter_mut()
-            .for_each(|v| *v = (f64::from(*v) / length.max(f64::MIN_POSITIVE)) as f32);
+        normalise(&mut described);
         Ok(described)
     }
 
     /// All responses `[places, 4, filters]`.
     fn respond(&self, image: &[u8]) -> Vec<f32> {
-        let [height, width, channels] = self.image;
-        let [rows, cols] = self.kernel;
-        let taps = rows * cols * channels;
-        let mut patches = Vec::new();
-        for row in (0..=height - rows).step_by(STRIDE) {
-            for col in (0..=width - cols).step_by(STRIDE) {
-                for r in row..row + rows {
-                    let from = (r * width + col) * channels;
-                    let pixels = &image[from..from + cols * channels];
-                    patches.extend(pixels.iter().map(|&p| f32::from(p)));
-                }
-            }
-        }
+        let taps = self.kernel[0] * self.kernel[1] * self.image[2];
+        let patches = self.patches(image);
         let places = patches.len() / taps;
         let mut responses = vec![0.0; places * 4 * self.count];
         matmul(
@@ -139,6 +121,23 @@ impl Filters {
             Par::Seq,
         );
         responses
+    }
+
+    /// The pixels under the filters at each place, `[places, taps]`.
+    fn patches(&self, image: &[u8]) -> Vec<f32> {
+        let [height, width, channels] = self.image;
+        let [rows, cols] = self.kernel;
+        let mut patches = Vec::new();
+        for row in (0..=height - rows).step_by(STRIDE) {
+            for col in (0..=width - cols).step_by(STRIDE) {
+                for r in row..row + rows {
+                    let from = (r * width + col) * channels;
+                    let pixels = &image[from..from + cols * channels];
+                    patches.extend(pixels.iter().map(|&p| f32::from(p)));
+                }
+            }
+        }
+        patches
     }
 
     /// The sum over places and flips of the rectified responses of a filter, and the sum over flips
@@ -165,6 +164,15 @@ const MEAN_WEIGHT: f64 = 10.0;
 fn most([rows, cols]: [usize; 2], channels: usize) -> i32 {
     let taps = (rows * cols * channels) as i32;
     ((1 << 24) / (255 * taps) / 2).clamp(1, 100)
+}
+
+/// Scales values to length 1.
+fn normalise(values: &mut [f32]) {
+    let squares = values.iter().map(|&v| f64::from(v).powi(2));
+    let length = squares.sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+    for value in values {
+        *value = (f64::from(*value) / length) as f32;
+    }
 }
 
 /// Whole weights `[rows, cols, channels, 4, count]`, drawn evenly and then shifted so that they sum

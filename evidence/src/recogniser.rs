@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::account::Account;
-use crate::choice::{drifted, keep_or_better, rivals};
+use crate::choice::Choice;
 use crate::cut::find_cut;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
@@ -44,6 +44,16 @@ pub struct Situation<'a> {
     pub refused: &'a [usize],
     /// As the finding said that proposed the one that acted ([`Finding::is_unproven`]).
     pub is_unproven: bool,
+}
+
+impl Situation<'_> {
+    /// Nobody was refused, and nobody proposed the policy that acted.
+    fn of(collector: usize) -> Self {
+        Self {
+            collector,
+            ..Self::default()
+        }
+    }
 }
 
 /// Remembers what each policy learnt on, and decides whose task new episodes show.
@@ -98,8 +108,7 @@ impl Recogniser {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
         check(known(&self.memories).chain(accounts))?;
-        let mut accounts: Vec<&Account> = accounts.iter().collect();
-        accounts.sort_by_key(|account| account.began);
+        let mut accounts = sorted(accounts);
         let cut = find_cut(&accounts, &self.settings, rng)?;
         let end = cut.map(|cut| accounts[cut].began);
         accounts.truncate(cut.unwrap_or(accounts.len()));
@@ -163,10 +172,7 @@ impl Recogniser {
         let accounts = self.in_order(accounts)?;
         let cut = find_cut(&accounts, &self.settings, rng)?;
         let later = &accounts[cut.unwrap_or(0)..];
-        let situation = Situation {
-            collector,
-            ..Situation::default()
-        };
+        let situation = Situation::of(collector);
         let finding = match look {
             Look::First => self.look(later, situation, rng)?,
             Look::Second => self.decide(later, situation, Role::Stays, rng)?,
@@ -185,29 +191,22 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let opinions = self.opinions(accounts, situation, (Look::First, Role::Stays), rng)?;
-        let collector = situation.collector;
-        let rivals = rivals(&opinions, |policy| policy != collector);
-        let own = opinions.get(collector);
-        let doubt = self.settings.doubt;
-        let alike = own.is_some_and(|own| !own.looks_doubtful(doubt));
-        let sure = own.is_some_and(|own| Examiner(&self.settings).surely_refuses(own));
-        let decision = match (own, rivals.first()) {
-            (Some(own), _) if own.verdict == Verdict::Accepted => {
-                Decision::Existing(keep_or_better(collector, &opinions))
-            }
-            // what happened under a policy cannot speak for others: they are tried at once where
-            // it is beyond doubt, and else a second look is cheaper
-            (_, Some(&policy)) if sure || !alike => Decision::Existing(policy),
-            _ => Decision::Undecided,
-        };
-        let refused = if sure { vec![collector] } else { Vec::new() };
+        let choice = Choice::new(&opinions, situation.collector);
+        let rivals = choice.rivals();
+        let alike = choice.is_alike(self.settings.doubt);
+        let is_sure = |own| Examiner(&self.settings).surely_refuses(own);
+        let sure = choice.own().is_some_and(is_sure);
+        // what happened under a policy cannot speak for others: they are tried at once where
+        // it is beyond doubt, and else a second look is cheaper
+        let rival = rivals.first().copied().filter(|_| sure || !alike);
+        let named = choice.kept().or(rival);
         Ok(Finding {
+            decision: named.map_or(Decision::Undecided, Decision::Existing),
+            cut: None,
+            refused: sure.then_some(situation.collector).into_iter().collect(),
             is_contested: alike || rivals.len() > 1,
             is_unproven: false,
-            decision,
             opinions,
-            cut: None,
-            refused,
         })
     }
 
@@ -270,10 +269,7 @@ impl Recogniser {
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
-        let situation = Situation {
-            collector: self.memories.len(),
-            ..Situation::default()
-        };
+        let situation = Situation::of(self.memories.len());
         let accounts: Vec<&Account> = accounts.iter().collect();
         let opinions = self.opinions(&accounts, situation, (Look::Second, Role::Stranger), rng)?;
         let examiner = Examiner(&self.settings);
@@ -313,11 +309,10 @@ impl Recogniser {
         if got < needed {
             return Err(EvidenceError::TooFewEpisodes { got, needed });
         }
-        let mut accounts: Vec<&Account> = accounts.iter().collect();
-        accounts.sort_by_key(|account| account.began);
-        Ok(accounts)
+        Ok(sorted(accounts))
     }
 
+    /// What each policy says, in its role.
     fn opinions<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
@@ -344,6 +339,7 @@ impl Recogniser {
         asked.collect()
     }
 
+    /// One second look.
     fn decide<R: Rng + ?Sized>(
         &self,
         accounts: &[&Account],
@@ -351,41 +347,42 @@ impl Recogniser {
         role: Role,
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
-        let collector = situation.collector;
         let opinions = self.opinions(accounts, situation, (Look::Second, role), rng)?;
-        let own = opinions.get(collector);
-        let rivals = rivals(&opinions, |policy| policy != collector);
-        let alike = own.is_some_and(|own| !own.looks_doubtful(self.settings.doubt));
-        let suspect = drifted(&opinions, |policy| self.may_have_drifted(policy, situation));
-        let suspect = suspect
-            .filter(|&policy| opinions[policy].look_ratio() < Examiner(&self.settings).drifted());
-        let decision = match (own, rivals.first()) {
-            (Some(own), _) if own.verdict == Verdict::Accepted => {
-                Decision::Existing(keep_or_better(collector, &opinions))
-            }
-            (_, Some(&policy)) => Decision::Existing(policy),
-            (_, None) => suspect.map_or(Decision::New, Decision::Existing),
-        };
-        // one that has an heir is out of question for good once it was tried
-        let is_tried = |policy: &usize| {
-            !self.memories[*policy].is_gone() || situation.refused.contains(policy)
-        };
-        let refused = |policy: &usize| {
-            opinions[*policy].is_refused()
-                && decision != Decision::Existing(*policy)
-                && is_tried(policy)
-        };
-        let named = match decision {
-            Decision::Existing(policy) => opinions.get(policy),
-            Decision::New | Decision::Undecided => None,
-        };
+        let choice = Choice::new(&opinions, situation.collector);
+        let rivals = choice.rivals();
+        let named = choice.kept().or_else(|| rivals.first().copied());
+        let most = Examiner(&self.settings).drifted();
+        let may_have = |policy| self.may_have_drifted(policy, situation);
+        let named = named.or_else(|| choice.drifted(most, may_have));
         Ok(Finding {
-            decision,
+            decision: named.map_or(Decision::New, Decision::Existing),
             cut: None,
-            refused: (0..opinions.len()).filter(refused).collect(),
-            is_contested: alike || rivals.len() != 1,
-            is_unproven: named.is_some_and(Opinion::is_refused),
+            refused: self.refused(&opinions, named, situation),
+            is_contested: choice.is_alike(self.settings.doubt) || rivals.len() != 1,
+            is_unproven: named.is_some_and(|policy| opinions[policy].is_refused()),
             opinions,
         })
     }
+
+    /// The policies that are out of question for good: the refused ones, but for the one named. One
+    /// that has an heir must have been tried.
+    fn refused(
+        &self,
+        opinions: &[Opinion],
+        named: Option<usize>,
+        situation: Situation,
+    ) -> Vec<usize> {
+        let is_refused = |&policy: &usize| {
+            let is_tried = !self.memories[policy].is_gone() || situation.refused.contains(&policy);
+            opinions[policy].is_refused() && named != Some(policy) && is_tried
+        };
+        (0..opinions.len()).filter(is_refused).collect()
+    }
+}
+
+/// Accounts in the order in which their episodes began.
+fn sorted(accounts: &[Account]) -> Vec<&Account> {
+    let mut accounts: Vec<&Account> = accounts.iter().collect();
+    accounts.sort_by_key(|account| account.began);
+    accounts
 }

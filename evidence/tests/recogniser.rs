@@ -5,7 +5,9 @@ use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situa
 use symmetry::{D2, Irrep};
 use worlds::Kind;
 
-use crate::common::{HORIZON, accounts, courses, knowing, mirrored, rng, rollout, said, stream};
+use crate::common::{
+    HORIZON, accounts, accounts_of, courses, knowing, mirrored, rng, rollout, said, stream,
+};
 
 #[test]
 fn accounts_of_mirror_images_are_equal_to_the_bit() {
@@ -248,11 +250,9 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
             }
         }
         let visits = [(1, 8), (0, 242), (1, 8)];
-        let late = accounts(stream(kind, seed, &visits, 5), 258, None)[1250..].to_vec();
+        let late = accounts_of(&courses(stream(kind, seed, &visits, 5), 258, None)[1250..]);
         let finding = recogniser.settle(&late, 0, &mut rng()).unwrap();
-        if recogniser.settle(&late, 0, &mut rng()).unwrap().opinions[1].verdict()
-            == Verdict::Accepted
-        {
+        if finding.opinions[1].verdict() == Verdict::Accepted {
             continue;
         }
         assert_ne!(finding.decision, Decision::Existing(0), "seed {seed}");

@@ -59,11 +59,13 @@ pub fn courses(mut stream: Stream, rounds: usize, as_group: Option<usize>) -> Ve
 }
 
 pub fn accounts(stream: Stream, rounds: usize, as_group: Option<usize>) -> Vec<Account> {
+    accounts_of(&courses(stream, rounds, as_group))
+}
+
+pub fn accounts_of(courses: &[Course]) -> Vec<Account> {
     let filters = RecogniserSettings::default().filters;
     let accountant = Accountant::new([48, 48, 6], &AXES, &AXES, filters).unwrap();
-    accountant
-        .accounts(&courses(stream, rounds, as_group))
-        .unwrap()
+    accountant.accounts(courses).unwrap()
 }
 
 pub fn mirrored(stream: Stream, g: D2) -> Stream {
