@@ -61,7 +61,14 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
     (
         "benches",
         &[],
-        &["cluster", "envs", "equivariant", "rl", "symmetry"],
+        &[
+            "cluster",
+            "envs",
+            "equivariant",
+            "inpainting",
+            "rl",
+            "symmetry",
+        ],
     ),
     (
         "covers",

@@ -15,6 +15,9 @@ mod strip;
 mod table;
 mod trial;
 
+#[cfg(test)]
+mod tests;
+
 pub use command::{DeployOptions, Faults, RobotKind};
 pub use deployment::Deployment;
 pub use rig::{Rig, SetUp, Trial, Verdict};
