@@ -107,10 +107,12 @@ impl Deployment {
         let set_up = rig.set_up(trial);
         let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
         let known = (&self.camera, &self.table[..]);
-        let sight = Sight::new(&self.sight, arm, rig.calibration(), known, &set_up)?;
         let start = rig.state()?;
+        let pilot = Pilot::new(arm, &self.control, &start);
+        let (settings, start) = (&self.sight, (rig.now(), start));
+        let sight = Sight::new(settings, arm, rig.calibration(), known, &set_up, start)?;
         let mut env = TrialEnv {
-            pilot: Pilot::new(arm, &self.control, &start),
+            pilot,
             rig,
             arm,
             sight,

@@ -21,19 +21,22 @@ const OLDEST: Duration = Duration::from_millis(500);
 pub(super) struct Sight {
     perception: Perception,
     /// Where the arm was, oldest first.
-    states: VecDeque<(Duration, RobotState)>,
+    past: VecDeque<(Duration, RobotState)>,
+    /// Where the arm is, as far as it was noted.
+    state: RobotState,
     picture: Vec<u8>,
 }
 
 impl Sight {
     /// Sees a table that was set as `set_up` says. `table` `[size, size, 3]` is the empty table as
-    /// a policy knows it that has learnt with `camera`.
+    /// a policy knows it that has learnt with `camera`. `start` is the time, and where the arm is.
     pub fn new(
         settings: &SightSettings,
         arm: &Arm,
         calibration: Calibration,
         (camera, table): (&Camera, &[u8]),
         set_up: &SetUp,
+        start: (Duration, RobotState),
     ) -> Result<Self, CoversError> {
         let parked = arm.capsules(&set_up.parked);
         let radii = parked.iter().map(|capsule| capsule.radius);
@@ -42,23 +45,24 @@ impl Sight {
         perception.begin(&set_up.background, &joints(arm, &set_up.parked))?;
         Ok(Self {
             perception,
-            states: VecDeque::new(),
+            state: start.1.clone(),
+            past: VecDeque::from([start]),
             picture: vec![0; set_up.background.len()],
         })
     }
 
     /// Takes note of where the arm is at the time `now`, which does not go back.
     pub fn note(&mut self, now: Duration, state: RobotState) {
-        let known = self.states.iter();
-        // one from before the oldest picture that counts
-        let old = known.take_while(|(then, _)| *then + OLDEST < now).count();
-        self.states.drain(..old.saturating_sub(1));
-        self.states.push_back((now, state));
+        // one from before the oldest picture that counts is kept
+        let old = self.past.partition_point(|(then, _)| *then + OLDEST < now);
+        self.past.drain(..old.saturating_sub(1));
+        self.past.push_back((now, state.clone()));
+        self.state = state;
     }
 
     /// Where the arm was noted last.
-    pub fn state(&self) -> Option<&RobotState> {
-        self.states.back().map(|(_, state)| state)
+    pub fn state(&self) -> &RobotState {
+        &self.state
     }
 
     /// Writes into `out` `[size, size, 3]` what the policy sees, with the mark where the gripper is
@@ -75,25 +79,22 @@ impl Sight {
         if age > OLDEST {
             return Err(CoversError::StalePicture { age, most: OLDEST });
         }
-        let (Some(then), Some(now)) = (self.state_at(taken), self.state()) else {
-            return Ok(());
-        };
-        let gripper = now.tip.position;
-        let joints = joints(arm, &then);
+        let joints = joints(arm, &self.state_at(taken));
+        let gripper = self.state.tip.position;
         Ok(self.perception.look(&self.picture, &joints, gripper, out)?)
     }
 
     /// Where the arm was at a time: between what was noted before and after it.
-    fn state_at(&self, time: Duration) -> Option<RobotState> {
-        let after = self.states.partition_point(|(then, _)| *then <= time);
-        let known = |index: usize| self.states.get(index);
+    fn state_at(&self, time: Duration) -> RobotState {
+        let after = self.past.partition_point(|(then, _)| *then <= time);
+        let known = |index: usize| self.past.get(index);
         match (after.checked_sub(1).and_then(known), known(after)) {
             (Some((t0, before)), Some((t1, after))) => {
                 let share = (time - *t0).as_secs_f64() / (*t1 - *t0).as_secs_f64();
-                Some(between(before, after, share))
+                between(before, after, share)
             }
-            (Some((_, only)), None) | (None, Some((_, only))) => Some(only.clone()),
-            (None, None) => None,
+            (None, Some((_, first))) => first.clone(),
+            (_, None) => self.state.clone(),
         }
     }
 

@@ -59,8 +59,6 @@ pub(super) struct TrialEnv<'a> {
 impl TrialEnv<'_> {
     /// Looks for the first time, while the robot rests.
     pub fn begin(&mut self) -> Result<(), CoversError> {
-        let state = self.rig.state()?;
-        self.sight.note(self.rig.now(), state);
         let mut start = Observations::new(&self.spec);
         self.observe(&mut start)?;
         self.start = start;
@@ -79,14 +77,12 @@ impl TrialEnv<'_> {
             self.first.clone_from(&picture);
         }
         envs::stack(&picture, &self.first, &mut out.images);
-        if let Some(state) = self.sight.state() {
-            let (hand, goal) = (state.tip.position, self.goal);
-            let aperture = self.arm.aperture(state);
-            let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
-            out.vectors
-                .copy_from_slice(&numbers.map(|number| number as f32));
-            scale(&mut out.vectors);
-        }
+        let (hand, goal) = (self.sight.state().tip.position, self.goal);
+        let aperture = self.arm.aperture(self.sight.state());
+        let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
+        out.vectors
+            .copy_from_slice(&numbers.map(|number| number as f32));
+        scale(&mut out.vectors);
         Ok(())
     }
 
