@@ -137,6 +137,14 @@ fn a_report_says_what_the_runs_files_say() {
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     assert_eq!(files("report.md").trim_end(), text.trim_end());
     assert!(files("results.csv").contains("\"covers\"") && files("seeds.tex").contains("toprule"));
+    let page = files("report.html");
+    for part in [
+        "<summary>covers-seed1</summary>",
+        "Rollouts of each group",
+        "of learning went",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
     for drawing in ["covers-seed0.svg", "seed0.svg"] {
         assert!(files(drawing).contains("goal-reach"), "{drawing}");
     }

@@ -1,25 +1,31 @@
 //! Curves of runs, with the group that ran as the background.
 
 use super::method::MethodRuns;
-use super::run_data::{RolloutRow, RunData, ScoreRow};
+use super::partners::partner;
+use super::rows::{RolloutRow, ScoreRow};
+use super::run_data::RunData;
 use super::statistics::mean;
-use super::svg::{COLOURS, Drawing};
+use super::svg::{Drawing, INK, colour};
 
+/// The x axis.
+const DECISIONS: &str = "decisions";
 /// Ticks of shares.
 const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of rewards, on the paper's scale.
 const REWARDS: [f64; 3] = [0.0, 250.0, 500.0];
+/// Larger ratios of distances are drawn here.
+const MOST: f64 = 4.0;
 /// Heights of panels (pixels).
 const HIGH: f64 = 170.0;
 const LOW: f64 = 90.0;
 
-/// Success and reward of one run, rollouts as lines and evaluations as dots, and the policy that
-/// was assigned.
+/// Success and reward of one run, rollouts as lines and evaluations as dots, the policy that was
+/// assigned, and the distances by which.
 pub fn run(run: &RunData) -> String {
-    let mut drawing = Drawing::new(end(run));
+    let mut drawing = Drawing::new(end(run), DECISIONS);
     let groups = run.groups();
-    for (group, colour) in groups.iter().zip(COLOURS) {
-        drawing.legend(group, colour);
+    for (number, group) in groups.iter().enumerate() {
+        drawing.legend(group, colour(number));
     }
     drawing.panel("success", HIGH, [-0.03, 1.03], &SHARES);
     visits(&mut drawing, run);
@@ -35,9 +41,42 @@ pub fn run(run: &RunData) -> String {
     visits(&mut drawing, run);
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
         let policy = row.policy as f64;
-        drawing.line(&[(from, policy), (to, policy)], "black");
+        drawing.line(&[(from, policy), (to, policy)], INK);
     }
+    distances(&mut drawing, run);
     drawing.finish(&format!("Success, reward and policy of {}", run.name))
+}
+
+/// What each policy's test said of each rollout: its distance, as a share of the largest one of the
+/// permutations. Above 1 the rollout differs more than any of them.
+fn distances(drawing: &mut Drawing, run: &RunData) {
+    if run.rollouts.iter().all(|row| row.distances.is_empty()) {
+        return;
+    }
+    drawing.panel("distance", HIGH, [0.0, MOST], &[0.0, 1.0, 2.0, MOST]);
+    visits(drawing, run);
+    for row in &run.rollouts {
+        let compared = row.distances.iter().zip(&row.null_maxima).enumerate();
+        for (policy, (distance, most)) in compared {
+            let Some(ratio) = distance.zip(*most).map(|(distance, most)| distance / most) else {
+                continue;
+            };
+            let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
+            let point = (row.decisions as f64, ratio.min(MOST));
+            drawing.small_dot(point, colour_of_policy(run, policy), &title);
+        }
+    }
+    let end = end(run);
+    drawing.line(&[(0.0, 1.0), (end, 1.0)], INK);
+}
+
+/// A policy has the colour of the group that it belongs to.
+fn colour_of_policy(run: &RunData, policy: usize) -> &'static str {
+    let groups = run.groups();
+    let own = groups
+        .iter()
+        .find(|group| partner(&run.rollouts, group) == Some(policy));
+    own.map_or(INK, |group| colour_of(run, group))
 }
 
 /// For each seed, a panel a method that ran with it: success in each group as dots, and their mean,
@@ -62,15 +101,15 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
         .collect();
     let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
-    let mut drawing = Drawing::new(longest);
+    let mut drawing = Drawing::new(longest, DECISIONS);
     let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.groups());
-    for (group, colour) in groups.iter().zip(COLOURS) {
-        drawing.legend(group, colour);
+    for (number, group) in groups.iter().enumerate() {
+        drawing.legend(group, colour(number));
     }
     for (name, run) in runs {
         drawing.panel(name, LOW, [-0.05, 1.05], &SHARES);
         visits(&mut drawing, run);
-        drawing.line(&averages(run), "black");
+        drawing.line(&averages(run), INK);
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.finish(&format!("Success of all methods, seed {seed}"))
@@ -115,7 +154,7 @@ fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
 
 fn visits(drawing: &mut Drawing, run: &RunData) {
     for (group, [from, to], _) in visits_of(run) {
-        drawing.span(from, to, colour(run, group), group);
+        drawing.span(from, to, colour_of(run, group), group);
     }
 }
 
@@ -124,7 +163,7 @@ fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Opt
         let points = rows
             .iter()
             .filter_map(|row| Some((row.decisions as f64, figure(row)?)));
-        drawing.line(&points.collect::<Vec<_>>(), colour(run, group));
+        drawing.line(&points.collect::<Vec<_>>(), colour_of(run, group));
     }
 }
 
@@ -139,13 +178,13 @@ fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f6
             let figures: Vec<f64> = rows.iter().map(|row| figure(row)).collect();
             let (x, y) = (first.decisions as f64, mean(&figures));
             let title = format!("{group}, {x} decisions: {y:.2}");
-            drawing.dot((x, y), colour(run, group), &title);
+            drawing.dot((x, y), colour_of(run, group), &title);
         }
     }
 }
 
 /// One colour a group everywhere.
-fn colour(run: &RunData, group: &str) -> &'static str {
-    let index = run.groups().iter().position(|own| *own == group);
-    COLOURS[index.unwrap_or(COLOURS.len() - 1) % COLOURS.len()]
+fn colour_of(run: &RunData, group: &str) -> &'static str {
+    let number = run.groups().iter().position(|own| *own == group);
+    number.map_or(INK, colour)
 }

@@ -6,6 +6,7 @@ use crate::error::CoversError;
 
 use super::curves;
 use super::method::MethodRuns;
+use super::page::page;
 use super::run_data::RunData;
 use super::table::Table;
 use super::tables;
@@ -37,8 +38,17 @@ impl Report {
         tables.map(|(_, table)| table.markdown() + "\n").collect()
     }
 
-    /// Writes `report.md`, each table as CSV and LaTeX, and the curves of each run and each seed as
-    /// SVG, to a folder, which is created.
+    /// The report as one HTML page, which needs no network and nothing beside it.
+    pub fn html(&self) -> String {
+        page(
+            &self.methods,
+            &tables::common_groups(&self.methods),
+            &self.tables,
+        )
+    }
+
+    /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run
+    /// and each seed as SVG, to a folder, which is created.
     ///
     /// # Errors
     /// [`CoversError::Write`].
@@ -48,6 +58,7 @@ impl Report {
             let path = folder.join(name);
             std::fs::write(&path, text).map_err(|error| CoversError::write(&path, error))
         };
+        write("report.html", self.html())?;
         write("report.md", self.markdown())?;
         for (name, table) in &self.tables {
             write(&format!("{name}.csv"), table.csv())?;

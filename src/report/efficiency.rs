@@ -43,7 +43,7 @@ impl Efficiency {
 }
 
 /// Decisions spent in the group and success in it, of each evaluation.
-fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
+pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
         let rows = run.evaluation(Some(rollouts));
         let rows = rows.filter(|row| row.group == group);
@@ -138,7 +138,7 @@ fn row(
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::run_data::{RolloutRow, ScoreRow};
+    use crate::report::rows::{RolloutRow, ScoreRow};
 
     /// Rollouts of 100 decisions of these groups, and the success in `a` after some of them.
     fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
@@ -146,11 +146,7 @@ mod tests {
             decisions: 100 * turn,
             group: (*group).to_owned(),
             last_group: (*group).to_owned(),
-            straddles: false,
-            policy: 0,
-            reward: None,
-            success: None,
-            heirs: Vec::new(),
+            ..RolloutRow::default()
         });
         let row = |&(rollouts, success): &(usize, f64)| ScoreRow {
             rollouts,
@@ -164,14 +160,9 @@ mod tests {
             reward: 0.0,
         };
         RunData {
-            name: "covers-seed0".to_owned(),
-            experiment: Budget::Smoke.experiment(Method::Covers),
             rollouts: rollouts.collect(),
             scores: scores.iter().map(row).collect(),
-            units: Vec::new(),
-            recognition: Vec::new(),
-            seconds: 1.0,
-            commits: Vec::new(),
+            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
         }
     }
 

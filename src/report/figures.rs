@@ -2,7 +2,8 @@
 
 use crate::runs::Ledger;
 
-use super::run_data::{RunData, ScoreRow};
+use super::rows::ScoreRow;
+use super::run_data::RunData;
 
 /// Why a figure does not exist.
 pub type Undefined = &'static str;
@@ -190,7 +191,7 @@ fn ledger(run: &RunData) -> Ledger {
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::run_data::{RolloutRow, UnitsRow};
+    use crate::report::rows::{RolloutRow, UnitsRow};
 
     /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
     /// marks one that ends in the next rollout's group.
@@ -202,19 +203,11 @@ mod tests {
             last_group: name(&rollouts[index + usize::from(rollouts[index].0.ends_with('*'))]),
             straddles: rollouts[index].0.ends_with('*'),
             policy: rollouts[index].1,
-            reward: None,
-            success: None,
-            heirs: Vec::new(),
+            ..RolloutRow::default()
         };
         RunData {
-            name: "covers-seed0".to_owned(),
-            experiment: Budget::Smoke.experiment(method),
             rollouts: (0..rollouts.len()).map(row).collect(),
-            scores: Vec::new(),
-            units: Vec::new(),
-            recognition: Vec::new(),
-            seconds: 1.0,
-            commits: Vec::new(),
+            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(method))
         }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! Everything comes from the files of the runs' folders; nothing is edited by hand.
 
+mod bands;
 mod cells;
 mod comparison;
 mod curves;
@@ -9,10 +10,13 @@ mod document;
 mod efficiency;
 mod figures;
 mod identity;
+mod matrix;
 mod method;
+mod page;
 mod paper;
 mod partners;
 mod recognition;
+mod rows;
 mod run_data;
 mod statistics;
 mod svg;
@@ -24,6 +28,7 @@ pub use efficiency::{Efficiency, SOLVED};
 pub use figures::{Figures, GroupFigures, Undefined};
 pub use identity::Identity;
 pub use method::MethodRuns;
-pub use run_data::{RecognitionRow, RolloutRow, RunData, ScoreRow, UnitsRow};
+pub use rows::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
+pub use run_data::RunData;
 pub use statistics::{Interval, Scores, iqm, mean};
 pub use table::Table;

@@ -2,7 +2,7 @@
 
 use crate::runs::acting;
 
-use super::run_data::RolloutRow;
+use super::rows::RolloutRow;
 
 /// The policy that acts for the group of `policy` after the last of these rollouts.
 pub fn last_acting(rollouts: &[RolloutRow], policy: usize) -> usize {
@@ -37,14 +37,10 @@ mod tests {
     /// Rollouts of groups, the policy of each; `*` marks those that straddle.
     fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
         let row = |&(group, policy): &(&str, usize)| RolloutRow {
-            decisions: 0,
             group: group.trim_end_matches('*').to_owned(),
-            last_group: String::new(),
             straddles: group.ends_with('*'),
             policy,
-            reward: None,
-            success: None,
-            heirs: Vec::new(),
+            ..RolloutRow::default()
         };
         rows.iter().map(row).collect()
     }

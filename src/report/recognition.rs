@@ -102,11 +102,8 @@ mod tests {
             decisions: 100 * (policy + 1),
             group: group.to_owned(),
             last_group: group.to_owned(),
-            straddles: false,
             policy,
-            reward: None,
-            success: None,
-            heirs: Vec::new(),
+            ..RolloutRow::default()
         };
         let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
             group: group.to_owned(),
@@ -114,15 +111,11 @@ mod tests {
             policy,
             times,
         };
+        let name = format!("{}-seed0", method.name());
         RunData {
-            name: format!("{}-seed0", method.name()),
-            experiment: Budget::Smoke.experiment(method),
             rollouts: [(0, "a"), (1, "b")].map(rollout).to_vec(),
-            scores: Vec::new(),
-            units: Vec::new(),
             recognition: answers.iter().map(answer).collect(),
-            seconds: 1.0,
-            commits: Vec::new(),
+            ..RunData::empty(&name, Budget::Smoke.experiment(method))
         }
     }
 

@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use serde::de::{DeserializeOwned, Error as _};
-use serde::{Deserialize, Deserializer};
+use serde::de::DeserializeOwned;
 
 use crate::error::CoversError;
 use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
 use crate::runs::{Provenance, RunFolder};
+
+use super::rows::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
 
 /// Signs of a commit's name that tell it from others.
 const SHORT: usize = 10;
@@ -20,108 +21,20 @@ const TOO_MANY: usize = 1 << 32;
 pub struct RunData {
     /// The folder's name.
     pub name: String,
-    /// Commits that worked on the run, the first one first; empty where none is known.
-    pub commits: Vec<String>,
+    /// The processes that worked on the run, the first one first; empty where none is known.
+    pub provenance: Vec<Provenance>,
     /// The settings.
     pub experiment: Experiment,
     /// One row a rollout.
     pub rollouts: Vec<RolloutRow>,
-    /// Seconds of learning of the rollouts whose seconds are known.
-    pub seconds: f64,
+    /// Seconds of the rollouts whose seconds are known.
+    pub timings: Vec<TimingRow>,
     /// One row a variant and evaluation, in the order in which they were scored.
     pub scores: Vec<ScoreRow>,
     /// One row a policy and evaluation; none of a run that did not look at units.
     pub units: Vec<UnitsRow>,
     /// One row an answer; none of a run that did not ask.
     pub recognition: Vec<RecognitionRow>,
-}
-
-/// A row of `metrics.csv`, without what a learner adds of its own.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct RolloutRow {
-    /// Decisions taken by the end of the rollout.
-    pub decisions: usize,
-    /// The group that ran when the turn began.
-    pub group: String,
-    /// The group that ran when it ended.
-    pub last_group: String,
-    /// Whether the group changed within the turn.
-    pub straddles: bool,
-    /// The policy that learnt.
-    pub policy: usize,
-    /// Mean return on the paper's scale, in `[0, 500]`; none where no episode ended.
-    pub reward: Option<f64>,
-    /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
-    pub success: Option<f64>,
-    /// For each policy the one that acts for its group since the two were merged; empty where the
-    /// learner merges none.
-    #[serde(default, deserialize_with = "heirs")]
-    pub heirs: Vec<Option<usize>>,
-}
-
-/// Numbers with semicolons between them, some of which are missing.
-fn heirs<'de, D: Deserializer<'de>>(cell: D) -> Result<Vec<Option<usize>>, D::Error> {
-    let cell = String::deserialize(cell)?;
-    let number = |word: &str| match word {
-        "" => Ok(None),
-        word => word.parse().map(Some),
-    };
-    let heirs = cell.split(';').map(number).collect::<Result<_, _>>();
-    heirs.map_err(|error| D::Error::custom(format!("heirs `{cell}`: {error}")))
-}
-
-/// A row of `evaluation.csv`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-pub struct ScoreRow {
-    /// Rollouts learnt from before the evaluation.
-    pub rollouts: usize,
-    /// Decisions taken before the evaluation.
-    pub decisions: usize,
-    /// The variant's group.
-    pub group: String,
-    /// The variant's element of D2, as it is spelt.
-    pub element: String,
-    /// Whether the learner meets the variant while it learns.
-    pub seen: bool,
-    /// Episodes played.
-    pub episodes: usize,
-    /// As in [`Score`](crate::evaluation::Score).
-    pub success: f64,
-    /// As there.
-    pub success_at_end: f64,
-    /// As there.
-    pub reward: f64,
-}
-
-/// A row of `units.csv`.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-pub struct UnitsRow {
-    /// Rollouts learnt from before the evaluation.
-    pub rollouts: usize,
-    /// The policy.
-    pub policy: usize,
-    /// Rectified units of its network.
-    pub units: usize,
-    /// Those that are dormant.
-    pub dormant: usize,
-}
-
-/// A row of `recognition.csv`.
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-pub struct RecognitionRow {
-    /// The group that was shown.
-    pub group: String,
-    /// Episodes that were shown each time.
-    pub episodes: usize,
-    /// The policy that was named; none where none of them was.
-    pub policy: Option<usize>,
-    /// How often.
-    pub times: usize,
-}
-
-#[derive(Deserialize)]
-struct TimingRow {
-    total: f64,
 }
 
 impl RunData {
@@ -140,16 +53,44 @@ impl RunData {
         let recognition: Vec<RecognitionRow> = rows_if_there(&folder.file("recognition.csv"))?;
         check_recognition(path, &recognition, &scores)?;
         let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
+        let provenance = match path.join(Provenance::FILE).exists() {
+            true => Provenance::read(path)?,
+            false => Vec::new(),
+        };
         Ok(Self {
             name: name_of(path)?,
-            commits: commits(path)?,
+            provenance,
             experiment: folder.experiment()?,
             rollouts,
-            seconds: timings.iter().map(|row| row.total).sum(),
+            timings,
             scores,
             units,
             recognition,
         })
+    }
+
+    /// Seconds of learning.
+    pub fn seconds(&self) -> f64 {
+        self.timings.iter().map(|row| row.total).sum()
+    }
+
+    /// The commits that the run was made by, each once, those of changed trees marked.
+    pub fn commits(&self) -> Vec<String> {
+        let mut commits = Vec::new();
+        for process in &self.provenance {
+            let commit = process.commit.as_deref().unwrap_or("unknown");
+            let commit: String = commit.chars().take(SHORT).collect();
+            let mark = if process.clean == Some(false) {
+                " (changed)"
+            } else {
+                ""
+            };
+            let commit = format!("{commit}{mark}");
+            if !commits.contains(&commit) {
+                commits.push(commit);
+            }
+        }
+        commits
     }
 
     /// The rows of the evaluation after the stream.
@@ -281,24 +222,19 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError
     }
 }
 
-/// The commits that a run was made by, each once, those of changed trees marked.
-fn commits(folder: &Path) -> Result<Vec<String>, CoversError> {
-    if !folder.join(Provenance::FILE).exists() {
-        return Ok(Vec::new());
-    }
-    let mut commits = Vec::new();
-    for process in Provenance::read(folder)? {
-        let commit = process.commit.unwrap_or_else(|| "unknown".to_owned());
-        let commit: String = commit.chars().take(SHORT).collect();
-        let mark = if process.clean == Some(false) {
-            " (changed)"
-        } else {
-            ""
-        };
-        let commit = format!("{commit}{mark}");
-        if !commits.contains(&commit) {
-            commits.push(commit);
+#[cfg(test)]
+impl RunData {
+    /// A run without rows.
+    pub fn empty(name: &str, experiment: Experiment) -> Self {
+        Self {
+            name: name.to_owned(),
+            provenance: Vec::new(),
+            experiment,
+            rollouts: Vec::new(),
+            timings: Vec::new(),
+            scores: Vec::new(),
+            units: Vec::new(),
+            recognition: Vec::new(),
         }
     }
-    Ok(commits)
 }

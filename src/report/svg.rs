@@ -2,15 +2,22 @@
 
 use std::fmt::Write;
 
-/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008).
+/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on a
+/// light and on a dark page.
 pub const COLOURS: [&str; 8] = [
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C00",
+    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
 ];
+/// The colour of what belongs to no group: that of the text.
+pub const INK: &str = "currentColor";
 
-/// Where the x axis begins, and its length.
+/// The colour of the one with this number.
+pub fn colour(number: usize) -> &'static str {
+    COLOURS[number % COLOURS.len()]
+}
+
+/// Where the x axis begins, and what is right of it.
 const LEFT: f64 = 64.0;
-const AXIS: f64 = 880.0;
-const WIDTH: f64 = LEFT + AXIS + 16.0;
+const RIGHT: f64 = 26.0;
 /// Heights above the panels, for the legend, and below them, for the axis.
 const OUTSIDE: [f64; 2] = [34.0, 40.0];
 /// Between two panels.
@@ -19,8 +26,11 @@ const GAP: f64 = 14.0;
 /// Panels one below the other over the same axis.
 pub struct Drawing {
     text: String,
-    /// The largest value on the x axis.
+    /// The largest value on the x axis, and what the axis is.
     end: f64,
+    axis: &'static str,
+    /// The length of the x axis (pixels).
+    length: f64,
     /// Where the current panel begins, and its height.
     panel: [f64; 2],
     /// Bounds of its y axis.
@@ -29,14 +39,24 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// A drawing over x from 0 to `end`.
-    pub fn new(end: f64) -> Self {
+    /// A drawing over x from 0 to `end`, with a name for it, as wide as a page.
+    pub fn new(end: f64, axis: &'static str) -> Self {
         Self {
             text: String::new(),
             end: end.max(f64::MIN_POSITIVE),
+            axis,
+            length: 880.0,
             panel: [OUTSIDE[0] - GAP, 0.0],
             bounds: [0.0, 1.0],
             legend: LEFT,
+        }
+    }
+
+    /// One of two that stand side by side on a page.
+    pub fn half(end: f64, axis: &'static str) -> Self {
+        Self {
+            length: 440.0,
+            ..Self::new(end, axis)
         }
     }
 
@@ -45,7 +65,7 @@ impl Drawing {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
         let [top, height] = self.panel;
-        let (width, middle) = (AXIS, top + height / 2.0);
+        let (width, middle) = (self.length, top + height / 2.0);
         self.add(format_args!(
             "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
              <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
@@ -73,22 +93,40 @@ impl Drawing {
 
     /// A line through points.
     pub fn line(&mut self, points: &[(f64, f64)], colour: &str) {
-        let mut path = String::new();
-        for &(x, y) in points {
-            // writing to a String cannot fail
-            let _ = write!(path, "{:.1},{:.1} ", self.x(x), self.y(y));
-        }
+        let path = self.path(points.iter());
         self.add(format_args!(
-            "<polyline points=\"{}\" stroke=\"{colour}\" class=\"line\"/>",
-            path.trim_end()
+            "<polyline points=\"{path}\" stroke=\"{colour}\" class=\"line\"/>"
         ));
     }
 
+    /// What lies between two lines.
+    pub fn band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
+        let path = self.path(low.iter().chain(high.iter().rev()));
+        self.add(format_args!(
+            "<polygon points=\"{path}\" fill=\"{colour}\" class=\"band\"/>"
+        ));
+    }
+
+    fn path<'a>(&self, points: impl Iterator<Item = &'a (f64, f64)>) -> String {
+        let points = points.map(|&(x, y)| format!("{:.1},{:.1}", self.x(x), self.y(y)));
+        points.collect::<Vec<_>>().join(" ")
+    }
+
     /// A dot, whose value shows where the pointer rests on it.
-    pub fn dot(&mut self, (x, y): (f64, f64), colour: &str, title: &str) {
+    pub fn dot(&mut self, point: (f64, f64), colour: &str, title: &str) {
+        self.circle(point, 3.5, colour, title);
+    }
+
+    /// A dot among many.
+    pub fn small_dot(&mut self, point: (f64, f64), colour: &str, title: &str) {
+        self.circle(point, 1.6, colour, title);
+    }
+
+    fn circle(&mut self, (x, y): (f64, f64), radius: f64, colour: &str, title: &str) {
         let (x, y) = (self.x(x), self.y(y));
         self.add(format_args!(
-            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"{colour}\"><title>{}</title></circle>",
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"><title>{}</title>\
+             </circle>",
             escaped(title)
         ));
     }
@@ -115,22 +153,22 @@ impl Drawing {
                 "<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"
             ));
         }
-        let (middle, y) = (LEFT + AXIS / 2.0, bottom + 33.0);
+        let (middle, y, axis) = (LEFT + self.length / 2.0, bottom + 33.0, self.axis);
         self.add(format_args!(
-            "<text x=\"{middle}\" y=\"{y}\" class=\"below\">decisions</text>"
+            "<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"
         ));
-        let height = bottom + OUTSIDE[1];
+        let (width, height) = (LEFT + self.length + RIGHT, bottom + OUTSIDE[1]);
         format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" role=\"img\" \
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
              font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n{}</svg>\n",
+             <rect width=\"100%\" height=\"100%\" class=\"paper\"/>\n{}</svg>\n",
             escaped(title),
             self.text
         )
     }
 
     fn x(&self, x: f64) -> f64 {
-        LEFT + x / self.end * AXIS
+        LEFT + x / self.end * self.length
     }
 
     fn y(&self, y: f64) -> f64 {
@@ -143,8 +181,11 @@ impl Drawing {
     }
 }
 
-const STYLE: &str = ".frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}\
-    .tick{text-anchor:end}.name,.below{text-anchor:middle}";
+/// Alone or in a page, a drawing is light or dark as the reader has set it.
+const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
+    .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}\
+    .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
+    @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
 
 /// Round numbers from 0 to `end`, at most eight.
 fn ticks(end: f64) -> Vec<f64> {
@@ -159,8 +200,8 @@ fn ticks(end: f64) -> Vec<f64> {
     (0..=count).map(|n| n as f64 * step).collect()
 }
 
-/// Text with the signs of XML escaped.
-fn escaped(text: &str) -> String {
+/// Text with the signs of XML and HTML escaped.
+pub fn escaped(text: &str) -> String {
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
     text.replace('>', "&gt;").replace('"', "&quot;")
 }
@@ -183,7 +224,7 @@ mod tests {
 
     #[test]
     fn points_lie_inside_their_panel() {
-        let mut drawing = Drawing::new(100.0);
+        let mut drawing = Drawing::new(100.0, "decisions");
         drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
         drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
         drawing.line(&[(0.0, 0.0), (100.0, 500.0)], COLOURS[0]);

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use super::svg::escaped;
+
 /// A table with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
@@ -54,6 +56,26 @@ impl Table {
         text
     }
 
+    /// The table in HTML, in a box that scrolls where the screen is narrow.
+    pub fn html(&self) -> String {
+        let line = |tag: &str, cells: &[String]| {
+            let cells = cells.iter().map(|cell| escaped(cell));
+            let cells = cells.map(|cell| format!("<{tag}>{cell}</{tag}>"));
+            format!("<tr>{}</tr>\n", cells.collect::<String>())
+        };
+        let rows = self.rows.iter().map(|row| line("td", row));
+        let notes = (1..).zip(&self.notes);
+        let notes =
+            notes.map(|(n, note)| format!("<p class=\"note\">({n}) {}.</p>\n", escaped(note)));
+        format!(
+            "<p class=\"caption\">{}</p>\n<div class=\"wide\"><table>\n{}{}</table></div>\n{}",
+            escaped(&self.caption),
+            line("th", &self.header),
+            rows.collect::<String>(),
+            notes.collect::<String>()
+        )
+    }
+
     /// The rows as CSV (RFC 4180), the header first.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
@@ -65,7 +87,7 @@ impl Table {
     /// The table as a LaTeX `tabular` with the rules of `booktabs`.
     pub fn latex(&self) -> String {
         let line = |cells: &Vec<String>| {
-            let cells: Vec<String> = cells.iter().map(|cell| escaped(cell)).collect();
+            let cells: Vec<String> = cells.iter().map(|cell| latex(cell)).collect();
             format!("{} \\\\\n", cells.join(" & "))
         };
         let columns = "l".repeat(self.header.len());
@@ -83,7 +105,7 @@ impl Table {
 }
 
 /// Text with LaTeX's own signs escaped.
-fn escaped(text: &str) -> String {
+fn latex(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for sign in text.chars() {
         match sign {
@@ -125,6 +147,16 @@ mod tests {
         assert_eq!(reader.headers().unwrap(), vec!["method", "success"]);
         let row = reader.records().next().unwrap().unwrap();
         assert_eq!(row, vec!["a_b, \"c\"", "5 % (1)"]);
+    }
+
+    #[test]
+    fn html_has_rows_and_notes() {
+        let text = table().html();
+        assert!(
+            text.contains("<tr><td>a_b, &quot;c&quot;</td><td>5 % (1)</td></tr>"),
+            "{text}"
+        );
+        assert!(text.contains("(1) one policy.</p>"), "{text}");
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
 }
 
 /// The groups that all runs were scored on, in the order of the first.
-fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
+pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
     let mut figures = methods.iter().flat_map(|method| &method.figures);
     let first = figures.next();
     let mut groups: Vec<String> = first
@@ -128,7 +128,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     let mut mean_of = |figure: fn(&Figures) -> Result<f64, Undefined>| {
         cell(table, &figures().map(figure).collect::<Vec<_>>())
     };
-    let seconds: Vec<f64> = method.runs.iter().map(|run| run.seconds).collect();
+    let seconds: Vec<f64> = method.runs.iter().map(RunData::seconds).collect();
     vec![
         title,
         method.runs.len().to_string(),
@@ -246,8 +246,8 @@ fn runs(methods: &[MethodRuns]) -> Table {
                 format!("{:.1}", average(|group| group.reward)),
                 figures.policies.to_string(),
                 figures.decisions.to_string(),
-                format!("{:.0}", run.seconds),
-                run.commits.join(", "),
+                format!("{:.0}", run.seconds()),
+                run.commits().join(", "),
             ]);
         }
     }

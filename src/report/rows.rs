@@ -1,0 +1,116 @@
+//! Rows of the files of a run's folder.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+
+/// A row of `metrics.csv`, without what a learner adds of its own.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+pub struct RolloutRow {
+    /// Decisions taken by the end of the rollout.
+    pub decisions: usize,
+    /// The group that ran when the turn began.
+    pub group: String,
+    /// The group that ran when it ended.
+    pub last_group: String,
+    /// Whether the group changed within the turn.
+    pub straddles: bool,
+    /// The policy that learnt.
+    pub policy: usize,
+    /// Mean return on the paper's scale, in `[0, 500]`; none where no episode ended.
+    pub reward: Option<f64>,
+    /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
+    pub success: Option<f64>,
+    /// For each policy the one that acts for its group since the two were merged; empty where the
+    /// learner merges none.
+    #[serde(default, deserialize_with = "numbers")]
+    pub heirs: Vec<Option<usize>>,
+    /// For each policy that was compared, the distance of the rollout from what it remembers; empty
+    /// where the grouping measures none.
+    #[serde(default, deserialize_with = "numbers")]
+    pub distances: Vec<Option<f64>>,
+    /// For each of them the largest distance of the permutations.
+    #[serde(default, deserialize_with = "numbers")]
+    pub null_maxima: Vec<Option<f64>>,
+}
+
+/// Numbers with semicolons between them, some of which are missing.
+fn numbers<'de, D, N>(cell: D) -> Result<Vec<Option<N>>, D::Error>
+where
+    D: Deserializer<'de>,
+    N: FromStr<Err: Display>,
+{
+    let cell = String::deserialize(cell)?;
+    let number = |word: &str| match word {
+        "" => Ok(None),
+        word => word.parse().map(Some),
+    };
+    let numbers = cell.split(';').map(number).collect::<Result<_, _>>();
+    numbers.map_err(|error: N::Err| D::Error::custom(format!("`{cell}`: {error}")))
+}
+
+/// A row of `evaluation.csv`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct ScoreRow {
+    /// Rollouts learnt from before the evaluation.
+    pub rollouts: usize,
+    /// Decisions taken before the evaluation.
+    pub decisions: usize,
+    /// The variant's group.
+    pub group: String,
+    /// The variant's element of D2, as it is spelt.
+    pub element: String,
+    /// Whether the learner meets the variant while it learns.
+    pub seen: bool,
+    /// Episodes played.
+    pub episodes: usize,
+    /// As in [`Score`](crate::evaluation::Score).
+    pub success: f64,
+    /// As there.
+    pub success_at_end: f64,
+    /// As there.
+    pub reward: f64,
+}
+
+/// A row of `units.csv`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub struct UnitsRow {
+    /// Rollouts learnt from before the evaluation.
+    pub rollouts: usize,
+    /// The policy.
+    pub policy: usize,
+    /// Rectified units of its network.
+    pub units: usize,
+    /// Those that are dormant.
+    pub dormant: usize,
+}
+
+/// A row of `recognition.csv`.
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+pub struct RecognitionRow {
+    /// The group that was shown.
+    pub group: String,
+    /// Episodes that were shown each time.
+    pub episodes: usize,
+    /// The policy that was named; none where none of them was.
+    pub policy: Option<usize>,
+    /// How often.
+    pub times: usize,
+}
+
+/// A row of `timings.csv`: seconds of one rollout and what became of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+pub struct TimingRow {
+    /// All of it.
+    pub total: f64,
+    /// Physics and pictures.
+    pub environments: f64,
+    /// The policy's decisions.
+    pub inference: f64,
+    /// The grouping.
+    pub assignment: f64,
+    /// Gradients.
+    pub update: f64,
+}
