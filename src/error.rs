@@ -1,6 +1,7 @@
 //! What can go wrong while learning from a stream.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use rl::BoxError;
 
@@ -43,6 +44,29 @@ pub enum CoversError {
     /// Evidence of groups.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
+    /// What a camera's pictures are made into.
+    #[error(transparent)]
+    Inpainting(#[from] inpainting::InpaintingError),
+    /// A robot, which stands still.
+    #[error(transparent)]
+    Robot(#[from] robots::ControlError),
+    /// A robot's rig: its table, its camera, its clock.
+    #[error("the rig failed, and the arm was stopped: {source}")]
+    Rig {
+        /// The reason.
+        source: BoxError,
+    },
+    /// A camera that shows the past.
+    #[error(
+        "the camera's newest picture is {} ms old, expected at most {} ms: the arm was stopped",
+        age.as_millis(), most.as_millis()
+    )]
+    StalePicture {
+        /// The picture's age.
+        age: Duration,
+        /// The age at which the arm is stopped.
+        most: Duration,
+    },
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]
     Threads {

@@ -21,6 +21,7 @@ struct Readme;
 pub mod check;
 pub mod cli;
 pub mod commands;
+pub mod deploy;
 mod disk;
 pub mod doctor;
 mod error;

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use covers::check::Check;
 use covers::commands::{Command, Outcome};
+use covers::deploy::DeployOptions;
 use covers::doctor::DoctorOptions;
 use covers::preset_list::PresetsOptions;
 
@@ -25,6 +26,8 @@ struct Options {
 enum Subcommands {
     #[command(flatten)]
     Learner(Command),
+    /// Lets the policies of a run act on a robot that a camera watches.
+    Deploy(DeployOptions),
     /// Checks the environments; fails where a figure misses its bound.
     #[command(subcommand)]
     Check(Check),
@@ -37,6 +40,7 @@ enum Subcommands {
 fn main() -> ExitCode {
     let result = match Options::parse().command {
         Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
+        Subcommands::Deploy(deploy) => deploy.run(&mut stdout()).map(|()| 0),
         Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),
         Subcommands::Doctor(doctor) => doctor.run(&mut stdout()).map(|works| u8::from(!works)),
         Subcommands::Presets(presets) => presets.run(&mut stdout()).map(|()| 0),

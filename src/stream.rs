@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use envs::{EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{Control, EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -91,8 +91,13 @@ impl Stream {
     /// Factor from a return, a sum of rewards in `[0, 1]`, to the paper's scale, on which a perfect
     /// episode earns 500.
     pub fn reward_scale(&self) -> f64 {
-        PERFECT_EPISODE / self.env.settings().control.decisions() as f64
+        reward_scale(&self.env.settings().control)
     }
+}
+
+/// As [`Stream::reward_scale`], for episodes under `control`.
+pub(crate) fn reward_scale(control: &Control) -> f64 {
+    PERFECT_EPISODE / control.decisions() as f64
 }
 
 impl VectorEnv for Stream {
@@ -147,7 +152,8 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
     }
 }
 
-fn scale(vectors: &mut [f32]) {
+/// Makes rows of the environments' numbers `[N, 7]` those that networks read, in place.
+pub(crate) fn scale(vectors: &mut [f32]) {
     vectors
         .chunks_exact_mut(envs::VECTOR_DIM)
         .for_each(scale_row);

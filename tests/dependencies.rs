@@ -61,7 +61,14 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
     (
         "benches",
         &[],
-        &["cluster", "envs", "equivariant", "rl", "symmetry"],
+        &[
+            "cluster",
+            "envs",
+            "equivariant",
+            "inpainting",
+            "rl",
+            "symmetry",
+        ],
     ),
     (
         "covers",
@@ -72,6 +79,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
             "evidence",
             "inpainting",
             "rl",
+            "robots",
             "symmetry",
         ],
         &[],

@@ -8,6 +8,9 @@ use glam::DVec3;
 use crate::drive::{Drive, Posture};
 use crate::error::EnvError;
 
+/// Claw distance of an open gripper (metres).
+pub(crate) const OPEN_APERTURE: f64 = 0.1;
+
 /// What a scene is made of, as far as the embodiment decides it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarrierParts {

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
-use robots::{CartesianControl, ControlError, Description, Pose, Servo};
+use robots::{
+    CartesianControl, Command, ControlError, Description, Motion, Pose, RobotState, Servo, Twist,
+};
 
 use crate::control::PHYSICS_STEPS;
 use crate::error::EnvError;
@@ -47,8 +49,12 @@ pub struct ServoDrive {
     addresses: Vec<usize>,
     /// Where the fingers should be: 0 is open, 1 is closed.
     closing: f64,
+    /// What was commanded.
+    commanded: Command,
 }
 
+/// How far a hand may be turned from where its control has it (radians) while it turns further.
+const TURNED: f64 = 0.1;
 /// Rate (1/s) at which the last millimetres to the target are covered.
 const RATE: f64 = 10.0;
 
@@ -59,6 +65,7 @@ impl ServoDrive {
             control,
             addresses: Vec::new(),
             closing: 0.0,
+            commanded: Command::default(),
         }
     }
 
@@ -91,11 +98,96 @@ impl ServoDrive {
         target: DVec3,
         finger: f64,
     ) -> Result<(), EnvError> {
-        let seconds = PHYSICS_STEPS as f64 * data.model().timestep();
+        let seconds = control_seconds(data);
         self.follow(target, seconds)?;
         self.close(finger, seconds);
-        let positions: Vec<f64> = self.addresses.iter().map(|&at| data.qpos()[at]).collect();
-        Ok(data.set_ctrl(&self.controls(&positions))?)
+        Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
+    }
+
+    /// Takes a command, which stays in force.
+    pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.control.command(command.twist)?;
+        self.commanded = *command;
+        Ok(())
+    }
+
+    /// Holds hand and fingers where they are.
+    pub(crate) fn stop(&mut self) {
+        self.control.stop();
+        self.commanded = Command {
+            twist: Twist::ZERO,
+            closing: self.closing,
+        };
+    }
+
+    /// Tells the servos of one control step of what was commanded. Returns the speed of the
+    /// fingers in `[-1, 1]`, and why the arm stopped by itself, if it did.
+    pub(crate) fn proceed(
+        &mut self,
+        data: &mut Data,
+    ) -> Result<(f64, Option<ControlError>), EnvError> {
+        let seconds = control_seconds(data);
+        let stopped = self.keep_on(data, seconds).err();
+        if stopped.is_some() {
+            self.stop();
+        }
+        let way = self.commanded.closing - self.closing;
+        let finger = self.closing_speed().map_or(0.0, |(speed, travel)| {
+            (way * travel / (speed * seconds)).clamp(-1.0, 1.0)
+        });
+        self.close(finger, seconds);
+        data.set_ctrl(&self.controls(&self.positions(data)))?;
+        Ok((finger, stopped))
+    }
+
+    /// Moves on as commanded, unless something holds the hand back: the servos would push harder
+    /// and harder.
+    fn keep_on(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
+        let twist = self.commanded.twist;
+        let [ahead, turned] = self.state(data).tip.way_to(&self.control.tip());
+        let held_back = ahead.length() > self.servos.lead && ahead.dot(twist.linear) > 0.0;
+        let held_turned = turned.length() > TURNED && turned.dot(twist.angular) > 0.0;
+        if held_back || held_turned {
+            self.control.stop();
+            return Ok(());
+        }
+        self.control.command(twist)?;
+        self.control.tick(seconds)
+    }
+
+    /// Where the robot is in `data`, as its own sensors tell it.
+    pub(crate) fn state(&self, data: &Data) -> RobotState {
+        let positions = self.positions(data);
+        let chain = self.control.chain();
+        let joints = chain.configuration(&positions);
+        let closing = self.finger().map_or(0.0, |(dof, motion)| {
+            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
+            ((positions[dof] - open) / (closed - open)).clamp(0.0, 1.0)
+        });
+        RobotState {
+            tip: chain.tip(&joints),
+            joints,
+            closing,
+        }
+    }
+
+    /// Positions of the arm's free joints.
+    fn positions(&self, data: &Data) -> Vec<f64> {
+        self.addresses.iter().map(|&at| data.qpos()[at]).collect()
+    }
+
+    /// The joint that closes the fingers, and its index among the free joints.
+    fn finger(&self) -> Option<(usize, &Motion)> {
+        let dof = self.servos.finger?;
+        let (_, motion) = self.servos.arm.free_joints().nth(dof)?;
+        Some((dof, motion))
+    }
+
+    /// Speed and travel of the joint that closes the fingers (metres or radians).
+    fn closing_speed(&self) -> Option<(f64, f64)> {
+        let (_, motion) = self.finger()?;
+        let travel = motion.range.map_or(1.0, |[low, high]| high - low);
+        Some((motion.speed, travel))
     }
 
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
@@ -114,11 +206,8 @@ impl ServoDrive {
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
-        let dof = self.servos.finger;
-        let joint = dof.and_then(|dof| self.servos.arm.free_joints().nth(dof));
-        if let Some((_, motion)) = joint {
-            let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-            let closing = self.closing + finger * seconds * motion.speed / travel;
+        if let Some((speed, travel)) = self.closing_speed() {
+            let closing = self.closing + finger * seconds * speed / travel;
             self.closing = closing.clamp(0.0, 1.0);
         }
     }
@@ -145,4 +234,9 @@ impl ServoDrive {
         }
         controls
     }
+}
+
+/// Seconds of a control step.
+pub(crate) fn control_seconds(data: &Data) -> f64 {
+    PHYSICS_STEPS as f64 * data.model().timestep()
 }

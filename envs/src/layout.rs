@@ -80,7 +80,7 @@ impl Layout {
     }
 
     /// Lowest and highest corner (metres) of the box that holds the hand's target.
-    pub(crate) fn target_bounds(self) -> [DVec3; 2] {
+    pub fn target_bounds(self) -> [DVec3; 2] {
         match self {
             // wider along y than the hand needs, so that a blocked hand can push
             Self::Symmetric => [DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35)],

@@ -8,6 +8,7 @@
 //! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
 //!   uses.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
+//! - [`SimulatedArm`]: the arm of a [`TableTop`] as a [`robots::Robot`], as real ones are driven.
 //! - [`SceneRenderer`]: the picture of a [`TableTop`].
 //! - [`TaskRegistry`]: groups by name.
 //! - [`conformance`]: what every task must do, as functions for tests.
@@ -72,13 +73,14 @@ pub use error::EnvError;
 pub use layout::{HAND_START, Layout};
 pub use mujoco::{self, Backdrop};
 pub use registry::TaskRegistry;
-pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer};
+pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer, stack};
 pub use robots;
 pub use rows::Failure;
 pub use scene::Scene;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, REWARD_SCALE, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM,
+    VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,

@@ -136,7 +136,7 @@ impl SceneRenderer {
 
 /// Interleaves the current and the first picture `[size, size, 3]` to an observation's image
 /// `[size, size, 6]`.
-pub(crate) fn stack(current: &[u8], first: &[u8], image: &mut [u8]) {
+pub fn stack(current: &[u8], first: &[u8], image: &mut [u8]) {
     let pixels = current.chunks_exact(RGB).zip(first.chunks_exact(RGB));
     for (out, (now, before)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
         out[..RGB].copy_from_slice(now);

@@ -178,6 +178,16 @@ impl SceneKey {
     }
 }
 
+/// Refuses places that are not finite.
+pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
+    for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
+        if !value.is_finite() {
+            return Err(EnvError::NonFinitePlacement { what, value });
+        }
+    }
+    Ok(())
+}
+
 /// Refuses figures that would make measurements and rewards that are not numbers.
 fn check_parts(parts: &Parts<'_>) -> Result<(), EnvError> {
     let offset = parts.object_offset;

@@ -7,12 +7,17 @@ use mujoco::{Data, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
+use crate::carrier::OPEN_APERTURE;
 use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::drive::ServoDrive;
 use crate::error::EnvError;
 use crate::frame::{facing, map};
-use crate::scene::{Scene, SceneKey};
+use crate::scene::{Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
+
+mod simulated_arm;
+
+pub use simulated_arm::SimulatedArm;
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -32,10 +37,8 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
     Irrep::Trivial,
 ];
 
-/// Rewards of Meta-World lie in `[0, 10]`; ours in `[0, 1]`.
-const REWARD_SCALE: f64 = 0.1;
-/// Claw distance of an open gripper (metres).
-pub(crate) const OPEN_APERTURE: f64 = 0.1;
+/// Rewards of control steps lie in `[0, 10]`, as Meta-World's; those of decisions in `[0, 1]`.
+pub const REWARD_SCALE: f64 = 0.1;
 
 /// What one decision brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -261,6 +264,11 @@ impl TableTop {
             None => self.data.set_ctrl(&[finger, -finger])?,
             Some(drive) => drive.advance(&mut self.data, target, finger)?,
         }
+        self.pass(episode, finger)
+    }
+
+    /// Lets 12.5 ms pass.
+    fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS)?;
         episode.touched |= self.data.contact_count() > 0;
         self.data.forward_kinematics()?;
@@ -382,13 +390,4 @@ impl TableTop {
             object: object + self.scene.object_offset,
         }
     }
-}
-
-fn check_placement(placement: &Placement) -> Result<(), EnvError> {
-    for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
-        if !value.is_finite() {
-            return Err(EnvError::NonFinitePlacement { what, value });
-        }
-    }
-    Ok(())
 }

@@ -14,6 +14,7 @@ mod layouts;
 mod pictures;
 mod rewards;
 mod scenes;
+mod simulated_arm;
 mod tasks;
 mod vec_env;
 

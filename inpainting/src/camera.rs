@@ -24,6 +24,15 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// Of the colour camera of an Intel RealSense D435 at 640 x 480: about the mean of what owners
+    /// report (focal lengths of 607 to 618 pixels, an axis within a few pixels of the middle).
+    pub const REALSENSE_D435: Self = Self {
+        width: 640,
+        height: 480,
+        focal: [615.0; 2],
+        centre: [318.0, 240.0],
+    };
+
     fn check(&self) -> Result<(), InpaintingError> {
         let size = format!("{} x {}", self.width, self.height);
         let bytes = self.width.checked_mul(self.height);
@@ -54,6 +63,20 @@ pub struct Extrinsics {
 }
 
 impl Extrinsics {
+    /// A camera `height` (metres) over the world's origin that looks straight down; right in the
+    /// picture is x, and up is y.
+    pub fn overhead(height: f64) -> Self {
+        Self {
+            rotation: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+            translation: height * DVec3::Z,
+        }
+    }
+
+    /// Where the camera is in the world (metres).
+    pub fn position(&self) -> DVec3 {
+        -(self.rotation.transpose() * self.translation)
+    }
+
     fn check(&self) -> Result<(), InpaintingError> {
         let Self {
             rotation,

@@ -24,6 +24,35 @@ pub enum InpaintingError {
         /// The length that the camera asks for.
         expected: usize,
     },
+    /// A camera whose picture does not hold all that shall be taken from it.
+    #[error(
+        "the picture of {width} x {height} pixels ends before column and row {place:?}: hang the \
+         camera higher or nearer to the middle, or ask for less of the table"
+    )]
+    OutOfSight {
+        /// The place that is needed; none where the lens shows nothing there.
+        place: Option<[f64; 2]>,
+        /// Pixels across.
+        width: usize,
+        /// Pixels down.
+        height: usize,
+    },
+}
+
+/// Refuses a picture `[H, W, 3]` of another number of pixels.
+pub(crate) fn check_picture(
+    what: &'static str,
+    picture: &[u8],
+    pixels: usize,
+) -> Result<(), InpaintingError> {
+    if picture.len() == 3 * pixels {
+        return Ok(());
+    }
+    Err(InpaintingError::Length {
+        what,
+        got: picture.len(),
+        expected: 3 * pixels,
+    })
 }
 
 /// Refuses a value where a condition does not hold.

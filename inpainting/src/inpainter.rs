@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::camera::{NEAR, PinholeCamera, is_near};
 use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, check_picture, require};
 use crate::links::{Capsule, Link};
 use crate::mark::Mark;
 
@@ -76,6 +76,11 @@ impl Inpainter {
         Ok(())
     }
 
+    /// What it knows beforehand.
+    pub fn settings(&self) -> &InpainterSettings {
+        &self.settings
+    }
+
     /// Where the last frame's arm was, `[H, W]`.
     pub fn mask(&self) -> &[bool] {
         &self.mask
@@ -128,15 +133,4 @@ impl InpainterSettings {
             require(thick, "link radius", &link.radius, "a length in metres")
         })
     }
-}
-
-fn check_picture(what: &'static str, picture: &[u8], pixels: usize) -> Result<(), InpaintingError> {
-    if picture.len() == 3 * pixels {
-        return Ok(());
-    }
-    Err(InpaintingError::Length {
-        what,
-        got: picture.len(),
-        expected: 3 * pixels,
-    })
 }

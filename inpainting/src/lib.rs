@@ -1,18 +1,32 @@
 #![doc = include_str!("../README.md")]
 
+mod calibration;
 mod camera;
 mod color;
+mod distortion;
+mod drift;
 mod error;
+mod imperfections;
 mod inpainter;
 mod links;
 mod mark;
+mod noise;
+mod perception;
+mod sensor;
+mod simulated_camera;
+mod warp;
 
 #[cfg(test)]
 mod tests;
 
+pub use calibration::Calibration;
 pub use camera::{Extrinsics, Intrinsics, PinholeCamera};
 pub use color::ColorCorrection;
+pub use distortion::Distortion;
 pub use error::InpaintingError;
+pub use imperfections::Imperfections;
 pub use inpainter::{Inpainter, InpainterSettings};
 pub use links::Link;
 pub use mark::Mark;
+pub use perception::{Perception, PerceptionSettings};
+pub use simulated_camera::SimulatedCamera;

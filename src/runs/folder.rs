@@ -303,20 +303,8 @@ impl RunFolder {
 
     /// Writes a picture.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), CoversError> {
-        let bytes = encode_png(picture);
+        let bytes = picture.to_png();
         let bytes = bytes.map_err(|error| CoversError::write(&self.file(name), error))?;
         self.replace(name, &bytes)
     }
-}
-
-fn encode_png(picture: &Picture) -> Result<Vec<u8>, png::EncodingError> {
-    let mut bytes = Vec::new();
-    let (width, height) = (picture.width as u32, picture.height as u32);
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(&picture.rgb)?;
-    writer.finish()?;
-    Ok(bytes)
 }

@@ -2,10 +2,11 @@
 
 use glam::DVec3;
 use robots::{
-    Addition, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose, Servo,
+    Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose,
+    RobotState, Servo,
 };
 
-use crate::carrier::{Carrier, CarrierParts};
+use crate::carrier::{Carrier, CarrierParts, OPEN_APERTURE};
 use crate::drive::{Drive, Posture, ServoDrive, Servos};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
@@ -118,6 +119,74 @@ impl Arm {
     /// The robot.
     pub fn robot(&self) -> &Description {
         &self.settings.robot
+    }
+
+    /// The joints between the base and the hand.
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// What it was made of.
+    pub fn settings(&self) -> &ArmSettings {
+        &self.settings
+    }
+
+    /// Capsules that hold the whole arm where it says that it is, in the world. Their order and
+    /// their radii are always the same.
+    ///
+    /// # Panics
+    /// Where the state is of an arm with another number of joints.
+    pub fn capsules(&self, state: &RobotState) -> Vec<Capsule> {
+        let capsules = self.robot().capsules(&self.positions(state));
+        capsules.into_iter().map(|(_, capsule)| capsule).collect()
+    }
+
+    /// How far the claws are apart where the arm says that it is, as learners are told it: in
+    /// `[0, 1]`, 1 for an open gripper.
+    ///
+    /// # Panics
+    /// As [`Arm::capsules`].
+    pub fn aperture(&self, state: &RobotState) -> f64 {
+        let robot = self.robot();
+        let poses = robot.poses(&self.positions(state));
+        let claw = |finger: &Finger| {
+            let mut links = robot.links().iter().zip(&poses);
+            let found = links.find(|(link, _)| link.name == finger.link);
+            found.map(|(_, pose)| pose.point(finger.claw))
+        };
+        match self.settings.gripper.fingers.each_ref().map(claw) {
+            [Some(right), Some(left)] => (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0),
+            // `Arm::new` has found the links
+            _ => 1.0,
+        }
+    }
+
+    /// Seconds in which the fingers close; none for fingers that do not move.
+    pub fn closing_time(&self) -> Option<f64> {
+        let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
+        motion.range.map(|[low, high]| (high - low) / motion.speed)
+    }
+
+    /// Positions of all free joints; those beside the chain and the fingers are at zero.
+    fn positions(&self, state: &RobotState) -> Vec<f64> {
+        let robot = self.robot();
+        assert_eq!(
+            state.joints.len(),
+            self.chain.joints().len(),
+            "joints of a state"
+        );
+        let mut positions = vec![0.0; robot.dofs()];
+        for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
+            positions[joint.dof] = *position;
+        }
+        let finger = self
+            .finger
+            .and_then(|dof| Some((dof, robot.free_joints().nth(dof)?.1)));
+        if let Some((dof, motion)) = finger {
+            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
+            positions[dof] = open + state.closing * (closed - open);
+        }
+        positions
     }
 }
 

@@ -8,10 +8,11 @@ use serde::Serialize;
 use symmetry::D2;
 
 use super::experts::{VariantName, check_seeds, episode};
+use crate::carrier::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::renderer::{RGB, SceneRenderer};
 use crate::scene::Scene;
-use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, OPEN_APERTURE, TableTop};
+use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, TableTop};
 use crate::task::{Measurement, Placement};
 
 /// Closed loop, an expert's return may differ by this share between the variants of a group.

@@ -1,0 +1,132 @@
+//! What is known of a real camera: intrinsics, distortion, and where it is.
+
+use glam::DVec3;
+
+use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
+use crate::distortion::Distortion;
+use crate::error::InpaintingError;
+
+/// A calibrated camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// Size, focal lengths and optical axis.
+    pub intrinsics: Intrinsics,
+    /// How the lens bends the picture.
+    pub distortion: Distortion,
+    /// Where the camera is.
+    pub extrinsics: Extrinsics,
+}
+
+impl Calibration {
+    /// Refuses what [`PinholeCamera::check`] refuses, and distortions of more than 0.5.
+    ///
+    /// # Errors
+    /// [`InpaintingError::Value`].
+    pub fn check(&self) -> Result<(), InpaintingError> {
+        self.pinhole().check()?;
+        self.distortion.check()
+    }
+
+    /// The same camera without distortion.
+    pub fn pinhole(&self) -> PinholeCamera {
+        PinholeCamera {
+            intrinsics: self.intrinsics,
+            extrinsics: self.extrinsics,
+        }
+    }
+
+    /// Where the camera is in the world (metres).
+    pub fn position(&self) -> DVec3 {
+        self.extrinsics.position()
+    }
+
+    /// Column and row (pixels; the middle of the first one is at one half) in which the world's
+    /// direction `way` shows; none behind the camera.
+    pub fn pixel(&self, way: DVec3) -> Option<[f64; 2]> {
+        let seen = self.extrinsics.rotation * way;
+        let bent = self.distortion.apply([seen.x / seen.z, seen.y / seen.z]);
+        let Intrinsics { focal, centre, .. } = self.intrinsics;
+        let pixel = [0, 1].map(|axis| focal[axis] * bent[axis] + centre[axis]);
+        (seen.z > 0.0).then_some(pixel)
+    }
+
+    /// The world's direction that shows at a column and row; none where the lens shows nothing.
+    pub fn direction(&self, pixel: [f64; 2]) -> Option<DVec3> {
+        let [x, y] = self.ideal(pixel)?;
+        Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))
+    }
+
+    /// Where a pinhole of focal length 1 shows what the lens shows at a column and row.
+    pub(crate) fn ideal(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
+        let Intrinsics { focal, centre, .. } = self.intrinsics;
+        let bent = [0, 1].map(|axis| (pixel[axis] - centre[axis]) / focal[axis]);
+        self.distortion.invert(bent)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use glam::DMat3;
+
+    use super::*;
+
+    /// A camera 1.5 m over the table that looks straight down, as far as anybody knows.
+    pub fn overhead() -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion::NONE,
+            extrinsics: Extrinsics::overhead(1.5),
+        }
+    }
+
+    #[test]
+    fn directions_and_pixels_are_inverse_to_each_other() {
+        let camera = Calibration {
+            distortion: Distortion {
+                radial: [0.03, -0.03],
+                tangential: [0.001, -0.001],
+            },
+            extrinsics: Extrinsics {
+                rotation: DMat3::from_rotation_x(3.0) * DMat3::from_rotation_z(0.4),
+                translation: DVec3::new(0.1, -0.2, 1.4),
+            },
+            ..overhead()
+        };
+        camera.check().unwrap();
+        for pixel in [[0.5, 0.5], [639.5, 479.5], [100.2, 300.7]] {
+            let way = camera.direction(pixel).unwrap();
+            let [column, row] = camera.pixel(7.0 * way).unwrap();
+            let off = (column - pixel[0]).hypot(row - pixel[1]);
+            assert!(off < 1e-9, "{off}");
+            assert_eq!(camera.pixel(-way), None, "behind");
+        }
+    }
+
+    #[test]
+    fn without_distortion_it_is_the_pinhole() {
+        let camera = overhead();
+        let point = DVec3::new(0.2, -0.1, 0.3);
+        let [right, down] = camera.pinhole().project(point).unwrap();
+        let [column, row] = camera.pixel(point - camera.position()).unwrap();
+        let centre = camera.intrinsics.centre;
+        assert!((column - centre[0] - right).abs() < 1e-9 && (row - centre[1] - down).abs() < 1e-9);
+        assert!(column > centre[0] && row > centre[1], "x is right, -y down");
+        assert_eq!(camera.position(), 1.5 * DVec3::Z);
+    }
+
+    #[test]
+    fn a_lens_that_folds_is_refused() {
+        let camera = Calibration {
+            distortion: Distortion {
+                radial: [f64::NAN, 0.0],
+                ..Distortion::NONE
+            },
+            ..overhead()
+        };
+        let message = camera.check().unwrap_err().to_string();
+        assert!(
+            message.contains("`distortion`") && message.contains("NaN"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,98 @@
+//! Exposure and white balance that wander.
+
+use rand_chacha::ChaCha8Rng;
+
+use crate::imperfections::Imperfections;
+use crate::noise::normal;
+
+/// Logarithms of gains that wander about zero: processes of Ornstein and Uhlenbeck, drawn at the
+/// times at which somebody looks.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Drift {
+    /// Of all light, of red and of blue, in standard deviations.
+    logarithms: [f64; 3],
+    /// When they were drawn (seconds); none at first.
+    drawn: Option<f64>,
+}
+
+impl Drift {
+    /// Gains of red, green and blue at the time `now` (seconds), which does not go back.
+    pub(crate) fn gains(
+        &mut self,
+        imperfections: &Imperfections,
+        now: f64,
+        rng: &mut ChaCha8Rng,
+    ) -> [f64; 3] {
+        let passed = self.drawn.map_or(f64::INFINITY, |drawn| now - drawn);
+        let kept = (-passed / imperfections.drift_time).exp();
+        let fresh = (1.0 - kept * kept).max(0.0).sqrt();
+        for logarithm in &mut self.logarithms {
+            *logarithm = kept * *logarithm + fresh * f64::from(normal(rng));
+        }
+        self.drawn = Some(now);
+        let [exposure, red, blue] = self.logarithms;
+        let exposure = imperfections.exposure_drift * exposure;
+        let of = |deviation: f64| (exposure + imperfections.balance_drift * deviation).exp();
+        [of(red), of(0.0), of(blue)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    const DRIFTING: Imperfections = Imperfections {
+        exposure_drift: 0.2,
+        balance_drift: 0.05,
+        drift_time: 2.0,
+        ..Imperfections::OFF
+    };
+
+    /// Logarithms of the gains every `period` seconds.
+    fn watched(period: f64, count: usize) -> Vec<[f64; 3]> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(1000);
+        let mut drift = Drift::default();
+        let times = (0..count).map(|i| i as f64 * period);
+        times
+            .map(|now| drift.gains(&DRIFTING, now, rng).map(f64::ln))
+            .collect()
+    }
+
+    fn mean(values: impl Iterator<Item = f64>) -> f64 {
+        let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+        sum / count
+    }
+
+    #[test]
+    fn gains_wander_as_far_and_as_fast_as_they_should() {
+        let drawn = watched(0.5, 200_000);
+        let green = |i: usize| drawn[i][1];
+        let variance = mean((0..drawn.len()).map(|i| green(i).powi(2)));
+        assert!((variance.sqrt() - 0.2).abs() < 0.005, "{variance}");
+        // after a second, half of the time, e^-0.5 of it is left
+        let left = mean((2..drawn.len()).map(|i| green(i) * green(i - 2))) / variance;
+        assert!((left - (-0.5_f64).exp()).abs() < 0.02, "{left}");
+        for other in [0, 2] {
+            let balance = mean(drawn.iter().map(|gains| (gains[other] - gains[1]).powi(2)));
+            assert!((balance.sqrt() - 0.05).abs() < 0.002, "{balance}");
+        }
+        let shared = mean(
+            drawn
+                .iter()
+                .map(|gains| (gains[0] - gains[1]) * (gains[2] - gains[1])),
+        );
+        assert!(shared.abs() < 1e-4, "red and blue wander apart: {shared}");
+    }
+
+    #[test]
+    fn the_same_time_has_the_same_gains_and_without_drift_they_are_1() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(1001);
+        let mut drift = Drift::default();
+        let first = drift.gains(&DRIFTING, 3.0, rng);
+        assert_eq!(drift.gains(&DRIFTING, 3.0, rng), first);
+        assert_ne!(drift.gains(&DRIFTING, 4.0, rng), first);
+        assert_eq!(drift.gains(&Imperfections::OFF, 9.0, rng), [1.0; 3]);
+    }
+}

@@ -1,0 +1,170 @@
+//! From light to levels: exposure, noise, and the curve of sRGB.
+
+use rand_chacha::ChaCha8Rng;
+
+use crate::noise::normal;
+
+/// Levels are looked up in as many steps of linear light, fewer than which would lose dark ones.
+const STEPS: usize = 1 << 16;
+
+/// The curve of sRGB (IEC 61966-2-1) in both directions, and the light that was collected.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Sensor {
+    /// Linear light of each level, in `[0, 1]`.
+    light: Vec<f32>,
+    /// Level of each step of linear light.
+    levels: Vec<u8>,
+    /// Sums over what was collected, `[H, W, 3]`.
+    collected: Vec<f32>,
+    count: f32,
+}
+
+impl Sensor {
+    /// A sensor of so many pixels.
+    pub(crate) fn new(pixels: usize) -> Self {
+        let level = |step: usize| 255.0 * level(step as f64 / (STEPS - 1) as f64);
+        Self {
+            light: (0..256)
+                .map(|of| light(f64::from(of) / 255.0) as f32)
+                .collect(),
+            levels: (0..STEPS).map(|step| level(step).round() as u8).collect(),
+            collected: vec![0.0; 3 * pixels],
+            count: 0.0,
+        }
+    }
+
+    /// Collects light of a picture `[H, W, 3]`; all pictures count alike.
+    pub(crate) fn collect(&mut self, rgb: &[u8]) {
+        for (sum, &level) in self.collected.iter_mut().zip(rgb) {
+            *sum += self.light[usize::from(level)];
+        }
+        self.count += 1.0;
+    }
+
+    /// Reads the mean of what was collected out as levels `[H, W, 3]`, and begins anew. Light is
+    /// multiplied by the channels' gains, and has noise of the variance `shot` times the light and
+    /// the standard deviation `read`.
+    pub(crate) fn read_out(
+        &mut self,
+        gains: [f64; 3],
+        [shot, read]: [f64; 2],
+        rng: &mut ChaCha8Rng,
+        rgb: &mut [u8],
+    ) {
+        let gains = gains.map(|gain| gain as f32 / self.count);
+        let (shot, read) = (shot as f32, (read * read) as f32);
+        let noisy = shot > 0.0 || read > 0.0;
+        let pixels = self
+            .collected
+            .chunks_exact_mut(3)
+            .zip(rgb.chunks_exact_mut(3));
+        for (collected, levels) in pixels {
+            for (channel, level) in levels.iter_mut().enumerate() {
+                let mut light = gains[channel] * std::mem::take(&mut collected[channel]);
+                if noisy {
+                    light += (shot * light + read).sqrt() * normal(rng);
+                }
+                let step = (light * (STEPS - 1) as f32 + 0.5).clamp(0.0, (STEPS - 1) as f32);
+                *level = self.levels[step as usize];
+            }
+        }
+        self.count = 0.0;
+    }
+}
+
+/// Linear light of an sRGB value, both in `[0, 1]`.
+fn light(value: f64) -> f64 {
+    match value <= 0.04045 {
+        true => value / 12.92,
+        false => ((value + 0.055) / 1.055).powf(2.4),
+    }
+}
+
+/// The sRGB value of linear light, both in `[0, 1]`.
+fn level(light: f64) -> f64 {
+    match light <= 0.003_130_8 {
+        true => 12.92 * light,
+        false => 1.055 * light.powf(1.0 / 2.4) - 0.055,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    fn rng() -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(1000)
+    }
+
+    /// Levels read out of pictures that are grey all over.
+    fn seen(greys: &[u8], gains: [f64; 3], noise: [f64; 2], pixels: usize) -> Vec<u8> {
+        let mut sensor = Sensor::new(pixels);
+        for &grey in greys {
+            sensor.collect(&vec![grey; 3 * pixels]);
+        }
+        let mut rgb = vec![0; 3 * pixels];
+        sensor.read_out(gains, noise, &mut rng(), &mut rgb);
+        rgb
+    }
+
+    #[test]
+    fn a_perfect_sensor_returns_every_level_and_begins_anew() {
+        let mut sensor = Sensor::new(256);
+        let levels: Vec<u8> = (0..=255).flat_map(|level| [level; 3]).collect();
+        for _ in 0..2 {
+            sensor.collect(&levels);
+            let mut rgb = vec![0; 768];
+            sensor.read_out([1.0; 3], [0.0; 2], &mut rng(), &mut rgb);
+            assert_eq!(rgb, levels);
+        }
+    }
+
+    #[test]
+    fn gains_multiply_light_and_stop_at_white() {
+        let [red, green, blue] = seen(&[128], [0.5, 1.0, 9.0], [0.0; 2], 1)[..] else {
+            panic!()
+        };
+        // half of the light of 128 / 255
+        let half = 255.0 * level(0.5 * light(128.0 / 255.0));
+        assert_eq!((f64::from(red), green, blue), (half.round(), 128, 255));
+    }
+
+    /// What moves shows as the mean of its light: of black and white, half of the white light.
+    #[test]
+    fn blur_is_the_mean_of_light() {
+        let expected = (255.0 * level(0.5)).round() as u8;
+        assert_eq!(seen(&[0, 255], [1.0; 3], [0.0; 2], 2), [expected; 6]);
+        assert_eq!(expected, 188);
+    }
+
+    #[test]
+    fn noise_has_the_variance_that_was_asked_for() {
+        for (grey, noise) in [(128, [5e-4, 0.0]), (200, [5e-4, 1.5e-3]), (90, [0.0, 4e-3])] {
+            let of = light(f64::from(grey) / 255.0);
+            let lights = seen(&[grey], [1.0; 3], noise, 20_000).into_iter();
+            let off: Vec<f64> = lights
+                .map(|level| light(f64::from(level) / 255.0) - of)
+                .collect();
+            let mean = off.iter().sum::<f64>() / off.len() as f64;
+            let variance = off.iter().map(|off| off * off).sum::<f64>() / off.len() as f64;
+            // the rounding of levels adds a twelfth of their distance squared
+            let level = light(f64::from(grey + 1) / 255.0) - of;
+            let expected = noise[0] * of + noise[1] * noise[1] + level * level / 12.0;
+            assert!(mean.abs() < 0.03 * expected.sqrt(), "{grey}: {mean}");
+            assert!(
+                (variance / expected - 1.0).abs() < 0.03,
+                "{grey}: {variance} {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_middle_grey_is_three_levels_noisy() {
+        let rgb = seen(&[128], [1.0; 3], [5e-4, 1.5e-3], 20_000);
+        let squares = rgb.iter().map(|&level| (f64::from(level) - 128.0).powi(2));
+        let deviation = (squares.sum::<f64>() / rgb.len() as f64).sqrt();
+        assert!((2.5..3.5).contains(&deviation), "{deviation}");
+    }
+}

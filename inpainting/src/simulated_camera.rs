@@ -1,0 +1,352 @@
+//! A camera with the imperfections of a real one, for simulations to look through.
+
+use glam::{DMat3, DVec3};
+use rand_chacha::ChaCha8Rng;
+
+use crate::calibration::Calibration;
+use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
+use crate::drift::Drift;
+use crate::error::{InpaintingError, check_picture, require};
+use crate::imperfections::Imperfections;
+use crate::noise::direction;
+use crate::sensor::Sensor;
+use crate::warp::Warp;
+
+/// Pixels around what the lens needs of an ideal picture.
+const BORDER: f64 = 1.0;
+
+/// Makes a real camera's pictures of a perfect one's.
+///
+/// A simulation draws what the pinhole [`SimulatedCamera::ideal`] sees. The calibration that the
+/// camera comes with is wrong by [`Imperfections::position_error`] and
+/// [`Imperfections::angle_error`]. The simulation keeps the picture for
+/// [`Imperfections::latency`], and draws one at the beginning and one at the end of
+/// [`Imperfections::exposure_time`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulatedCamera {
+    imperfections: Imperfections,
+    calibration: Calibration,
+    ideal: PinholeCamera,
+    lens: Warp,
+    sensor: Sensor,
+    drift: Drift,
+    bent: Vec<u8>,
+    rng: ChaCha8Rng,
+}
+
+impl SimulatedCamera {
+    /// A camera that is where `truth` says. Its lens bends the picture by
+    /// [`Imperfections::distortion`] more than `truth` says. All that is random is drawn from
+    /// `rng`.
+    ///
+    /// # Errors
+    /// [`InpaintingError::Value`], for a distortion without inverse in the picture, too.
+    pub fn new(
+        truth: Calibration,
+        imperfections: Imperfections,
+        mut rng: ChaCha8Rng,
+    ) -> Result<Self, InpaintingError> {
+        truth.check()?;
+        imperfections.check()?;
+        let bent = Calibration {
+            distortion: truth.distortion + imperfections.distortion,
+            ..truth
+        };
+        let (ideal, lens) = lens(&bent)?;
+        let Intrinsics { width, height, .. } = truth.intrinsics;
+        let calibration = Calibration {
+            extrinsics: misjudged(&truth.extrinsics, &imperfections, &mut rng),
+            ..truth
+        };
+        Ok(Self {
+            imperfections,
+            calibration,
+            ideal,
+            lens,
+            sensor: Sensor::new(width * height),
+            drift: Drift::default(),
+            bent: vec![0; 3 * width * height],
+            rng,
+        })
+    }
+
+    /// What is known of the camera, not what is true.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// The camera whose pictures it takes, a square one with the optical axis in its middle.
+    pub fn ideal(&self) -> &PinholeCamera {
+        &self.ideal
+    }
+
+    /// Its imperfections.
+    pub fn imperfections(&self) -> &Imperfections {
+        &self.imperfections
+    }
+
+    /// Takes a picture `[H, W, 3]` into `out`, at the time `now` (seconds), which does not go back.
+    /// `ideal` are the pictures of [`SimulatedCamera::ideal`] while light was collected.
+    ///
+    /// # Errors
+    /// [`InpaintingError::Length`] for a picture of another size, [`InpaintingError::Value`] for no
+    /// picture.
+    pub fn shoot(
+        &mut self,
+        ideal: &[&[u8]],
+        now: f64,
+        out: &mut [u8],
+    ) -> Result<(), InpaintingError> {
+        require(!ideal.is_empty(), "pictures", &0, "at least one")?;
+        check_picture("out", out, self.bent.len() / 3)?;
+        for picture in ideal {
+            check_picture("picture", picture, self.ideal.pixels())?;
+        }
+        for picture in ideal {
+            self.lens.apply(picture, &mut self.bent)?;
+            self.sensor.collect(&self.bent);
+        }
+        let gains = self.drift.gains(&self.imperfections, now, &mut self.rng);
+        let noise = [self.imperfections.shot_noise, self.imperfections.read_noise];
+        self.sensor.read_out(gains, noise, &mut self.rng, out);
+        Ok(())
+    }
+}
+
+/// The pinhole whose picture holds all that the lens shows, and where each pixel is in it.
+fn lens(bent: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
+    let Intrinsics {
+        width,
+        height,
+        focal,
+        ..
+    } = bent.intrinsics;
+    let middles = (0..width * height).map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
+    let places: Vec<_> = middles.map(|middle| bent.ideal(middle)).collect();
+    let folded = places.iter().any(Option::is_none);
+    let expected = "one that shows each thing once in the picture";
+    require(
+        !folded,
+        "distortion",
+        &format!("{:?}", bent.distortion),
+        expected,
+    )?;
+    let reach = places.iter().flatten().flatten();
+    let reach = focal[0] * reach.fold(0.0, |most: f64, part| most.max(part.abs()));
+    let half = (reach + BORDER).ceil();
+    let side = 2 * half as usize;
+    let ideal = PinholeCamera {
+        intrinsics: Intrinsics {
+            width: side,
+            height: side,
+            focal: [focal[0]; 2],
+            centre: [half; 2],
+        },
+        extrinsics: bent.extrinsics,
+    };
+    ideal.check()?;
+    let pixel = |[x, y]: [f64; 2]| [half + focal[0] * x, half + focal[0] * y];
+    let warp = Warp::new([side; 2], places.into_iter().map(|place| place.map(pixel)))?;
+    Ok((ideal, warp))
+}
+
+/// Where somebody takes a camera to be who is wrong by as much as the imperfections say.
+fn misjudged(
+    truth: &Extrinsics,
+    imperfections: &Imperfections,
+    rng: &mut ChaCha8Rng,
+) -> Extrinsics {
+    let (axis, way) = (direction(rng), direction(rng));
+    let position: DVec3 = truth.position() + imperfections.position_error * way;
+    let rotation = DMat3::from_axis_angle(axis, imperfections.angle_error) * truth.rotation;
+    Extrinsics {
+        rotation,
+        translation: -(rotation * position),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::calibration::tests::overhead;
+    use crate::distortion::Distortion;
+
+    fn rng(seed: u64) -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(seed)
+    }
+
+    fn small() -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics {
+                width: 64,
+                height: 48,
+                focal: [61.5; 2],
+                centre: [31.5, 24.0],
+            },
+            ..overhead()
+        }
+    }
+
+    fn made(imperfections: Imperfections) -> SimulatedCamera {
+        SimulatedCamera::new(small(), imperfections, rng(1000)).unwrap()
+    }
+
+    /// A picture of the ideal camera in which every pixel differs from its neighbours.
+    fn scene(camera: &SimulatedCamera) -> Vec<u8> {
+        (0..3 * camera.ideal().pixels())
+            .map(|i| (60 + i * 37 % 120) as u8)
+            .collect()
+    }
+
+    fn shot(camera: &mut SimulatedCamera, scene: &[u8]) -> Vec<u8> {
+        let mut out = vec![0; 3 * 64 * 48];
+        camera.shoot(&[scene], 0.0, &mut out).unwrap();
+        out
+    }
+
+    #[test]
+    fn without_imperfections_a_picture_is_a_part_of_the_ideal_one_to_the_bit() {
+        let mut camera = SimulatedCamera::new(
+            Calibration {
+                intrinsics: Intrinsics {
+                    centre: [31.0, 24.0],
+                    ..small().intrinsics
+                },
+                ..small()
+            },
+            Imperfections::OFF,
+            rng(1000),
+        )
+        .unwrap();
+        assert_eq!(camera.calibration().extrinsics, small().extrinsics);
+        let scene = scene(&camera);
+        let out = shot(&mut camera, &scene);
+        let half = camera.ideal().intrinsics.width / 2;
+        for (row, line) in out.chunks_exact(3 * 64).enumerate() {
+            let from = ((half - 24 + row) * 2 * half + half - 31) * 3;
+            assert!(line == &scene[from..][..3 * 64], "row {row}");
+        }
+    }
+
+    #[test]
+    fn calibrations_are_wrong_by_as_much_as_they_should_be() {
+        let imperfections = Imperfections {
+            position_error: 0.01,
+            angle_error: 0.02,
+            ..Imperfections::OFF
+        };
+        for seed in 1000..1010 {
+            let camera = SimulatedCamera::new(small(), imperfections, rng(seed)).unwrap();
+            let (known, truth) = (camera.calibration(), small());
+            let off = known.position().distance(truth.position());
+            assert!((off - 0.01).abs() < 1e-12, "{off}");
+            let turn = known.extrinsics.rotation * truth.extrinsics.rotation.transpose();
+            let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
+            let angle = ((trace - 1.0) / 2.0).acos();
+            assert!((angle - 0.02).abs() < 1e-9, "{angle}");
+            known.check().unwrap();
+            assert_eq!(camera.ideal().extrinsics, truth.extrinsics);
+        }
+    }
+
+    /// A dot of the ideal picture shows where the lens bends it to.
+    #[test]
+    fn the_lens_bends_what_is_seen() {
+        let distortion = Distortion {
+            radial: [0.3, 0.0],
+            tangential: [0.0, 0.02],
+        };
+        let mut camera = made(Imperfections {
+            distortion,
+            ..Imperfections::OFF
+        });
+        let side = camera.ideal().intrinsics.width;
+        let (column, row) = (side / 2 + 20, side / 2 - 14);
+        let mut scene = vec![0; 3 * side * side];
+        for (right, below) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            scene[3 * ((row + below) * side + column + right)..][..3].fill(255);
+        }
+        let out = shot(&mut camera, &scene);
+        let mut sums = [0.0; 3];
+        for (index, pixel) in out.chunks_exact(3).enumerate() {
+            let weight = f64::from(pixel[0]);
+            sums[0] += weight;
+            sums[1] += weight * ((index % 64) as f64 + 0.5);
+            sums[2] += weight * ((index / 64) as f64 + 0.5);
+        }
+        let bent = distortion.apply([21.0 / 61.5, -13.0 / 61.5]);
+        for (axis, centre) in [31.5, 24.0].into_iter().enumerate() {
+            let found = sums[1 + axis] / sums[0];
+            let expected = 61.5 * bent[axis] + centre;
+            assert!((found - expected).abs() < 0.3, "{axis}: {found} {expected}");
+            let unbent = [21.0, -13.0][axis] + centre;
+            assert!(
+                (expected - unbent).abs() > 0.5,
+                "{axis}: too little to be seen"
+            );
+        }
+    }
+
+    #[test]
+    fn two_instants_are_blurred_and_colours_drift() {
+        let mut camera = made(Imperfections::OFF);
+        let (mut black, white) = (scene(&camera), vec![255; 3 * camera.ideal().pixels()]);
+        black.fill(0);
+        let mut out = vec![0; 3 * 64 * 48];
+        camera.shoot(&[&black, &white], 0.0, &mut out).unwrap();
+        assert!(out.iter().all(|&level| level == 188), "half of the light");
+        let mut drifting = made(Imperfections {
+            exposure_drift: 0.1,
+            ..Imperfections::OFF
+        });
+        let grey = vec![120; white.len()];
+        let mut levels: Vec<u8> = Vec::new();
+        for second in 0..20 {
+            drifting
+                .shoot(&[&grey], f64::from(second), &mut out)
+                .unwrap();
+            assert!(out.iter().all(|level| *level == out[0]));
+            levels.push(out[0]);
+        }
+        levels.sort_unstable();
+        assert!(levels[19] - levels[0] > 5, "{levels:?}");
+    }
+
+    #[test]
+    fn equal_seeds_take_equal_pictures() {
+        let [mut one, mut again] = [(); 2].map(|()| made(Imperfections::NOMINAL));
+        let scene = scene(&one);
+        let first = shot(&mut one, &scene);
+        assert_eq!(first, shot(&mut again, &scene));
+        assert_ne!(first, shot(&mut one, &scene), "noise is fresh");
+        let mut other = SimulatedCamera::new(small(), Imperfections::NOMINAL, rng(1001)).unwrap();
+        assert_ne!(first, shot(&mut other, &scene));
+    }
+
+    #[test]
+    fn pictures_of_the_wrong_size_and_folding_lenses_are_refused() {
+        let mut camera = made(Imperfections::OFF);
+        let scene = scene(&camera);
+        let mut out = vec![0; 3 * 64 * 48];
+        assert!(camera.shoot(&[&scene[3..]], 0.0, &mut out).is_err());
+        assert!(camera.shoot(&[&scene], 0.0, &mut out[3..]).is_err());
+        let message = camera.shoot(&[], 0.0, &mut out).unwrap_err().to_string();
+        assert!(message.contains("at least one"), "{message}");
+        let wide = Calibration {
+            intrinsics: Intrinsics {
+                focal: [20.0; 2],
+                ..small().intrinsics
+            },
+            distortion: Distortion {
+                radial: [-0.4, 0.0],
+                ..Distortion::NONE
+            },
+            ..small()
+        };
+        let refused = SimulatedCamera::new(wide, Imperfections::OFF, rng(1000));
+        let message = refused.unwrap_err().to_string();
+        assert!(message.contains("`distortion`"), "{message}");
+    }
+}

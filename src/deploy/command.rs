@@ -1,0 +1,148 @@
+//! `covers deploy`: trials of all variants on a robot.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use envs::{TaskGroup, TaskRegistry};
+
+use crate::disk::{LocalDisk, replace};
+use crate::error::CoversError;
+use crate::runs::RunFolder;
+
+use super::deployment::Deployment;
+use super::rig::Trial;
+use super::settings::SightSettings;
+use super::simulated::{SimulatedRig, SimulationSettings};
+use super::strip::Strip;
+use super::table::{TrialScore, deployment_table};
+
+/// A robot that the command knows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RobotKind {
+    /// A Kinova Gen3 in simulation, which no policy was trained with.
+    KinovaSim,
+}
+
+/// What is wrong with a simulated robot and its camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Faults {
+    /// Nothing.
+    Off,
+    /// About what is wrong with real ones.
+    Nominal,
+}
+
+/// What to try.
+#[derive(Clone, Debug, Args)]
+pub struct DeployOptions {
+    /// The folder of a run, or one that `covers pack` made.
+    pub run: PathBuf,
+    /// The robot.
+    #[arg(long, value_enum, default_value = "kinova-sim")]
+    pub robot: RobotKind,
+    /// Trials of each variant.
+    #[arg(long, default_value_t = 20)]
+    pub trials: usize,
+    /// This group alone, as `goal-reach` (default: all groups of the run).
+    #[arg(long)]
+    pub task: Option<String>,
+    /// Seed of placements and faults.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// What is wrong with the camera and the arm.
+    #[arg(long, value_enum, default_value = "nominal")]
+    pub faults: Faults,
+    /// Folder for strips of pictures (PNG) of the first trial of each variant and of each trial
+    /// that failed: what the camera saw, the mask, and what the policy was shown.
+    #[arg(long)]
+    pub video: Option<PathBuf>,
+    /// Print all trials as one JSON value, in the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl DeployOptions {
+    /// Runs all trials and prints to `out`.
+    ///
+    /// # Errors
+    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+        let folder = RunFolder::open(&self.run);
+        let tasks = TaskRegistry::standard();
+        let groups = folder.experiment()?.schedule.resolve(&tasks)?;
+        let groups = self.chosen(&tasks, groups)?;
+        let mut deployment = Deployment::load(&folder, SightSettings::default())?;
+        let RobotKind::KinovaSim = self.robot;
+        let settings = match self.faults {
+            Faults::Off => SimulationSettings::OFF,
+            Faults::Nominal => SimulationSettings::NOMINAL,
+        };
+        let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
+        let arm = rig.arm().clone();
+        let mut scores = Vec::new();
+        for variant in groups.iter().flat_map(|group| group.variants()) {
+            let of_variant = scores.len();
+            for number in 0..self.trials {
+                let seed = self.seed;
+                let trial = Trial {
+                    variant,
+                    number,
+                    seed,
+                };
+                let mut strip = self.video.as_ref().map(|_| Strip::default());
+                let score = deployment.trial(&mut rig, &arm, &trial, strip.as_mut())?;
+                self.keep(&trial, &score, strip)?;
+                scores.push(score);
+            }
+            let solved = scores[of_variant..].iter().filter(|score| score.success);
+            say(
+                out,
+                &format!("{variant}: {} of {}", solved.count(), self.trials),
+            )?;
+        }
+        say(out, &deployment_table(&scores))?;
+        if self.json {
+            say(out, &serde_json::json!(scores).to_string())?;
+        }
+        Ok(())
+    }
+
+    /// The group that was asked for, or all.
+    fn chosen(
+        &self,
+        tasks: &TaskRegistry,
+        groups: Vec<TaskGroup>,
+    ) -> Result<Vec<TaskGroup>, CoversError> {
+        match &self.task {
+            Some(name) => Ok(vec![tasks.get(name)?]),
+            None => Ok(groups),
+        }
+    }
+
+    fn keep(
+        &self,
+        trial: &Trial,
+        score: &TrialScore,
+        strip: Option<Strip>,
+    ) -> Result<(), CoversError> {
+        let (Some(folder), Some(strip)) = (&self.video, strip) else {
+            return Ok(());
+        };
+        if score.success && trial.number > 0 {
+            return Ok(());
+        }
+        let variant = trial.variant.to_string().replace(' ', "-");
+        let outcome = if score.success { "solved" } else { "failed" };
+        let path = folder.join(format!("{variant}-{}-{outcome}.png", trial.number));
+        let written = |error| CoversError::write(&path, error);
+        std::fs::create_dir_all(folder).map_err(written)?;
+        let png = strip.picture().to_png();
+        let png = png.map_err(|error| CoversError::write(&path, error))?;
+        replace(&LocalDisk, &path, &png)
+    }
+}
+
+fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
+    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
+}

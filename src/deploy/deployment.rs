@@ -1,0 +1,147 @@
+//! Learnt policies on a rig.
+
+use std::sync::Arc;
+
+use envs::carriers::Arm;
+use envs::{Camera, Control, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use glam::DVec3;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, Observations};
+use robots::ControlError;
+use symmetry::D2;
+
+use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::groupings::Labels;
+use crate::learners::{Learner, Recognised};
+use crate::runs::RunFolder;
+use crate::stream::{Stream, reward_scale};
+
+use super::pilot::Pilot;
+use super::rig::{Rig, Trial};
+use super::settings::SightSettings;
+use super::sight::Sight;
+use super::strip::Strip;
+use super::table::TrialScore;
+use super::trial::{FirstPicture, TrialEnv};
+
+/// Policies of a run, and what they know of pictures.
+pub struct Deployment {
+    learner: Box<dyn Learner>,
+    spec: EnvSpec,
+    control: Control,
+    camera: Camera,
+    /// The empty table `[size, size, 3]` as the policies know it.
+    table: Vec<u8>,
+    sight: SightSettings,
+}
+
+impl Deployment {
+    /// The policies of the newest intact checkpoint in `folder`.
+    ///
+    /// # Errors
+    /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`], and what the scene says of the
+    /// empty table.
+    pub fn load(folder: &RunFolder, sight: SightSettings) -> Result<Self, CoversError> {
+        let Experiment {
+            learner, mut envs, ..
+        } = folder.experiment()?;
+        envs.num_envs = 1;
+        let spec = Stream::spec_of(&envs);
+        let mut table = vec![0; envs.camera.size * envs.camera.size * RGB];
+        let empty = TaskGroup::GOAL_REACH;
+        let scene = Arc::new(Scene::new(empty, envs.embodiment, envs.camera)?);
+        let mut top = TableTop::new(Arc::clone(&scene), envs.control)?;
+        top.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
+        SceneRenderer::of_table(scene)?.render(&mut top, &mut table)?;
+        Ok(Self {
+            learner: folder.load_learner(&learner, &spec, &Labels::default())?,
+            spec,
+            control: envs.control,
+            camera: envs.camera,
+            table,
+            sight,
+        })
+    }
+
+    /// The camera that the policies have learnt with.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Sets the table for a trial, lets the learner choose a policy by the first picture, and lets
+    /// it act. `arm` is what is known of the rig's robot. The robot is told to stop at the end, and
+    /// before an error is returned.
+    ///
+    /// # Errors
+    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`], directly or as
+    /// the cause of [`CoversError::Rl`]; what perception or the learner says.
+    pub fn trial(
+        &mut self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        trial: &Trial,
+        strip: Option<&mut Strip>,
+    ) -> Result<TrialScore, CoversError> {
+        let played = self.play(rig, arm, trial, strip);
+        let stopped = rig.stop();
+        match (played, stopped) {
+            (Err(error), Err(source)) => Err(ControlError::NotStopped {
+                cause: error.to_string(),
+                source: Box::new(source),
+            }
+            .into()),
+            (played, Ok(())) => played,
+            (Ok(_), Err(source)) => Err(source.into()),
+        }
+    }
+
+    fn play(
+        &mut self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        trial: &Trial,
+        strip: Option<&mut Strip>,
+    ) -> Result<TrialScore, CoversError> {
+        let set_up = rig.set_up(trial);
+        let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
+        let known = (&self.camera, &self.table[..]);
+        let start = rig.state()?;
+        let pilot = Pilot::new(arm, &self.control, &start);
+        let (settings, start) = (&self.sight, (rig.now(), start));
+        let sight = Sight::new(settings, arm, rig.calibration(), known, &set_up, start)?;
+        let mut env = TrialEnv {
+            pilot,
+            rig,
+            arm,
+            sight,
+            spec: self.spec.clone(),
+            control: self.control,
+            goal: set_up.goal.unwrap_or(DVec3::ZERO),
+            first: Vec::new(),
+            start: Observations::new(&self.spec),
+            decisions: 0,
+            strip,
+        };
+        env.begin()?;
+        let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
+        let mut look = FirstPicture {
+            spec: &self.spec,
+            first: &env.start,
+        };
+        let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
+        let stats = self.learner.perform(policy, &mut env, 1)?.stats;
+        Ok(TrialScore {
+            group: trial.variant.group,
+            element: trial.variant.element,
+            number: trial.number,
+            policy,
+            fits,
+            success: stats.success_rate() == Some(1.0),
+            success_at_end: stats.success_at_end_rate() == Some(1.0),
+            reward: stats.mean_return().unwrap_or(0.0) * reward_scale(&self.control),
+            refused: env.pilot.refused(),
+        })
+    }
+}

@@ -1,0 +1,81 @@
+//! What a robot needs around it for trials.
+
+use std::time::Duration;
+
+use envs::TaskVariant;
+use glam::DVec3;
+use inpainting::Calibration;
+use rl::BoxError;
+use robots::{Robot, RobotState};
+
+/// One episode on a robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Trial {
+    /// What stands on the table. Whoever sets the table must know; the policy is not told.
+    pub variant: TaskVariant,
+    /// Which trial of the variant it is; each has a placement of its own.
+    pub number: usize,
+    /// Seed of all that is random.
+    pub seed: u64,
+}
+
+/// A table that is set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SetUp {
+    /// The camera's picture `[H, W, 3]` of the table with its things, the arm parked beside it.
+    pub background: Vec<u8>,
+    /// Where the arm was parked.
+    pub parked: RobotState,
+    /// Where the hand shall go (metres, world), in tasks in which that is told.
+    pub goal: Option<DVec3>,
+}
+
+/// How a task stands, as somebody sees who does not tell the policy.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Verdict {
+    /// Mean reward in `[0, 1]` since the last verdict.
+    pub reward: f64,
+    /// Whether the task was solved at any time since then.
+    pub success: bool,
+    /// Whether it is solved.
+    pub success_at_end: bool,
+}
+
+/// A robot with its table, its camera and its clock.
+///
+/// All places are in the frame of the policy: its origin is the middle of the table, x points
+/// right, y away from the robot, and z up. The [`Robot`] keeps the twist that it was commanded, so
+/// it must stop by itself where nobody commands it, as within a
+/// [`Watchdog`](robots::Watchdog).
+pub trait Rig: Robot {
+    /// Sets the table for a trial, takes a picture of it with the arm parked, and brings the arm to
+    /// its start. There it rests when this returns, and the camera's newest picture shows it.
+    ///
+    /// # Errors
+    /// Whatever the rig cannot do.
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError>;
+
+    /// What is known of the camera, from the last [`Rig::set_up`] on.
+    fn calibration(&self) -> Calibration;
+
+    /// Time since some moment; it does not go back.
+    fn now(&self) -> Duration;
+
+    /// Lets so much time pass while the robot moves.
+    ///
+    /// # Errors
+    /// Whatever the rig cannot do.
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError>;
+
+    /// Copies the camera's newest picture into `rgb` `[H, W, 3]`, and says when it was taken.
+    ///
+    /// # Errors
+    /// Whatever the rig cannot do.
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError>;
+
+    /// How the task stands. The policy does not see it.
+    ///
+    /// # Errors
+    /// Whatever the rig cannot do.
+    fn verdict(&mut self) -> Result<Verdict, BoxError>;
+}

@@ -1,0 +1,73 @@
+//! What a deployment needs to know of how pictures are made.
+
+use envs::Camera;
+use inpainting::{
+    Calibration, ColorCorrection, Extrinsics, Intrinsics, Link, Mark, PerceptionSettings,
+    PinholeCamera,
+};
+
+/// How a real camera's pictures become those that policies know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SightSettings {
+    /// How much thicker the mask is than the arm (metres).
+    pub growth: f64,
+    /// Pixels that the arm is painted out in along each side of a policy's pixel; odd.
+    pub oversampling: usize,
+    /// How colours are corrected.
+    pub correction: ColorCorrection,
+}
+
+impl Default for SightSettings {
+    /// A mask that hides the arm where the calibration is wrong by 5 mm and half a degree.
+    fn default() -> Self {
+        Self {
+            growth: 0.02,
+            oversampling: 3,
+            correction: ColorCorrection::GreyWorld,
+        }
+    }
+}
+
+impl SightSettings {
+    /// The perception of an arm of capsules with these radii, two joints for each, by a policy that
+    /// has learnt with `camera`.
+    pub(super) fn perception(
+        &self,
+        calibration: Calibration,
+        camera: &Camera,
+        radii: impl Iterator<Item = f64>,
+    ) -> PerceptionSettings {
+        let link = |(index, radius): (usize, f64)| Link {
+            joints: [2 * index, 2 * index + 1],
+            radius,
+        };
+        PerceptionSettings {
+            calibration,
+            policy: pinhole(camera),
+            oversampling: self.oversampling,
+            links: radii.enumerate().map(link).collect(),
+            growth: self.growth,
+            correction: self.correction,
+            mark: Mark {
+                radius: camera.mark.radius,
+                hole: camera.mark.hole,
+                color: camera.mark.color,
+                depth: camera.height,
+            },
+        }
+    }
+}
+
+/// A camera of the environments as one of in-painting.
+fn pinhole(camera: &Camera) -> PinholeCamera {
+    let middle = camera.size as f64 / 2.0;
+    PinholeCamera {
+        intrinsics: Intrinsics {
+            width: camera.size,
+            height: camera.size,
+            focal: [middle * camera.height / camera.half_extent; 2],
+            centre: [middle; 2],
+        },
+        extrinsics: Extrinsics::overhead(camera.height),
+    }
+}

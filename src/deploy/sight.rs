@@ -1,0 +1,126 @@
+//! What the policy sees: the camera's newest picture with the arm painted out where it was then.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use envs::Camera;
+use envs::carriers::Arm;
+use glam::DVec3;
+use inpainting::{Calibration, Perception};
+use robots::RobotState;
+
+use crate::error::CoversError;
+
+use super::rig::{Rig, SetUp};
+use super::settings::SightSettings;
+
+/// A picture that is older stops the arm.
+const OLDEST: Duration = Duration::from_millis(500);
+
+/// The perception of an arm that tells where its joints are.
+pub(super) struct Sight {
+    perception: Perception,
+    /// Where the arm was, oldest first.
+    past: VecDeque<(Duration, RobotState)>,
+    /// Where the arm is, as far as it was noted.
+    state: RobotState,
+    picture: Vec<u8>,
+}
+
+impl Sight {
+    /// Sees a table that was set as `set_up` says. `table` `[size, size, 3]` is the empty table as
+    /// a policy knows it that has learnt with `camera`. `start` is the time, and where the arm is.
+    pub fn new(
+        settings: &SightSettings,
+        arm: &Arm,
+        calibration: Calibration,
+        (camera, table): (&Camera, &[u8]),
+        set_up: &SetUp,
+        start: (Duration, RobotState),
+    ) -> Result<Self, CoversError> {
+        let parked = arm.capsules(&set_up.parked);
+        let radii = parked.iter().map(|capsule| capsule.radius);
+        let settings = settings.perception(calibration, camera, radii);
+        let mut perception = Perception::new(settings, table)?;
+        perception.begin(&set_up.background, &joints(arm, &set_up.parked))?;
+        Ok(Self {
+            perception,
+            state: start.1.clone(),
+            past: VecDeque::from([start]),
+            picture: vec![0; set_up.background.len()],
+        })
+    }
+
+    /// Takes note of where the arm is at the time `now`, which does not go back.
+    pub fn note(&mut self, now: Duration, state: RobotState) {
+        // one from before the oldest picture that counts is kept
+        let old = self.past.partition_point(|(then, _)| *then + OLDEST < now);
+        self.past.drain(..old.saturating_sub(1));
+        self.past.push_back((now, state.clone()));
+        self.state = state;
+    }
+
+    /// Where the arm was noted last.
+    pub fn state(&self) -> &RobotState {
+        &self.state
+    }
+
+    /// Writes into `out` `[size, size, 3]` what the policy sees, with the mark where the gripper is
+    /// now.
+    pub fn look(
+        &mut self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut [u8],
+    ) -> Result<(), CoversError> {
+        let taken = rig.picture(&mut self.picture);
+        let taken = taken.map_err(|source| CoversError::Rig { source })?;
+        let age = rig.now().saturating_sub(taken);
+        if age > OLDEST {
+            return Err(CoversError::StalePicture { age, most: OLDEST });
+        }
+        let joints = joints(arm, &self.state_at(taken));
+        let gripper = self.state.tip.position;
+        Ok(self.perception.look(&self.picture, &joints, gripper, out)?)
+    }
+
+    /// Where the arm was at a time: between what was noted before and after it.
+    fn state_at(&self, time: Duration) -> RobotState {
+        let after = self.past.partition_point(|(then, _)| *then <= time);
+        let known = |index: usize| self.past.get(index);
+        match (after.checked_sub(1).and_then(known), known(after)) {
+            (Some((t0, before)), Some((t1, after))) => {
+                let share = (time - *t0).as_secs_f64() / (*t1 - *t0).as_secs_f64();
+                between(before, after, share)
+            }
+            (None, Some((_, first))) => first.clone(),
+            (_, None) => self.state.clone(),
+        }
+    }
+
+    /// The camera's last picture `[H, W, 3]`.
+    pub fn picture(&self) -> &[u8] {
+        &self.picture
+    }
+
+    /// The perception, for its mask.
+    pub fn perception(&self) -> &Perception {
+        &self.perception
+    }
+}
+
+/// A share of the way from one state to another one soon after.
+fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
+    let joints = from.joints.iter().zip(&to.joints);
+    RobotState {
+        joints: joints.map(|(a, b)| a + share * (b - a)).collect(),
+        tip: if share < 0.5 { from.tip } else { to.tip },
+        closing: from.closing + share * (to.closing - from.closing),
+    }
+}
+
+/// Ends of the arm's capsules, two for each.
+fn joints(arm: &Arm, state: &RobotState) -> Vec<DVec3> {
+    let capsules = arm.capsules(state).into_iter();
+    capsules.flat_map(|capsule| capsule.ends).collect()
+}

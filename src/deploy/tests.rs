@@ -1,0 +1,198 @@
+//! Trials on a rig without a simulation, whose camera may fail, and on the simulated one.
+
+use std::cell::Cell;
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+use envs::carriers::{Arm, KinovaGen3};
+use envs::{TaskGroup, TaskVariant};
+use glam::DVec3;
+use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
+use rl::BoxError;
+use robots::{
+    CartesianControl, Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState,
+    Watchdog,
+};
+use symmetry::D2;
+
+use super::{
+    Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Trial, Verdict,
+};
+use crate::error::CoversError;
+use crate::runs::RunFolder;
+
+const TRIAL: Trial = Trial {
+    variant: TaskVariant {
+        group: TaskGroup::GOAL_REACH,
+        element: D2::FlipX,
+    },
+    number: 1,
+    seed: 1000,
+};
+
+fn deployment() -> Deployment {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap()
+}
+
+type Camera = fn(Duration) -> Result<Duration, BoxError>;
+
+/// An arm without masses over a grey table: what somebody with an arm would write.
+struct DryRig {
+    robot: Watchdog<KinematicArm, Box<dyn Fn() -> Duration>>,
+    clock: Rc<Cell<Duration>>,
+    /// When the newest picture was taken.
+    camera: Camera,
+}
+
+fn arm() -> Arm {
+    KinovaGen3.arm().unwrap()
+}
+
+fn dry_rig(camera: Camera) -> DryRig {
+    let arm = arm();
+    let start = robots::Pose {
+        position: envs::HAND_START,
+        rotation: arm.chain().tip(&arm.settings().ready).rotation,
+    };
+    let posture = arm.chain().solve(&start, &arm.settings().ready).unwrap();
+    let settings = ControlSettings {
+        limits: arm.settings().control.limits,
+        ..ControlSettings::default()
+    };
+    let control = CartesianControl::new(arm.chain().clone(), &posture, settings).unwrap();
+    let clock = Rc::new(Cell::new(Duration::ZERO));
+    let time = Rc::clone(&clock);
+    DryRig {
+        robot: Watchdog::new(KinematicArm::new(control), Box::new(move || time.get())),
+        clock,
+        camera,
+    }
+}
+
+impl Robot for DryRig {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.robot.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.robot.command(command)
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        self.robot.stop()
+    }
+}
+
+impl Rig for DryRig {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+        Ok(SetUp {
+            background: vec![100; 3 * 640 * 480],
+            parked: self.robot.state()?,
+            goal: Some(DVec3::new(0.15, -0.1, 0.15)),
+        })
+    }
+
+    fn calibration(&self) -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion::NONE,
+            extrinsics: Extrinsics::overhead(1.5),
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.clock.get()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.robot.robot_mut().advance(time.as_secs_f64())?;
+        self.clock.set(self.clock.get() + time);
+        Ok(())
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        rgb.fill(100);
+        (self.camera)(self.clock.get())
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        Ok(Verdict::default())
+    }
+}
+
+/// Whether the hand moves in the next second.
+fn moves(rig: &mut DryRig) -> bool {
+    let place = |rig: &mut DryRig| rig.robot.robot().control().tip().position;
+    let before = place(rig);
+    rig.robot.robot_mut().advance(1.0).unwrap();
+    place(rig).distance(before) > 1e-9
+}
+
+#[test]
+fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
+    let mut rig = dry_rig(Ok);
+    let score = deployment().trial(&mut rig, &arm(), &TRIAL, None).unwrap();
+    assert!(!score.success && score.reward == 0.0);
+    // 50 decisions at 8 Hz
+    assert_eq!(rig.now(), Duration::from_millis(6250));
+    let way = rig.state().unwrap().tip.position.distance(envs::HAND_START);
+    assert!(way > 0.02, "{way}");
+    assert!(!moves(&mut rig));
+}
+
+#[test]
+fn a_camera_that_fails_or_stops_stops_the_arm() {
+    let fails: Camera = |now| match now < Duration::from_millis(700) {
+        true => Ok(now),
+        false => Err("the cable is loose".into()),
+    };
+    let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
+    for (camera, says) in [(fails, "the cable is loose"), (freezes, "newest picture")] {
+        let mut rig = dry_rig(camera);
+        let failed = deployment().trial(&mut rig, &arm(), &TRIAL, None);
+        let message = failed.unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+        assert!(rig.now() < Duration::from_secs(1) && !moves(&mut rig));
+    }
+}
+
+/// The policy was trained with another arm, and sees this one through a camera with all faults.
+#[test]
+fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
+    let mut deployment = deployment();
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, camera).unwrap();
+    assert!(rig.state().is_err(), "no table is set");
+    let arm = rig.arm().clone();
+    let mut strip = super::Strip::default();
+    let score = deployment
+        .trial(&mut rig, &arm, &TRIAL, Some(&mut strip))
+        .unwrap();
+    assert!(
+        score.success && score.fits && score.refused == 0,
+        "{score:?}"
+    );
+    // decisions 0, 5, ... 50
+    let picture = strip.picture();
+    assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
+    let again = deployment.trial(&mut rig, &arm, &TRIAL, None).unwrap();
+    assert_eq!(again.policy, score.policy);
+}
+
+#[test]
+fn a_camera_that_sees_too_little_is_refused() {
+    let mut settings = SimulationSettings::OFF;
+    settings.imperfections.position_error = 0.5;
+    let mut rig = SimulatedRig::new(settings, *deployment().camera()).unwrap();
+    let arm = rig.arm().clone();
+    let error = deployment()
+        .trial(&mut rig, &arm, &TRIAL, None)
+        .unwrap_err();
+    assert!(matches!(error, CoversError::Rig { .. }), "{error}");
+    assert!(
+        error.to_string().contains("`position_error` is 0.5"),
+        "{error}"
+    );
+}

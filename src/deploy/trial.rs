@@ -1,0 +1,127 @@
+//! A trial as an environment of one: what a policy sees of it, and how it acts.
+
+use envs::carriers::Arm;
+use envs::{ACTION_DIM, Control};
+use glam::DVec3;
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+
+use crate::error::CoversError;
+use crate::stream::scale;
+
+use super::pilot::Pilot;
+use super::rig::Rig;
+use super::sight::Sight;
+use super::strip::Strip;
+
+/// The first picture of a trial, for a learner to recognise the group in. No robot moves.
+pub(super) struct FirstPicture<'a> {
+    pub spec: &'a EnvSpec,
+    pub first: &'a Observations,
+}
+
+impl VectorEnv for FirstPicture<'_> {
+    fn spec(&self) -> &EnvSpec {
+        self.spec
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        out.clone_from(self.first);
+        Ok(())
+    }
+
+    fn step(&mut self, _: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        out.clone_from(&Transition::new(self.spec));
+        out.observations.clone_from(self.first);
+        out.final_observations.clone_from(self.first);
+        out.outcomes.fill(Outcome::Truncated);
+        Ok(())
+    }
+}
+
+/// A trial that a policy acts in.
+pub(super) struct TrialEnv<'a> {
+    pub rig: &'a mut dyn Rig,
+    pub arm: &'a Arm,
+    pub sight: Sight,
+    pub pilot: Pilot,
+    pub spec: EnvSpec,
+    pub control: Control,
+    /// Where the hand shall go, where that is told.
+    pub goal: DVec3,
+    /// The trial's first picture `[size, size, 3]`; empty before it.
+    pub first: Vec<u8>,
+    /// What the policy is told at the start.
+    pub start: Observations,
+    pub decisions: usize,
+    pub strip: Option<&'a mut Strip>,
+}
+
+impl TrialEnv<'_> {
+    /// Looks for the first time, while the robot rests.
+    pub fn begin(&mut self) -> Result<(), CoversError> {
+        let mut start = Observations::new(&self.spec);
+        self.observe(&mut start)?;
+        self.start = start;
+        Ok(())
+    }
+
+    /// What the policy is told now.
+    fn observe(&mut self, out: &mut Observations) -> Result<(), CoversError> {
+        let mut picture = vec![0; out.images.len() / 2];
+        self.sight.look(self.rig, self.arm, &mut picture)?;
+        if let Some(strip) = &mut self.strip {
+            let perception = self.sight.perception();
+            strip.add(self.decisions, self.sight.picture(), perception, &picture);
+        }
+        if self.first.is_empty() {
+            self.first.clone_from(&picture);
+        }
+        envs::stack(&picture, &self.first, &mut out.images);
+        let (hand, goal) = (self.sight.state().tip.position, self.goal);
+        let aperture = self.arm.aperture(self.sight.state());
+        let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];
+        out.vectors
+            .copy_from_slice(&numbers.map(|number| number as f32));
+        scale(&mut out.vectors);
+        Ok(())
+    }
+
+    fn act(&mut self, action: &[f32], out: &mut Transition) -> Result<(), CoversError> {
+        let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
+        self.pilot.decide(self.rig, &mut self.sight, action)?;
+        self.decisions += 1;
+        let verdict = self.rig.verdict();
+        let verdict = verdict.map_err(|source| CoversError::Rig { source })?;
+        self.observe(&mut out.observations)?;
+        out.final_observations.clone_from(&out.observations);
+        out.rewards.fill(verdict.reward as f32);
+        out.success.fill(verdict.success || verdict.success_at_end);
+        out.success_at_end.fill(verdict.success_at_end);
+        out.outcomes
+            .fill(match self.decisions < self.control.decisions() {
+                true => Outcome::Running,
+                false => Outcome::Truncated,
+            });
+        Ok(())
+    }
+}
+
+impl VectorEnv for TrialEnv<'_> {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(self.control.decisions())
+    }
+
+    /// The trial stands where it stands: the robot rests at its start.
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        out.clone_from(&self.start);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        Ok(self.act(actions, out)?)
+    }
+}
