@@ -2,7 +2,7 @@
 # need, but for the Rust toolchain.
 
 # Needed to build (compiler, bindgen's libclang, MuJoCo's headers) and to render without a screen
-# (Mesa's EGL, OSMesa). Mesa's Vulkan drivers include one without hardware, for networks on a GPU.
+# (Mesa's EGL, OSMesa), and what only `gpu` needs: Mesa's Vulkan drivers, one of which is software.
 DEBIAN_PACKAGES := gcc libc6-dev libclang-dev libmujoco-dev libegl1 libegl-mesa0 \
   libgl1-mesa-dri libosmesa6 libvulkan1 mesa-vulkan-drivers
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
@@ -44,6 +44,7 @@ gpu: export CARGO_INCREMENTAL := 0
 
 gpu: deps
 	cargo clippy $(GPU) --all-targets --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
 	cargo test $(GPU) --locked --test suite -- device::
 	cargo test $(GPU) --locked --lib -- graph adapter

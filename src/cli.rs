@@ -158,7 +158,7 @@ pub struct TrainOptions {
     /// Settings of your own instead: a JSON file like the `experiment.json` of a run's folder.
     #[arg(long)]
     pub config: Option<PathBuf>,
-    /// Where policies learn; what is learnt is the same but for rounding.
+    /// Where policies learn; an update is the same but for rounding, and runs drift apart.
     #[arg(long, value_enum, default_value = "cpu")]
     pub device: DeviceChoice,
     #[command(flatten)]

@@ -47,18 +47,18 @@ pub enum CoversError {
     /// What a camera's pictures are made into.
     #[error(transparent)]
     Inpainting(#[from] inpainting::InpaintingError),
-    /// A robot, which stands still.
+    /// A robot.
     #[error(transparent)]
     Robot(#[from] robots::ControlError),
     /// A robot's rig: its table, its camera, its clock.
-    #[error("the rig failed, and the arm was stopped: {source}")]
+    #[error("the rig failed: {source}")]
     Rig {
         /// The reason.
         source: BoxError,
     },
     /// A camera that shows the past.
     #[error(
-        "the camera's newest picture is {} ms old, expected at most {} ms: the arm was stopped",
+        "the camera's newest picture is {} ms old, expected at most {} ms",
         age.as_millis(), most.as_millis()
     )]
     StalePicture {
@@ -66,6 +66,15 @@ pub enum CoversError {
         age: Duration,
         /// The age at which the arm is stopped.
         most: Duration,
+    },
+    /// A camera with another clock than the robot's.
+    #[error(
+        "the camera's newest picture was taken {} ms from now: expected one clock for robot and camera",
+        ahead.as_millis()
+    )]
+    PictureOfTheFuture {
+        /// How far ahead it is.
+        ahead: Duration,
     },
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]

@@ -79,8 +79,7 @@ pub use rows::Failure;
 pub use scene::Scene;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, REWARD_SCALE, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM,
-    VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,

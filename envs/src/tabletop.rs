@@ -38,7 +38,7 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
 ];
 
 /// Rewards of control steps lie in `[0, 10]`, as Meta-World's; those of decisions in `[0, 1]`.
-pub const REWARD_SCALE: f64 = 0.1;
+const REWARD_SCALE: f64 = 0.1;
 
 /// What one decision brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

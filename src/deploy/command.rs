@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use envs::{TaskGroup, TaskRegistry};
 
@@ -42,7 +43,7 @@ pub struct DeployOptions {
     #[arg(long, value_enum, default_value = "kinova-sim")]
     pub robot: RobotKind,
     /// Trials of each variant.
-    #[arg(long, default_value_t = 20)]
+    #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
     /// This group alone, as `goal-reach` (default: all groups of the run).
     #[arg(long)]
@@ -115,7 +116,17 @@ impl DeployOptions {
         groups: Vec<TaskGroup>,
     ) -> Result<Vec<TaskGroup>, CoversError> {
         match &self.task {
-            Some(name) => Ok(vec![tasks.get(name)?]),
+            Some(name) => {
+                let chosen = tasks.get(name)?;
+                match groups.contains(&chosen) {
+                    true => Ok(vec![chosen]),
+                    false => Err(CoversError::Setting {
+                        name: "task",
+                        value: name.clone(),
+                        expected: "a group that the run has learnt",
+                    }),
+                }
+            }
             None => Ok(groups),
         }
     }

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use envs::carriers::Arm;
-use envs::{Camera, Control, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use envs::{
+    Camera, Control, Layout, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings,
+};
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,9 +16,9 @@ use symmetry::D2;
 use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
-use crate::learners::{Learner, Recognised};
+use crate::learners::{Learner, LearnerSettings, Recognised};
 use crate::runs::RunFolder;
-use crate::stream::{Stream, reward_scale};
+use crate::stream::Stream;
 
 use super::pilot::Pilot;
 use super::rig::{Rig, Trial};
@@ -42,11 +44,13 @@ impl Deployment {
     ///
     /// # Errors
     /// As [`RunFolder::experiment`] and [`RunFolder::load_learner`], and what the scene says of the
-    /// empty table.
+    /// empty table; [`CoversError::Setting`] for policies that have learnt in another layout, with
+    /// decisions that twists cannot follow, or with a context, which reads rewards.
     pub fn load(folder: &RunFolder, sight: SightSettings) -> Result<Self, CoversError> {
         let Experiment {
             learner, mut envs, ..
         } = folder.experiment()?;
+        check(&learner, &envs)?;
         envs.num_envs = 1;
         let spec = Stream::spec_of(&envs);
         let mut table = vec![0; envs.camera.size * envs.camera.size * RGB];
@@ -75,8 +79,8 @@ impl Deployment {
     /// before an error is returned.
     ///
     /// # Errors
-    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`], directly or as
-    /// the cause of [`CoversError::Rl`]; what perception or the learner says.
+    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`],
+    /// [`CoversError::PictureOfTheFuture`], directly or as the cause of [`CoversError::Rl`]; what perception or the learner says.
     pub fn trial(
         &mut self,
         rig: &mut dyn Rig,
@@ -140,8 +144,36 @@ impl Deployment {
             fits,
             success: stats.success_rate() == Some(1.0),
             success_at_end: stats.success_at_end_rate() == Some(1.0),
-            reward: stats.mean_return().unwrap_or(0.0) * reward_scale(&self.control),
             refused: env.pilot.refused(),
         })
+    }
+}
+
+/// Refuses policies that would act otherwise than they have learnt to.
+pub(super) fn check(learner: &LearnerSettings, envs: &VecEnvSettings) -> Result<(), CoversError> {
+    let refuse = |name, value: String, expected| {
+        Err(CoversError::Setting {
+            name,
+            value,
+            expected,
+        })
+    };
+    if envs.layout != Layout::Symmetric {
+        return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
+    }
+    if !Pilot::keeps_time(&envs.control) {
+        return refuse(
+            "envs.control.action_repeat",
+            envs.control.action_repeat.to_string(),
+            "an even number: an arm takes a command every second control step",
+        );
+    }
+    match learner {
+        LearnerSettings::OffPolicy(settings) if settings.context.is_some() => refuse(
+            "off_policy.context",
+            "set".to_owned(),
+            "none: a context reads rewards, and nobody pays a robot",
+        ),
+        _ => Ok(()),
     }
 }

@@ -69,6 +69,12 @@ impl Pilot {
         }
     }
 
+    /// Whether a decision is a whole number of ticks.
+    pub fn keeps_time(control: &Control) -> bool {
+        let ticks = control.action_repeat as f64 * CONTROL_STEP / TICK.as_secs_f64();
+        ticks >= 1.0 && ticks.fract() == 0.0
+    }
+
     /// How often the arm refused a command because it could not follow it, and stood.
     pub fn refused(&self) -> usize {
         self.refused

@@ -33,9 +33,7 @@ pub struct SetUp {
 /// How a task stands, as somebody sees who does not tell the policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Verdict {
-    /// Mean reward in `[0, 1]` since the last verdict.
-    pub reward: f64,
-    /// Whether the task was solved at any time since then.
+    /// Whether the task was solved at any time since the last verdict.
     pub success: bool,
     /// Whether it is solved.
     pub success_at_end: bool,
@@ -45,8 +43,8 @@ pub struct Verdict {
 ///
 /// All places are in the frame of the policy: its origin is the middle of the table, x points
 /// right, y away from the robot, and z up. The [`Robot`] keeps the twist that it was commanded, so
-/// it must stop by itself where nobody commands it, as within a
-/// [`Watchdog`](robots::Watchdog).
+/// it must stop by itself where nobody commands it. A [`Watchdog`](robots::Watchdog) does so only
+/// where somebody asks it in time: give it a thread of its own where a camera may block.
 pub trait Rig: Robot {
     /// Sets the table for a trial, takes a picture of it with the arm parked, and brings the arm to
     /// its start. There it rests when this returns, and the camera's newest picture shows it.
@@ -73,7 +71,8 @@ pub trait Rig: Robot {
     /// Whatever the rig cannot do.
     fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError>;
 
-    /// How the task stands. The policy does not see it.
+    /// How the task stands. It is asked after every decision, while the arm moves on, so it must
+    /// answer at once. The policy does not see it.
     ///
     /// # Errors
     /// Whatever the rig cannot do.

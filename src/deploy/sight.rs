@@ -75,7 +75,12 @@ impl Sight {
     ) -> Result<(), CoversError> {
         let taken = rig.picture(&mut self.picture);
         let taken = taken.map_err(|source| CoversError::Rig { source })?;
-        let age = rig.now().saturating_sub(taken);
+        let now = rig.now();
+        if taken > now {
+            let ahead = taken - now;
+            return Err(CoversError::PictureOfTheFuture { ahead });
+        }
+        let age = now - taken;
         if age > OLDEST {
             return Err(CoversError::StalePicture { age, most: OLDEST });
         }

@@ -10,8 +10,8 @@ use std::time::Duration;
 use envs::carriers::{Arm, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
-    Camera, Control, Embodiment, EnvError, REWARD_SCALE, RGB, Scene, SceneRenderer, SimulatedArm,
-    TableTop, TaskGroup,
+    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,
+    TaskGroup,
 };
 use inpainting::{Calibration, Distortion, Extrinsics, Imperfections, Intrinsics, SimulatedCamera};
 use rand::SeedableRng;
@@ -51,8 +51,9 @@ type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
 const STEP: Duration = Duration::from_micros(12_500);
 /// How long the past is kept, for pictures that come late.
 const KEPT: usize = 180;
-/// Random streams: placements take the number of the trial, cameras this much more.
-const CAMERAS: u64 = 1 << 32;
+/// Random streams: placements take the number of the trial, which is below this; streams of cameras
+/// have this bit.
+const CAMERAS: u64 = 1 << 63;
 
 /// A simulated Kinova Gen3 at its table, under a camera.
 pub struct SimulatedRig {
@@ -63,8 +64,6 @@ pub struct SimulatedRig {
     clock: Rc<Cell<Duration>>,
     table: Option<Table>,
     verdict: Verdict,
-    /// Control steps since the last verdict.
-    judged: usize,
 }
 
 /// What changes with the task.
@@ -93,7 +92,6 @@ impl SimulatedRig {
             clock: Rc::default(),
             table: None,
             verdict: Verdict::default(),
-            judged: 0,
         })
     }
 
@@ -111,7 +109,7 @@ impl SimulatedRig {
     /// A camera for one trial: each is calibrated anew, and wrong in its own way.
     fn camera(&self, trial: &Trial) -> Result<SimulatedCamera, CoversError> {
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
-        rng.set_stream(CAMERAS + trial.number as u64);
+        rng.set_stream(camera_stream(trial));
         let truth = Calibration {
             intrinsics: Intrinsics::REALSENSE_D435,
             distortion: Distortion::NONE,
@@ -169,7 +167,7 @@ impl SimulatedRig {
         table.remember(self.clock.get());
         let goal = table.ghost.observable_goal();
         self.table = Some(table);
-        (self.verdict, self.judged) = (Verdict::default(), 0);
+        self.verdict = Verdict::default();
         Ok(SetUp {
             background,
             parked,
@@ -185,10 +183,8 @@ impl SimulatedRig {
         table.remember(now);
         self.clock.set(now);
         let verdict = &mut self.verdict;
-        verdict.reward += outcome.reward * REWARD_SCALE;
         verdict.success |= outcome.success;
         verdict.success_at_end = outcome.success;
-        self.judged += 1;
         self.table()?.robot.check()?;
         Ok(())
     }
@@ -263,6 +259,18 @@ impl Table {
     }
 }
 
+/// The random stream of a trial's camera: each trial of each variant has its own.
+fn camera_stream(trial: &Trial) -> u64 {
+    let variant = trial.variant.to_string();
+    // FNV-1a (Fowler, Noll and Vo), which depends on no version of a library
+    let name = variant
+        .bytes()
+        .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+    CAMERAS | name.wrapping_add(trial.number as u64)
+}
+
 /// Ready for work, but turned away from the table.
 fn parked(arm: &Arm) -> RobotState {
     let mut joints = arm.settings().ready.clone();
@@ -329,11 +337,6 @@ impl Rig for SimulatedRig {
     }
 
     fn verdict(&mut self) -> Result<Verdict, BoxError> {
-        let steps = std::mem::take(&mut self.judged).max(1);
-        let verdict = std::mem::take(&mut self.verdict);
-        Ok(Verdict {
-            reward: verdict.reward / steps as f64,
-            ..verdict
-        })
+        Ok(std::mem::take(&mut self.verdict))
     }
 }

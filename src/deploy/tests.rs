@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use envs::carriers::{Arm, KinovaGen3};
-use envs::{TaskGroup, TaskVariant};
+use envs::{Layout, TaskGroup, TaskVariant};
 use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use rl::BoxError;
@@ -16,10 +16,13 @@ use robots::{
 };
 use symmetry::D2;
 
+use super::deployment::check;
 use super::{
     Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Trial, Verdict,
 };
 use crate::error::CoversError;
+use crate::experiment::Experiment;
+use crate::learners::{LearnerSettings, OffPolicySettings};
 use crate::runs::RunFolder;
 
 const TRIAL: Trial = Trial {
@@ -134,7 +137,7 @@ fn moves(rig: &mut DryRig) -> bool {
 fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
     let mut rig = dry_rig(Ok);
     let score = deployment().trial(&mut rig, &arm(), &TRIAL, None).unwrap();
-    assert!(!score.success && score.reward == 0.0);
+    assert!(!score.success);
     // 50 decisions at 8 Hz
     assert_eq!(rig.now(), Duration::from_millis(6250));
     let way = rig.state().unwrap().tip.position.distance(envs::HAND_START);
@@ -149,7 +152,12 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
         false => Err("the cable is loose".into()),
     };
     let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
-    for (camera, says) in [(fails, "the cable is loose"), (freezes, "newest picture")] {
+    let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
+    for (camera, says) in [
+        (fails, "the cable is loose"),
+        (freezes, "ms old"),
+        (ahead, "2 ms from now"),
+    ] {
         let mut rig = dry_rig(camera);
         let failed = deployment().trial(&mut rig, &arm(), &TRIAL, None);
         let message = failed.unwrap_err().to_string();
@@ -195,4 +203,25 @@ fn a_camera_that_sees_too_little_is_refused() {
         error.to_string().contains("`position_error` is 0.5"),
         "{error}"
     );
+}
+
+#[test]
+fn policies_that_would_act_otherwise_are_refused() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let learnt = RunFolder::open(&folder).experiment().unwrap();
+    type Spoil = fn(&mut Experiment);
+    let cases: [(&str, Spoil); 3] = [
+        ("envs.layout", |e| e.envs.layout = Layout::MetaWorld),
+        ("action_repeat", |e| e.envs.control.action_repeat = 5),
+        ("context", |e| {
+            e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl());
+        }),
+    ];
+    check(&learnt.learner, &learnt.envs).unwrap();
+    for (name, spoil) in cases {
+        let mut spoilt = learnt.clone();
+        spoil(&mut spoilt);
+        let refusal = check(&spoilt.learner, &spoilt.envs).unwrap_err();
+        assert!(refusal.to_string().contains(name), "{refusal}");
+    }
 }

@@ -94,7 +94,8 @@ impl TrialEnv<'_> {
         let verdict = verdict.map_err(|source| CoversError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);
-        out.rewards.fill(verdict.reward as f32);
+        // nobody pays a robot
+        out.rewards.fill(0.0);
         out.success.fill(verdict.success || verdict.success_at_end);
         out.success_at_end.fill(verdict.success_at_end);
         out.outcomes

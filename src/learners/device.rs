@@ -6,7 +6,8 @@ use crate::error::CoversError;
 
 /// Where the updates of policies run.
 ///
-/// It is no setting and no file holds it: a run may go on elsewhere. Sums are rounded in another
+/// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance names
+/// the GPU. Sums are rounded in another
 /// way there, so the same bits come only where nothing changes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
@@ -37,7 +38,8 @@ pub enum DeviceChoice {
     Cpu,
     /// On the first GPU, or on a Vulkan driver that stands in for one.
     Gpu,
-    /// On the first GPU if there is one and the learner can, else on the processor.
+    /// On the first GPU if there is one, else on the processor. A GPU that cannot be opened is an
+    /// error.
     Auto,
 }
 

@@ -1,4 +1,4 @@
-//! Learning curves of methods in one group: the mean over seeds, between the lowest and the highest.
+//! Learning curves of methods in one group: the mean over seeds, from the lowest to the highest.
 
 use super::efficiency::curve;
 use super::method::MethodRuns;
@@ -20,8 +20,8 @@ struct Moment {
     high: f64,
 }
 
-/// Mean-action success of every method over the decisions spent in a group; none where no run was
-/// scored twice.
+/// Mean-action success of every method over the decisions spent in a group; none where no method
+/// was scored at two moments of them. Of evaluations with as many decisions the first one counts.
 pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     let moments = |method: &MethodRuns| {
         let curves = method.runs.iter().map(|run| {
@@ -33,11 +33,12 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
         moments(&curves.collect::<Vec<_>>())
     };
     let known: Vec<_> = methods.iter().map(|m| (m, moments(m))).collect();
-    let ends = known.iter().filter_map(|(_, moments)| moments.last());
-    let end = ends.map(|moment| moment.spent).fold(0.0, f64::max);
-    if end == 0.0 {
+    let learnt = |moments: &Vec<Moment>| moments.len() > 1;
+    if !known.iter().any(|(_, moments)| learnt(moments)) {
         return None;
     }
+    let ends = known.iter().filter_map(|(_, moments)| moments.last());
+    let end = ends.map(|moment| moment.spent).fold(0.0, f64::max);
     let mut drawing = Drawing::half(end, "decisions spent in the group");
     for (number, (method, _)) in known.iter().enumerate() {
         drawing.legend(&method.name, colour(number));

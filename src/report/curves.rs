@@ -48,13 +48,20 @@ pub fn run(run: &RunData) -> String {
 }
 
 /// What each policy's test said of each rollout: its distance, as a share of the largest one of the
-/// permutations. Above 1 the rollout differs more than any of them.
+/// permutations. Above 1 the rollout differs more than any of them; shares above [`MOST`] are drawn
+/// there.
 fn distances(drawing: &mut Drawing, run: &RunData) {
     if run.rollouts.iter().all(|row| row.distances.is_empty()) {
         return;
     }
-    drawing.panel("distance", HIGH, [0.0, MOST], &[0.0, 1.0, 2.0, MOST]);
+    drawing.panel(
+        "distance, of chance",
+        HIGH,
+        [0.0, MOST],
+        &[0.0, 1.0, 2.0, MOST],
+    );
     visits(drawing, run);
+    let colours = colours_of_policies(run);
     for row in &run.rollouts {
         let compared = row.distances.iter().zip(&row.null_maxima).enumerate();
         for (policy, (distance, most)) in compared {
@@ -63,20 +70,24 @@ fn distances(drawing: &mut Drawing, run: &RunData) {
             };
             let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
             let point = (row.decisions as f64, ratio.min(MOST));
-            drawing.small_dot(point, colour_of_policy(run, policy), &title);
+            let colour = colours.get(policy).copied().unwrap_or(INK);
+            drawing.small_dot(point, colour, &title);
         }
     }
     let end = end(run);
     drawing.line(&[(0.0, 1.0), (end, 1.0)], INK);
 }
 
-/// A policy has the colour of the group that it belongs to.
-fn colour_of_policy(run: &RunData, policy: usize) -> &'static str {
-    let groups = run.groups();
-    let own = groups
-        .iter()
-        .find(|group| partner(&run.rollouts, group) == Some(policy));
-    own.map_or(INK, |group| colour_of(run, group))
+/// Each policy has the colour of the group that it belongs to.
+fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
+    let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
+    let mut colours = vec![INK; policies.unwrap_or(0)];
+    for group in run.groups() {
+        if let Some(policy) = partner(&run.rollouts, group) {
+            colours[policy] = colour_of(run, group);
+        }
+    }
+    colours
 }
 
 /// For each seed, a panel a method that ran with it: success in each group as dots, and their mean,

@@ -30,7 +30,7 @@ impl Matrix {
     /// those that named no policy. None where nobody asked.
     pub fn recognised(run: &RunData, episodes: usize) -> Option<Self> {
         let caption =
-            format!("The policy that was named after {episodes} first frames of a group.");
+            format!("The policy that was named when so many episodes were shown: {episodes}.");
         let mut matrix = Self::new(run, &caption);
         let none = matrix.columns.len();
         matrix.columns.push("none".to_owned());
@@ -74,8 +74,8 @@ impl Matrix {
         let row = |(name, counts): &(String, Vec<usize>)| {
             let all = counts.iter().sum::<usize>().max(1);
             let cells = counts.iter().map(|count| {
-                let share = 100 * count / all;
-                format!("<td style=\"--share:{share}%\" title=\"{share} %\">{count}</td>")
+                let share = 100.0 * *count as f64 / all as f64;
+                format!("<td style=\"--share:{share:.0}%\" title=\"{share:.1} %\">{count}</td>")
             });
             let cells: String = cells.collect();
             format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escaped(name))
@@ -139,7 +139,7 @@ mod tests {
         assert_eq!(matrix.rows, rows);
         let text = matrix.html();
         assert!(
-            text.contains("--share:66%") && text.contains(">2</td>"),
+            text.contains("--share:67%") && text.contains(">2</td>"),
             "{text}"
         );
     }

@@ -51,7 +51,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     )
 }
 
-/// How to make the runs and the page again.
+/// How the runs were made.
 fn command(methods: &[MethodRuns]) -> String {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let mut commands: Vec<String> = Vec::new();
@@ -64,7 +64,7 @@ fn command(methods: &[MethodRuns]) -> String {
     match commands.is_empty() {
         true => String::new(),
         false => format!(
-            "<p>Made by</p>\n<pre>{}</pre>\n",
+            "<p>The runs were made by</p>\n<pre>{}</pre>\n",
             escaped(&commands.join("\n"))
         ),
     }
@@ -90,7 +90,9 @@ fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
             .to_owned();
     }
     format!(
-        "<p>Lines are means over seeds; bands go from the lowest seed to the highest.</p>\n\
+        "<p>Lines are means over seeds; bands go from the lowest seed to the highest. Of the \
+         evaluations between which a group did not run the first one is shown; what was \
+         forgotten since stands in the tables below.</p>\n\
          <div class=\"grid\">\n{}</div>\n{}",
         drawings.concat(),
         tables_named(tables, &["efficiency"])

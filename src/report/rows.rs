@@ -43,6 +43,9 @@ where
     N: FromStr<Err: Display>,
 {
     let cell = String::deserialize(cell)?;
+    if cell.is_empty() {
+        return Ok(Vec::new());
+    }
     let number = |word: &str| match word {
         "" => Ok(None),
         word => word.parse().map(Some),
@@ -113,4 +116,42 @@ pub struct TimingRow {
     pub assignment: f64,
     /// Gradients.
     pub update: f64,
+}
+
+impl TimingRow {
+    /// Whether it can have been so.
+    pub fn is_sound(&self) -> bool {
+        let Self {
+            total,
+            environments,
+            inference,
+            assignment,
+            update,
+        } = *self;
+        let seconds = [total, environments, inference, assignment, update];
+        seconds.iter().all(|part| part.is_finite() && *part >= 0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_of_several_numbers_are_read() {
+        let header = "decisions,group,last_group,straddles,policy,reward,success,distances,heirs\n";
+        let row = |cells: &str| -> Result<RolloutRow, csv::Error> {
+            let text = format!("{header}500,a,a,false,0,,,{cells}\n");
+            csv::Reader::from_reader(text.as_bytes())
+                .deserialize()
+                .next()
+                .unwrap()
+        };
+        let read = row("0.5;;2,;1").unwrap();
+        assert_eq!(read.distances, [Some(0.5), None, Some(2.0)]);
+        assert_eq!(read.heirs, [None, Some(1)]);
+        let empty = row(",").unwrap();
+        assert!(empty.distances.is_empty() && empty.heirs.is_empty());
+        assert!(row("0.5;x,").is_err());
+    }
 }

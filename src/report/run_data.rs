@@ -53,6 +53,9 @@ impl RunData {
         let recognition: Vec<RecognitionRow> = rows_if_there(&folder.file("recognition.csv"))?;
         check_recognition(path, &recognition, &scores)?;
         let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
+        if !timings.iter().all(TimingRow::is_sound) {
+            return Err(unfit(path, "timings.csv holds a row that cannot be"));
+        }
         let provenance = match path.join(Provenance::FILE).exists() {
             true => Provenance::read(path)?,
             false => Vec::new(),
@@ -141,10 +144,16 @@ fn check(
     if !scores.iter().all(sound) {
         return Err(unfit("evaluation.csv holds a score that cannot be"));
     }
-    let numbers = |row: &RolloutRow| row.reward.into_iter().chain(row.success);
+    let numbers = |row: &RolloutRow| {
+        let distances = row.distances.iter().chain(&row.null_maxima);
+        let distances = distances.copied().flatten();
+        let own = row.reward.into_iter().chain(row.success).chain(distances);
+        own.collect::<Vec<f64>>()
+    };
     let mut turns = rollouts.iter().enumerate();
     if !rollouts.is_sorted_by_key(|row| row.decisions)
-        || turns.any(|(turn, row)| row.policy > turn || !numbers(row).all(f64::is_finite))
+        || turns
+            .any(|(turn, row)| row.policy > turn || !numbers(row).into_iter().all(f64::is_finite))
     {
         return Err(unfit("metrics.csv holds a row that cannot be"));
     }

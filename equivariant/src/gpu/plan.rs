@@ -20,8 +20,9 @@ pub(crate) struct Extent {
 impl Extent {
     /// The number of bytes for so many samples.
     pub fn bytes(self, samples: usize) -> u64 {
-        let words = self.each as u64 * samples as u64 + self.fixed as u64;
-        words.max(ALIGNMENT as u64) * WORD as u64
+        let words = (self.each as u64).saturating_mul(samples as u64);
+        let words = words.saturating_add(self.fixed as u64);
+        words.max(ALIGNMENT as u64).saturating_mul(WORD as u64)
     }
 }
 

@@ -138,8 +138,9 @@ impl Step {
         })
     }
 
-    /// Adds a constant of type f32.
+    /// Adds a constant of type f32, the nearest finite one.
     pub fn number(self, name: &str, value: f64) -> Step {
+        let value = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
         // in decimal, with a point or an exponent: as short as it can be read back
         self.text(&format!("const {name}: f32 = {:?};", value as f32))
     }

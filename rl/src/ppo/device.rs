@@ -107,7 +107,11 @@ impl Schedule {
 impl Compiled {
     fn new(device: &equivariant::gpu::Device, task: &Task, size: Size) -> Result<Self, GpuError> {
         let graph = Graph::new(task.policy.network(), task.settings, size)?;
-        let program = Program::new(device, &graph.plan, task.settings.minibatch)?;
+        let program = Program::new(
+            device,
+            &graph.plan,
+            task.settings.minibatch.min(size.rollout),
+        )?;
         Ok(Self {
             size,
             graph,
