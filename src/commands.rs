@@ -147,7 +147,8 @@ impl Command {
             Self::Train(options) => train(options, out),
             Self::Resume(options) => {
                 let threads = Some(options.work.threads.count());
-                let mut run = Run::resume_on(&options.run, threads, options.device)?;
+                let (folder, tasks) = (RunFolder::open(&options.run), TaskRegistry::standard());
+                let mut run = Run::resume_with(folder, threads, options.device, tasks)?;
                 finish(&mut run, options.work.json, out)
             }
             Self::Sweep(options) => sweep(options, out),
@@ -261,7 +262,13 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
     }
     run.save()?;
     let rollouts = run.ledger().rollouts;
-    let said = format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}");
+    // no file says where policies learn
+    let device = match run.experiment().learner.gpu() {
+        Some(_) => " --device gpu",
+        None => "",
+    };
+    let said =
+        format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}{device}");
     say(out, &said)?;
     Ok(Outcome::Interrupted)
 }

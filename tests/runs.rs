@@ -8,8 +8,8 @@ use covers::cli::StreamOptions;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
 use covers::{
-    Covers, CoversError, CoversSettings, Experiment, LearnerSettings, Run, RunFolder, Stream,
-    Summary,
+    Covers, CoversError, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder,
+    Stream, Summary,
 };
 use envs::tasks::DrawerClose;
 use envs::{
@@ -298,7 +298,8 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let (_, reference) = finish(start(folder()).unwrap());
     let path = crash_after(1, start(folder()).unwrap());
     assert!(Run::resume(&path, None).is_err());
-    let run = Run::resume_with(RunFolder::open(&path), Some(1), tasks.clone()).unwrap();
+    let folder = RunFolder::open(&path);
+    let run = Run::resume_with(folder, Some(1), DeviceChoice::Cpu, tasks.clone()).unwrap();
     let (summary, bytes) = finish(run);
     assert!(bytes == reference);
     assert!(

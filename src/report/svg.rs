@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on a
 /// light and on a dark page.
-pub const COLOURS: [&str; 8] = [
+const COLOURS: [&str; 8] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
 ];
 /// The colour of what belongs to no group: that of the text.

@@ -83,37 +83,21 @@ impl Run {
     /// [`CoversError::OtherSettings`], [`CoversError::Locked`];
     /// [`CoversError::PoliciesOnly`] where it is a packed one; what the environments say.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, CoversError> {
-        Self::resume_with(RunFolder::open(folder), threads, TaskRegistry::standard())
+        let (folder, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
+        Self::resume_with(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
-    /// As [`Run::resume`], with policies that learn elsewhere; the bits are those of the device.
+    /// As [`Run::resume`], for a run over groups of `tasks`, whose policies learn on `device`.
     ///
     /// # Errors
-    /// As there, and those of [`Experiment::with_device`].
-    pub fn resume_on(
-        folder: &Path,
-        threads: Option<usize>,
-        device: DeviceChoice,
-    ) -> Result<Self, CoversError> {
-        let folder = RunFolder::open(folder);
-        let tasks = TaskRegistry::standard();
-        Self::assemble(opening::resume(folder, (threads, device), tasks)?)
-    }
-
-    /// As [`Run::resume`], for a run over groups of `tasks`.
-    ///
-    /// # Errors
-    /// As there, and a group that `tasks` does not hold.
+    /// As there, a group that `tasks` does not hold, and those of [`Experiment::with_device`].
     pub fn resume_with(
         folder: RunFolder,
         threads: Option<usize>,
+        device: DeviceChoice,
         tasks: TaskRegistry,
     ) -> Result<Self, CoversError> {
-        Self::assemble(opening::resume(
-            folder,
-            (threads, DeviceChoice::Cpu),
-            tasks,
-        )?)
+        Self::assemble(opening::resume(folder, (threads, device), tasks)?)
     }
 
     fn assemble(opened: Opened) -> Result<Self, CoversError> {
