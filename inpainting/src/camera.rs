@@ -145,3 +145,46 @@ impl PinholeCamera {
         self.intrinsics.width * self.intrinsics.height
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A camera that stands askew, whose pictures are not square.
+    pub fn askew() -> PinholeCamera {
+        let rotation = DMat3::from_rotation_x(2.4) * DMat3::from_rotation_z(0.3);
+        PinholeCamera {
+            intrinsics: Intrinsics {
+                width: 40,
+                height: 30,
+                focal: [35.0, 33.0],
+                centre: [21.0, 14.5],
+            },
+            extrinsics: Extrinsics {
+                rotation,
+                translation: DVec3::new(0.1, -0.05, 1.2),
+            },
+        }
+    }
+
+    /// The middle of every pixel, along its ray and back.
+    #[test]
+    fn projections_are_where_rays_come_from() {
+        let camera = askew();
+        let Extrinsics {
+            rotation,
+            translation,
+        } = camera.extrinsics;
+        let [cx, cy] = camera.intrinsics.centre;
+        for (index, depth) in (0..camera.pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
+            let (row, column) = (index / 40, index % 40);
+            let point = rotation.transpose() * (depth * camera.ray(row, column) - translation);
+            let [right, down] = camera.project(point).unwrap();
+            let off =
+                (right + cx - (column as f64 + 0.5)).abs() + (down + cy - (row as f64 + 0.5)).abs();
+            assert!(off < 1e-12 * (1.0 + 1.0 / depth), "{index}: {off} pixels");
+            let behind = rotation.transpose() * (-depth * camera.ray(row, column) - translation);
+            assert_eq!(camera.project(behind), None);
+        }
+    }
+}
