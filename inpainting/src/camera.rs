@@ -109,6 +109,21 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
+    /// A camera `height` over the world's origin that looks straight down. Its pictures of `size`
+    /// x `size` pixels show the table as far as `half_extent` to all sides (metres).
+    pub fn overhead(size: usize, height: f64, half_extent: f64) -> Self {
+        let middle = size as f64 / 2.0;
+        Self {
+            intrinsics: Intrinsics {
+                width: size,
+                height: size,
+                focal: [middle * height / half_extent; 2],
+                centre: [middle; 2],
+            },
+            extrinsics: Extrinsics::overhead(height),
+        }
+    }
+
     /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that
     /// is none.
     ///

@@ -132,15 +132,7 @@ mod tests {
 
     /// The camera that policies learn with.
     fn policy() -> PinholeCamera {
-        PinholeCamera {
-            intrinsics: Intrinsics {
-                width: SIZE,
-                height: SIZE,
-                focal: [24.0 * 1.5 / 0.44; 2],
-                centre: [24.0; 2],
-            },
-            extrinsics: Extrinsics::overhead(1.5),
-        }
+        PinholeCamera::overhead(SIZE, 1.5, 0.44)
     }
 
     fn settings() -> PerceptionSettings {
