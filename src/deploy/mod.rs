@@ -6,6 +6,7 @@
 
 mod command;
 mod deployment;
+mod past;
 mod pilot;
 mod rig;
 mod settings;
