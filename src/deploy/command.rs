@@ -1,11 +1,11 @@
 //! `covers deploy`: trials of all variants on a robot.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
-use envs::TaskRegistry;
+use envs::{TaskGroup, TaskRegistry};
 
 use crate::cli::say;
 use crate::disk::{LocalDisk, replace};
@@ -14,10 +14,12 @@ use crate::render::gif;
 use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
+use super::faults::FaultSweep;
 use super::rig::Trial;
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
 use super::strip::Strip;
+use super::sweep::{figure, rows};
 use super::table::{TrialScore, deployment_table};
 
 /// A robot that the command knows.
@@ -67,6 +69,15 @@ pub struct DeployOptions {
     /// Print all trials as one JSON value, in the last line.
     #[arg(long)]
     pub json: bool,
+    /// Run the trials once for each amount of something that is wrong, as
+    /// `position-error=0,5,10,20,30`: position-error and mask-growth (mm), angle-error (degrees),
+    /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%).
+    #[arg(long, value_name = "FAULT=AMOUNTS", requires = "figures")]
+    #[arg(conflicts_with_all = ["json", "video"])]
+    pub sweep: Option<FaultSweep>,
+    /// Folder for the table (CSV) and the figure (SVG) of a sweep, named after the fault.
+    #[arg(long, requires = "sweep")]
+    pub figures: Option<PathBuf>,
 }
 
 impl DeployOptions {
@@ -79,12 +90,60 @@ impl DeployOptions {
         let tasks = TaskRegistry::standard();
         let schedule = folder.experiment()?.schedule;
         let groups = schedule.chosen(self.task.as_deref(), &tasks)?;
-        let mut deployment = Deployment::load(&folder, SightSettings::default())?;
-        let RobotKind::KinovaSim = self.robot;
         let settings = match self.faults {
             Faults::Off => SimulationSettings::OFF,
             Faults::Nominal => SimulationSettings::NOMINAL,
         };
+        let settings = (settings, SightSettings::default());
+        if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
+            return self.sweep(out, sweep, figures, |amount, out| {
+                let (mut rig, mut sight) = settings;
+                sweep.fault.set(amount, &mut rig, &mut sight);
+                self.trials(out, &folder, &groups, (rig, sight))
+            });
+        }
+        let scores = self.trials(out, &folder, &groups, settings)?;
+        match self.json {
+            true => say(out, &serde_json::json!(scores).to_string()),
+            false => Ok(()),
+        }
+    }
+
+    /// Runs the trials with each amount of a fault, and writes a table and a figure into a folder.
+    fn sweep<W: Write>(
+        &self,
+        out: &mut W,
+        sweep: &FaultSweep,
+        figures: &Path,
+        mut trials: impl FnMut(f64, &mut W) -> Result<Vec<TrialScore>, CoversError>,
+    ) -> Result<(), CoversError> {
+        let mut swept = Vec::new();
+        for &amount in &sweep.amounts {
+            say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
+            swept.push((amount, trials(amount, out)?));
+        }
+        let files = [
+            ("csv", rows(sweep.fault, &swept)),
+            ("svg", figure(sweep.fault, &swept)),
+        ];
+        let written = |error| CoversError::write(figures, error);
+        std::fs::create_dir_all(figures).map_err(written)?;
+        files.into_iter().try_for_each(|(ending, text)| {
+            let path = figures.join(format!("{}.{ending}", sweep.fault.name()));
+            replace(&LocalDisk, &path, text.as_bytes())
+        })
+    }
+
+    /// Runs the trials of all variants of `groups` and prints their table.
+    fn trials(
+        &self,
+        out: &mut impl Write,
+        folder: &RunFolder,
+        groups: &[TaskGroup],
+        (settings, sight): (SimulationSettings, SightSettings),
+    ) -> Result<Vec<TrialScore>, CoversError> {
+        let mut deployment = Deployment::load(folder, sight)?;
+        let RobotKind::KinovaSim = self.robot;
         let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
         let arm = rig.arm().clone();
         let mut scores = Vec::new();
@@ -109,10 +168,7 @@ impl DeployOptions {
             )?;
         }
         say(out, &deployment_table(&scores))?;
-        if self.json {
-            say(out, &serde_json::json!(scores).to_string())?;
-        }
-        Ok(())
+        Ok(scores)
     }
 
     fn keep(
