@@ -7,8 +7,10 @@ use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use envs::{TaskGroup, TaskRegistry};
 
+use crate::cli::say;
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
+use crate::render::gif;
 use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
@@ -38,6 +40,7 @@ pub enum Faults {
 
 /// What to try.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers deploy assets/pretrained --trials 5 --video films --gif")]
 pub struct DeployOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -60,6 +63,9 @@ pub struct DeployOptions {
     /// that failed: what the camera saw, the mask, and what the policy was shown.
     #[arg(long)]
     pub video: Option<PathBuf>,
+    /// Moving pictures (GIF) of all decisions instead of strips.
+    #[arg(long, requires = "video")]
+    pub gif: bool,
     /// Print all trials as one JSON value, in the last line.
     #[arg(long)]
     pub json: bool,
@@ -82,8 +88,8 @@ impl DeployOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         let folder = RunFolder::open(&self.run);
         let tasks = TaskRegistry::standard();
-        let groups = folder.experiment()?.schedule.resolve(&tasks)?;
-        let groups = self.chosen(&tasks, groups)?;
+        let schedule = folder.experiment()?.schedule;
+        let groups = schedule.chosen(self.task.as_deref(), &tasks)?;
         let settings = match self.faults {
             Faults::Off => SimulationSettings::OFF,
             Faults::Nominal => SimulationSettings::NOMINAL,
@@ -165,28 +171,6 @@ impl DeployOptions {
         Ok(scores)
     }
 
-    /// The group that was asked for, or all.
-    fn chosen(
-        &self,
-        tasks: &TaskRegistry,
-        groups: Vec<TaskGroup>,
-    ) -> Result<Vec<TaskGroup>, CoversError> {
-        match &self.task {
-            Some(name) => {
-                let chosen = tasks.get(name)?;
-                match groups.contains(&chosen) {
-                    true => Ok(vec![chosen]),
-                    false => Err(CoversError::Setting {
-                        name: "task",
-                        value: name.clone(),
-                        expected: "a group that the run has learnt",
-                    }),
-                }
-            }
-            None => Ok(groups),
-        }
-    }
-
     fn keep(
         &self,
         trial: &Trial,
@@ -201,15 +185,20 @@ impl DeployOptions {
         }
         let variant = trial.variant.to_string().replace(' ', "-");
         let outcome = if score.success { "solved" } else { "failed" };
-        let path = folder.join(format!("{variant}-{}-{outcome}.png", trial.number));
+        let ending = if self.gif { "gif" } else { "png" };
+        let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.number));
         let written = |error| CoversError::write(&path, error);
         std::fs::create_dir_all(folder).map_err(written)?;
-        let png = strip.picture().to_png();
-        let png = png.map_err(|error| CoversError::write(&path, error))?;
-        replace(&LocalDisk, &path, &png)
+        let bytes = match self.gif {
+            true => {
+                let title = format!("{}, trial {}", trial.variant, trial.number);
+                gif(&strip.film(&title)).map_err(|error| CoversError::write(&path, error))?
+            }
+            false => {
+                let png = strip.picture().to_png();
+                png.map_err(|error| CoversError::write(&path, error))?
+            }
+        };
+        replace(&LocalDisk, &path, &bytes)
     }
-}
-
-fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
-    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }

@@ -2,7 +2,8 @@
 
 use envs::TaskGroup;
 
-use crate::report::svg::{Drawing, colour};
+use crate::colours::colour;
+use crate::report::svg::Drawing;
 
 use super::faults::Fault;
 use super::table::{TrialScore, wilson};
