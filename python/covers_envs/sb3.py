@@ -16,22 +16,30 @@ class SB3VecEnv(VecEnv):
 
     `infos[i]["is_success"]` says whether the episode has succeeded so far, so that
     Stable-Baselines3 logs its rate of success.
+
+    Args:
+        env: The environments.
+        only: `image` or `vector` shows that part of the observation alone.
     """
 
-    def __init__(self, env: CoversVectorEnv) -> None:
+    def __init__(self, env: CoversVectorEnv, only: str | None = None) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode is {env.autoreset_mode}, expected AutoresetMode.SAME_STEP")
         self.env = env
-        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self._only = only
+        super().__init__(env.num_envs, self._shown(env.single_observation_space), env.single_action_space)
         self._succeeded = np.zeros(env.num_envs, np.bool_)
 
-    def reset(self) -> dict[str, NDArray[Any]]:
+    def _shown(self, parts: Any) -> Any:
+        return parts if self._only is None else parts[self._only]
+
+    def reset(self) -> Any:
         """Begins episodes, from the first of the seeds that `seed` set."""
         observation, _ = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._reset_options()
         self._succeeded[:] = False
-        return observation
+        return self._shown(observation)
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keeps the actions for `step_wait`."""
@@ -43,10 +51,10 @@ class SB3VecEnv(VecEnv):
         self._succeeded |= infos["success"]
         told = [{"is_success": bool(success)} for success in self._succeeded]
         for index in np.flatnonzero(dones):
-            last = infos["final_obs"][index]
+            last = self._shown(infos["final_obs"][index])
             told[index] |= {"terminal_observation": last, "TimeLimit.truncated": True}
         self._succeeded &= ~dones
-        return observation, rewards, dones, told
+        return self._shown(observation), rewards, dones, told
 
     def close(self) -> None:
         """Ends the worker threads."""

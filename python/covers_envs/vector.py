@@ -1,6 +1,8 @@
 """Environments that are stepped together."""
 
+import contextlib
 import difflib
+import importlib
 import operator
 import os
 import warnings
@@ -80,6 +82,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         size = _natural("image_size", image_size)
         if threads is None:
             threads = max(1, min(n, len(os.sched_getaffinity(0))))
+        _load_other_compilers()
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self._core = _core.Core(
@@ -225,6 +228,13 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if array.dtype not in (np.float32, np.float64):
             raise ValueError(f"`actions` is of {array.dtype}, expected float32, or float64 to be converted")
         return np.ascontiguousarray(array, np.float32)
+
+
+def _load_other_compilers() -> None:
+    """Mesa's driver makes the symbols of its LLVM global. Triton, which PyTorch loads when it first
+    optimises, has an LLVM of its own, and the process crashes where Triton is loaded second."""
+    with contextlib.suppress(Exception):
+        importlib.import_module("triton")
 
 
 def _observation(n: int, size: int) -> Observation:

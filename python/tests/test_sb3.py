@@ -1,5 +1,8 @@
 """Stable-Baselines3 learns from the environments, where it is installed."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -32,15 +35,22 @@ def test_the_adapter_hands_over_ends_and_success():
     assert not infos[0]["is_success"], "a new episode"
 
 
-def test_ppo_takes_steps():
+@pytest.mark.parametrize(("only", "policy"), [(None, "MultiInputPolicy"), ("vector", "MlpPolicy")])
+def test_ppo_takes_steps(only, policy):
     from stable_baselines3 import PPO
 
     from covers_envs.sb3 import SB3VecEnv
 
-    env = SB3VecEnv(covers_envs.make_vec("goal-reach", 2, image_size=36, embodiment="hand", seed=0))
-    model = PPO("MultiInputPolicy", env, n_steps=8, batch_size=8, n_epochs=1, seed=0)
+    env = covers_envs.make_vec("goal-reach", 2, image_size=36, horizon=50, embodiment="hand", seed=0)
+    model = PPO(policy, SB3VecEnv(env, only=only), n_steps=8, batch_size=8, n_epochs=1, seed=0)
     model.learn(16)
     assert model.num_timesteps == 16
+
+
+def test_triton_can_be_loaded_after_a_renderer(tmp_path):
+    pytest.importorskip("triton")
+    program = "import covers_envs; covers_envs.make_vec('goal-reach').reset(); import triton"
+    subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)
 
 
 def test_other_autoreset_modes_are_refused():
