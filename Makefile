@@ -40,14 +40,23 @@ test: deps
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu
 
+# The tests of a target (1) with one of these words (2) in their names; fails where none has a word.
+define named
+for word in $(2); do \
+  cargo test $(GPU) --locked $(1) -- --list $$word | grep -q ': test$$' || \
+    { echo "no test of $(1) has \`$$word\` in its name" >&2; exit 1; }; \
+done
+cargo test $(GPU) --locked $(1) -- $(2)
+endef
+
 gpu: export CARGO_INCREMENTAL := 0
 
 gpu: deps
 	cargo clippy $(GPU) --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
-	cargo test $(GPU) --locked --test suite -- device::
-	cargo test $(GPU) --locked --lib -- graph adapter
+	$(call named,--test suite,device::)
+	$(call named,--lib,graph adapter)
 
 # The Python package, in an environment of its own: minutes. It takes Python 3.10 or later with its
 # venv module, and packages from PyPI. A folder of wheels may be named in PIP_FIND_LINKS.

@@ -20,15 +20,7 @@ fn perception() -> Perception {
             distortion: Distortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         },
-        policy: PinholeCamera {
-            intrinsics: Intrinsics {
-                width: SIZE,
-                height: SIZE,
-                focal: [24.0 * 1.5 / 0.44; 2],
-                centre: [24.0; 2],
-            },
-            extrinsics: Extrinsics::overhead(1.5),
-        },
+        policy: PinholeCamera::overhead(SIZE, 1.5, 0.44),
         oversampling: 3,
         links: (0..LINKS)
             .map(|link| Link {

@@ -1,6 +1,7 @@
 //! Options of the command line.
 
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use clap::builder::RangedI64ValueParser;
 use clap::{Args, Parser};
@@ -195,4 +196,12 @@ impl TrainOptions {
 /// The name of a run's folder: what it is, and its seed.
 pub fn run_name(stem: &str, experiment: &Experiment) -> String {
     format!("{stem}-seed{}", experiment.learner.seed())
+}
+
+/// Prints a line.
+///
+/// # Errors
+/// [`CoversError::Write`].
+pub(crate) fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
+    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }

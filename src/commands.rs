@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry};
 
-use crate::cli::{TrainOptions, Work, thread_count};
+use crate::cli::{TrainOptions, Work, say, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
+use crate::events::write_events;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
 use crate::report::{Report, RunData};
@@ -95,6 +96,10 @@ pub struct EvalOptions {
 
 /// What to report.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
+    covers report runs/covers-seed0 --tensorboard boards"
+)]
 pub struct ReportOptions {
     /// The folders of runs, named METHOD-seedN as `covers sweep` names them; the first method is
     /// compared with the others.
@@ -104,6 +109,9 @@ pub struct ReportOptions {
     /// in any case.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
+    #[arg(long, value_name = "DIR", conflicts_with = "out")]
+    pub tensorboard: Option<PathBuf>,
 }
 
 /// What to pack.
@@ -299,6 +307,13 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
 }
 
 fn report(options: &ReportOptions, out: &mut impl Write) -> Result<(), CoversError> {
+    if let Some(folder) = &options.tensorboard {
+        let mut runs = options.runs.iter();
+        return runs.try_for_each(|run| {
+            let path = write_events(run, folder)?;
+            say(out, &path.display().to_string())
+        });
+    }
     let runs = options.runs.iter().map(|run| RunData::read(run));
     let report = Report::new(runs.collect::<Result<_, _>>()?)?;
     if let Some(folder) = &options.out {
@@ -321,8 +336,4 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> 
         out,
         &format!("{} policies in {}", learner.policies(), to.path().display()),
     )
-}
-
-fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
-    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }

@@ -254,6 +254,30 @@ pub enum CoversError {
         /// The reason.
         source: std::io::Error,
     },
+    /// A learner that has no policies for other programs.
+    #[error("this learner's policies cannot be written for other programs")]
+    Unexportable,
+    /// A film in a format that there is not.
+    #[error("{} is no film: expected a name that ends in .gif or .mp4", path.display())]
+    FilmFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A film that would need a program which is not there.
+    #[error(
+        "{} takes `ffmpeg`, which is not on the path: install it, or choose a name that ends in .gif",
+        path.display()
+    )]
+    NoFfmpeg {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file that would be overwritten.
+    #[error("{} exists already: choose another name, or remove it", path.display())]
+    FileExists {
+        /// The file.
+        path: PathBuf,
+    },
     /// A file of the run folder.
     #[error("cannot write {}: {source}", path.display())]
     Write {

@@ -122,6 +122,23 @@ impl Evaluator {
         Ok(findings)
     }
 
+    /// Lets the learner choose the policy for a variant, whose episodes run from then on.
+    ///
+    /// # Errors
+    /// What the environments, the policies or the assigner say.
+    pub(crate) fn recognise(
+        &mut self,
+        learner: &mut dyn Learner,
+        variant: TaskVariant,
+    ) -> Result<usize, CoversError> {
+        let mut rng = looking(self.seed);
+        self.labels.set(variant.group.name());
+        self.stream.switch_to(variant.group, &[variant.element])?;
+        self.stream.reseed(self.seed)?;
+        let recognised = learner.recognise(&mut self.stream, None, &mut rng)?;
+        Ok(recognised.policy)
+    }
+
     /// Scores one variant and adds what it finds. The learner chooses a policy from the first
     /// frames of the very episodes that are then played; nobody tells it the group.
     ///
@@ -142,12 +159,8 @@ impl Evaluator {
                 expected: "at least 1",
             });
         }
+        let policy = self.recognise(learner, variant)?;
         let stream = &mut self.stream;
-        let mut rng = looking(self.seed);
-        self.labels.set(variant.group.name());
-        stream.switch_to(variant.group, &[variant.element])?;
-        stream.reseed(self.seed)?;
-        let policy = learner.recognise(stream, None, &mut rng)?.policy;
         stream.reseed(self.seed)?;
         let what = (variant, rounds);
         let performance = self.played.recall(what, learner, policy, |learner| {

@@ -12,7 +12,9 @@ use covers::check::Check;
 use covers::commands::{Command, Outcome};
 use covers::deploy::DeployOptions;
 use covers::doctor::DoctorOptions;
+use covers::export::ExportOptions;
 use covers::preset_list::PresetsOptions;
+use covers::render::RenderOptions;
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
@@ -28,6 +30,10 @@ enum Subcommands {
     Learner(Command),
     /// Lets the policies of a run act on a robot that a camera watches.
     Deploy(DeployOptions),
+    /// Shows policies at work, as a GIF or an mp4.
+    Render(RenderOptions),
+    /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
+    Export(ExportOptions),
     /// Checks the environments; fails where a figure misses its bound.
     #[command(subcommand)]
     Check(Check),
@@ -41,6 +47,8 @@ fn main() -> ExitCode {
     let result = match Options::parse().command {
         Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
         Subcommands::Deploy(deploy) => deploy.run(&mut stdout()).map(|()| 0),
+        Subcommands::Render(render) => render.run(&mut stdout()).map(|()| 0),
+        Subcommands::Export(export) => export.run(&mut stdout()).map(|()| 0),
         Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),
         Subcommands::Doctor(doctor) => doctor.run(&mut stdout()).map(|works| u8::from(!works)),
         Subcommands::Presets(presets) => presets.run(&mut stdout()).map(|()| 0),

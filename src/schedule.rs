@@ -146,6 +146,30 @@ impl Schedule {
         groups.collect()
     }
 
+    /// The group of this name, or all of them.
+    ///
+    /// # Errors
+    /// A name that `tasks` or this schedule does not hold.
+    pub(crate) fn chosen(
+        &self,
+        name: Option<&str>,
+        tasks: &TaskRegistry,
+    ) -> Result<Vec<TaskGroup>, CoversError> {
+        let groups = self.resolve(tasks)?;
+        let Some(name) = name else {
+            return Ok(groups);
+        };
+        let chosen = tasks.get(name)?;
+        match groups.contains(&chosen) {
+            true => Ok(vec![chosen]),
+            false => Err(CoversError::Setting {
+                name: "task",
+                value: name.to_owned(),
+                expected: "a group that the run has learnt",
+            }),
+        }
+    }
+
     /// Whether the learner meets this variant; evaluations show it all of them.
     pub fn shows(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);

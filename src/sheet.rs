@@ -82,16 +82,22 @@ fn group_pictures(
             let mut rgb = vec![0; settings.camera.size * settings.camera.size * RGB];
             table.reset_to(element, placement)?;
             renderer.render(&mut table, &mut rgb)?;
-            if let Some(goal) = table.observable_goal() {
-                let mark = Mark {
-                    color: TOLD_GOAL,
-                    ..settings.camera.mark
-                };
-                settings.camera.draw_mark(&mark, goal, &mut rgb);
-            }
+            mark_goal(&table, &mut rgb);
             Ok(rgb)
         })
         .collect()
+}
+
+/// Draws a mark over a picture `[size, size, 3]` of `table` where a goal is told.
+pub(crate) fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
+    if let Some(goal) = table.observable_goal() {
+        let camera = table.scene().camera;
+        let mark = Mark {
+            color: TOLD_GOAL,
+            ..camera.mark
+        };
+        camera.draw_mark(&mark, goal, rgb);
+    }
 }
 
 /// Groups down, elements across (identity, flip x, flip y, half turn), enlarged on white.

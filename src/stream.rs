@@ -16,6 +16,39 @@ const INPUTS_PER_METRE: f32 = 10.0;
 const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
+/// A component of the vector that networks read: (value - offset) * factor.
+pub(crate) struct Input {
+    pub name: &'static str,
+    pub unit: &'static str,
+    pub offset: f32,
+    pub factor: f32,
+}
+
+/// A hidden goal stays zero, and flips stay flips.
+pub(crate) const INPUTS: [Input; envs::VECTOR_DIM] = [
+    position("hand x", 0.0),
+    position("hand y", 0.0),
+    position("hand z", MIDDLE_HEIGHT),
+    Input {
+        name: "aperture",
+        unit: "share of the fingers' opening",
+        offset: MIDDLE_APERTURE,
+        factor: 1.0,
+    },
+    position("goal x", 0.0),
+    position("goal y", 0.0),
+    position("goal z", 0.0),
+];
+
+const fn position(name: &'static str, offset: f32) -> Input {
+    Input {
+        name,
+        unit: "metre",
+        offset,
+        factor: INPUTS_PER_METRE,
+    }
+}
+
 /// The environments as the learner sees them. Which group they run is set from outside; it shows in
 /// the picture, and in the goal where a group tells one.
 pub struct Stream {
@@ -165,13 +198,10 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
         .for_each(|(row, _)| scale_row(row));
 }
 
-/// Centres and scales hand x, y, z, aperture and goal x, y, z; a hidden goal stays zero, and flips
-/// stay flips.
+/// Centres and scales hand x, y, z, aperture and goal x, y, z.
 fn scale_row(row: &mut [f32]) {
-    row[2] -= MIDDLE_HEIGHT;
-    row[3] -= MIDDLE_APERTURE;
-    for index in [0, 1, 2, 4, 5, 6] {
-        row[index] *= INPUTS_PER_METRE;
+    for (value, input) in row.iter_mut().zip(&INPUTS) {
+        *value = (*value - input.offset) * input.factor;
     }
 }
 

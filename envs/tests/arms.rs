@@ -11,6 +11,7 @@ use envs::{
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use robots::RobotState;
 use symmetry::D2;
 
 fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
@@ -54,6 +55,36 @@ fn the_gen3_rests_at_the_start() {
         .iter()
         .fold(0.0_f64, |most, v| most.max(v.abs()));
     assert!(fastest < 1e-3, "{fastest}");
+}
+
+/// The Sawyer arm's open claws, 6 mm thick, are 50 mm from the middle. A finger that came down 2 cm
+/// farther out would land on the cap of the button.
+#[test]
+fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
+    let arm = KinovaGen3.arm().unwrap();
+    let joints = arm.settings().ready.clone();
+    let tip = arm.chain().tip(&joints);
+    let closing = |closing| RobotState {
+        tip,
+        joints: joints.clone(),
+        closing,
+    };
+    for (state, reach) in [(closing(0.0), 0.053), (closing(1.0), 0.0335)] {
+        let out = arm.capsules(&state).into_iter().filter_map(|capsule| {
+            // pads and fingers: what reaches below the hand, and is near it
+            let finger = capsule.ends.iter().any(|end| end.z < tip.position.z)
+                && capsule
+                    .ends
+                    .iter()
+                    .all(|end| end.distance(tip.position) < 0.1);
+            let out = capsule.ends.map(|end| (end.y - tip.position.y).abs());
+            finger.then_some(out[0].max(out[1]) + capsule.radius)
+        });
+        let furthest = out.fold(0.0, f64::max);
+        assert!((furthest - reach).abs() < 1e-3, "{furthest}");
+    }
+    let open = arm.aperture(&closing(0.0));
+    assert!((open - 1.0).abs() < 1e-9, "{open}");
 }
 
 /// Nothing that it is told takes it beyond the limits of its joints and of its hand.

@@ -6,6 +6,9 @@ use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::distortion::Distortion;
 use crate::error::InpaintingError;
 
+/// How near (focal lengths) two directions are that are the same but for rounding.
+const SAME: f64 = 1e-6;
+
 /// A calibrated camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
@@ -41,13 +44,17 @@ impl Calibration {
     }
 
     /// Column and row (pixels; the middle of the first one is at one half) in which the world's
-    /// direction `way` shows; none behind the camera.
+    /// direction `way` shows; none behind the camera, and none beyond a fold of the lens' formula,
+    /// where it names a place that shows something else.
     pub fn pixel(&self, way: DVec3) -> Option<[f64; 2]> {
         let seen = self.extrinsics.rotation * way;
-        let bent = self.distortion.apply([seen.x / seen.z, seen.y / seen.z]);
+        let straight = [seen.x / seen.z, seen.y / seen.z];
+        let bent = self.distortion.apply(straight);
+        let shown = self.distortion.invert(bent)?;
+        let off = (shown[0] - straight[0]).hypot(shown[1] - straight[1]);
         let Intrinsics { focal, centre, .. } = self.intrinsics;
         let pixel = [0, 1].map(|axis| focal[axis] * bent[axis] + centre[axis]);
-        (seen.z > 0.0).then_some(pixel)
+        (seen.z > 0.0 && off < SAME).then_some(pixel)
     }
 
     /// The world's direction that shows at a column and row; none where the lens shows nothing.
@@ -114,8 +121,29 @@ pub(crate) mod tests {
         assert_eq!(camera.position(), 1.5 * DVec3::Z);
     }
 
+    /// At 0.82 focal lengths from the axis, x (1 - x^2 / 2) is largest, so the formula names the
+    /// place of 0.62 for what stands at 1 as well.
     #[test]
-    fn a_lens_that_folds_is_refused() {
+    fn nothing_shows_beyond_a_fold() {
+        let camera = Calibration {
+            distortion: Distortion {
+                radial: [-0.5, 0.0],
+                tangential: [0.0; 2],
+            },
+            extrinsics: Extrinsics {
+                rotation: DMat3::IDENTITY,
+                translation: DVec3::ZERO,
+            },
+            ..overhead()
+        };
+        let place = |x| camera.pixel(DVec3::new(x, 0.0, 1.0));
+        let [column, row] = place(0.6180339887498949).unwrap();
+        assert!((column - 318.0 - 0.5 * 615.0).abs() < 1e-6 && row == 240.0);
+        assert_eq!(place(1.0), None);
+    }
+
+    #[test]
+    fn a_lens_that_is_no_lens_is_refused() {
         let camera = Calibration {
             distortion: Distortion {
                 radial: [f64::NAN, 0.0],

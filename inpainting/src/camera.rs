@@ -109,6 +109,21 @@ pub struct PinholeCamera {
 }
 
 impl PinholeCamera {
+    /// A camera `height` over the world's origin that looks straight down. Its pictures of `size`
+    /// x `size` pixels show the table as far as `half_extent` to all sides (metres).
+    pub fn overhead(size: usize, height: f64, half_extent: f64) -> Self {
+        let middle = size as f64 / 2.0;
+        Self {
+            intrinsics: Intrinsics {
+                width: size,
+                height: size,
+                focal: [middle * height / half_extent; 2],
+                centre: [middle; 2],
+            },
+            extrinsics: Extrinsics::overhead(height),
+        }
+    }
+
     /// Refuses empty and immense pictures, focal lengths that are not positive, and a rotation that
     /// is none.
     ///
@@ -143,5 +158,48 @@ impl PinholeCamera {
     /// Pixels of a picture.
     pub fn pixels(&self) -> usize {
         self.intrinsics.width * self.intrinsics.height
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A camera that stands askew, whose pictures are not square.
+    pub fn askew() -> PinholeCamera {
+        let rotation = DMat3::from_rotation_x(2.4) * DMat3::from_rotation_z(0.3);
+        PinholeCamera {
+            intrinsics: Intrinsics {
+                width: 40,
+                height: 30,
+                focal: [35.0, 33.0],
+                centre: [21.0, 14.5],
+            },
+            extrinsics: Extrinsics {
+                rotation,
+                translation: DVec3::new(0.1, -0.05, 1.2),
+            },
+        }
+    }
+
+    /// The middle of every pixel, along its ray and back.
+    #[test]
+    fn projections_are_where_rays_come_from() {
+        let camera = askew();
+        let Extrinsics {
+            rotation,
+            translation,
+        } = camera.extrinsics;
+        let [cx, cy] = camera.intrinsics.centre;
+        for (index, depth) in (0..camera.pixels()).zip([0.01, 0.7, 30.0].into_iter().cycle()) {
+            let (row, column) = (index / 40, index % 40);
+            let point = rotation.transpose() * (depth * camera.ray(row, column) - translation);
+            let [right, down] = camera.project(point).unwrap();
+            let off =
+                (right + cx - (column as f64 + 0.5)).abs() + (down + cy - (row as f64 + 0.5)).abs();
+            assert!(off < 1e-12 * (1.0 + 1.0 / depth), "{index}: {off} pixels");
+            let behind = rotation.transpose() * (-depth * camera.ray(row, column) - translation);
+            assert_eq!(camera.project(behind), None);
+        }
     }
 }

@@ -54,7 +54,7 @@ impl Imperfections {
             tangential: [0.0005, -0.0005],
         },
         position_error: 0.005,
-        angle_error: 0.5 / 180.0 * std::f64::consts::PI,
+        angle_error: 0.5_f64.to_radians(),
         exposure_drift: 0.1,
         balance_drift: 0.03,
         drift_time: 5.0,

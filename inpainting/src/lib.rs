@@ -16,9 +16,6 @@ mod sensor;
 mod simulated_camera;
 mod warp;
 
-#[cfg(test)]
-mod tests;
-
 pub use calibration::Calibration;
 pub use camera::{Extrinsics, Intrinsics, PinholeCamera};
 pub use color::ColorCorrection;

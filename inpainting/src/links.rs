@@ -77,3 +77,44 @@ impl Capsule {
         ]
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::camera::tests::askew;
+
+    /// Whether the ray passes through one of many spheres along the capsule's axis.
+    fn slow_meets(capsule: &Capsule, ray: DVec3, slack: f64) -> bool {
+        let [from, to] = capsule.ends;
+        (0..=400).any(|i| {
+            let centre = from.lerp(to, f64::from(i) / 400.0);
+            let depth = centre.dot(ray);
+            depth > 0.0 && centre.distance(depth * ray) <= capsule.radius + slack
+        })
+    }
+
+    pub fn point() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-0.6..0.6).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn masks_are_the_rays_that_meet_a_chain_of_spheres(from in point(), to in point()) {
+            let camera = askew();
+            let ends = [from, to].map(|point| camera.in_camera(point));
+            let capsule = Capsule { ends, radius: 0.08 };
+            let mut mask = vec![false; camera.pixels()];
+            capsule.mark(&camera, &mut mask);
+            for (index, &hidden) in mask.iter().enumerate() {
+                let ray = camera.ray(index / 40, index % 40);
+                // the chain is a little thinner between its spheres
+                prop_assert!(hidden || !slow_meets(&capsule, ray, 0.0), "{index}");
+                prop_assert!(!hidden || slow_meets(&capsule, ray, 1e-3), "{index}");
+            }
+        }
+    }
+}

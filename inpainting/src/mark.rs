@@ -91,3 +91,52 @@ impl Ring {
         distance < outer && distance >= inner
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::camera::tests::askew;
+    use crate::links::tests::point;
+
+    pub const MARK: Mark = Mark {
+        radius: 0.1,
+        hole: 0.0,
+        color: [0, 0, 255],
+        depth: 1.2,
+    };
+
+    /// The definition, pixel by pixel over the whole picture.
+    fn slow_mark(mark: &Mark, camera: &PinholeCamera, point: DVec3) -> Vec<u8> {
+        let ([cx, cy], [fx, fy]) = (camera.intrinsics.centre, camera.intrinsics.focal);
+        let slopes = [mark.radius, mark.hole].map(|r| r / mark.depth);
+        let projected = camera.project(point);
+        let pixel = |index: usize| {
+            let inside = projected.is_some_and(|[right, down]| {
+                let dx = (index % 40) as f64 + 0.5 - cx - right;
+                let dy = (index / 40) as f64 + 0.5 - cy - down;
+                (slopes[1]..slopes[0]).contains(&(dx / fx).hypot(dy / fy))
+            });
+            if inside { mark.color } else { [0; 3] }
+        };
+        (0..camera.pixels()).flat_map(pixel).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn a_mark_is_the_pixels_near_its_projection(
+            point in point(),
+            radius in 0.0..0.3,
+            share in 0.0..1.0,
+        ) {
+            let (camera, hole) = (askew(), radius * share);
+            let mark = Mark { radius, hole, ..MARK };
+            let mut rgb = vec![0; 3 * camera.pixels()];
+            mark.draw(&camera, point, &mut rgb);
+            prop_assert_eq!(rgb, slow_mark(&mark, &camera, point));
+        }
+    }
+}

@@ -1,43 +1,17 @@
 //! From a real camera's picture to what a policy sees: rectified, cropped, without the arm, in the
 //! colours that the policy knows.
 
+mod settings;
+
 use glam::DVec3;
 
 use crate::calibration::Calibration;
-use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
-use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, check_picture, require};
-use crate::inpainter::{Inpainter, InpainterSettings};
-use crate::links::Link;
-use crate::mark::Mark;
+use crate::camera::{Intrinsics, PinholeCamera};
+use crate::error::{InpaintingError, check_picture};
+use crate::inpainter::Inpainter;
 use crate::warp::Warp;
 
-/// Most pixels along the side of a pixel of the policy's.
-const FINEST: usize = 15;
-/// How far the policy's camera may be from looking straight down.
-const STRAIGHT: f64 = 1e-9;
-
-/// What a [`Perception`] knows beforehand.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PerceptionSettings {
-    /// What is known of the camera.
-    pub calibration: Calibration,
-    /// The camera whose pictures the policy knows. It looks straight down on the table, which is
-    /// the plane z = 0.
-    pub policy: PinholeCamera,
-    /// Pixels that the arm is painted out in along each side of a pixel of the policy's; an odd
-    /// number, 15 at most.
-    pub oversampling: usize,
-    /// The arm's links.
-    pub links: Vec<Link>,
-    /// How much thicker the mask is than the links (metres): calibrations, joints and times are
-    /// never exact.
-    pub growth: f64,
-    /// How colours are corrected.
-    pub correction: ColorCorrection,
-    /// The mark over the gripper, as the policy knows it.
-    pub mark: Mark,
-}
+pub use settings::PerceptionSettings;
 
 /// What a policy sees of a table, made of a real camera's pictures.
 ///
@@ -132,111 +106,6 @@ impl Perception {
     }
 }
 
-impl PerceptionSettings {
-    fn check(&self) -> Result<(), InpaintingError> {
-        self.calibration.check()?;
-        self.policy.check()?;
-        self.mark.check()?;
-        let odd = self.oversampling % 2 == 1 && self.oversampling <= FINEST;
-        let expected = "an odd number, 15 at most";
-        require(odd, "oversampling", &self.oversampling, expected)?;
-        let thick = self.growth >= 0.0 && self.growth.is_finite();
-        require(thick, "growth", &self.growth, "a length in metres")?;
-        let down = self.policy.extrinsics.rotation.transpose().z_axis;
-        let straight = down.abs_diff_eq(DVec3::NEG_Z, STRAIGHT);
-        require(
-            straight,
-            "policy's view",
-            &down,
-            "straight down, [0, 0, -1]",
-        )?;
-        for (name, camera) in [
-            ("height of the policy's camera", &self.policy.extrinsics),
-            ("height of the camera", &self.calibration.extrinsics),
-        ] {
-            let height = camera.position().z;
-            require(height > 0.0, name, &height, "a positive number of metres")?;
-        }
-        Ok(())
-    }
-
-    /// A camera where the real one is, which looks straight down and shows the table in the places
-    /// in which the policy's camera shows it.
-    fn view(&self) -> Result<PinholeCamera, InpaintingError> {
-        let Extrinsics { rotation, .. } = self.policy.extrinsics;
-        let (from, to) = (
-            self.policy.extrinsics.position(),
-            self.calibration.position(),
-        );
-        let inside = self.policy.intrinsics;
-        let finer = self.oversampling as f64;
-        let scale = inside.focal.map(|focal| finer * focal / from.z);
-        let away = (rotation * (from - to)).to_array();
-        let size = [inside.width, inside.height].map(|side| side.checked_mul(self.oversampling));
-        let [width, height] = size.map(Option::unwrap_or_default);
-        let view = PinholeCamera {
-            intrinsics: Intrinsics {
-                width,
-                height,
-                focal: scale.map(|scale| scale * to.z),
-                centre: [0, 1].map(|axis| finer * inside.centre[axis] - scale[axis] * away[axis]),
-            },
-            extrinsics: Extrinsics {
-                rotation,
-                translation: -(rotation * to),
-            },
-        };
-        view.check()?;
-        Ok(view)
-    }
-
-    fn inpainter(&self, camera: PinholeCamera) -> InpainterSettings {
-        let links = self.links.iter().map(|link| Link {
-            radius: link.radius + self.growth,
-            ..*link
-        });
-        InpainterSettings {
-            camera,
-            links: links.collect(),
-            correction: self.correction,
-            // drawn last, in the policy's own pixels
-            mark: Mark {
-                radius: 0.0,
-                hole: 0.0,
-                ..self.mark
-            },
-        }
-    }
-
-    /// Each pixel of the policy's as a square of the in-painting's.
-    fn enlarged(&self, picture: &[u8]) -> Vec<u8> {
-        let Intrinsics { width, height, .. } = self.policy.intrinsics;
-        let finer = self.oversampling;
-        let pixels = (0..finer * height).flat_map(|row| {
-            let line = &picture[3 * width * (row / finer)..][..3 * width];
-            let wide = line.chunks_exact(3);
-            wide.flat_map(move |pixel| std::iter::repeat_n(pixel, finer))
-        });
-        pixels.flatten().copied().collect()
-    }
-
-    /// The median of each square of the in-painting's pixels.
-    fn shrink(&self, painted: &[u8], out: &mut [u8]) {
-        let (width, finer) = (self.policy.intrinsics.width, self.oversampling);
-        let line = 3 * width * finer;
-        let mut values = [0; FINEST * FINEST];
-        let values = &mut values[..finer * finer];
-        for (index, value) in out.iter_mut().enumerate() {
-            let (pixel, channel) = (index / 3, index % 3);
-            let corner = pixel / width * finer * line + pixel % width * finer * 3 + channel;
-            for (i, value) in values.iter_mut().enumerate() {
-                *value = painted[corner + i / finer * line + i % finer * 3];
-            }
-            *value = *values.select_nth_unstable(finer * finer / 2).1;
-        }
-    }
-}
-
 /// Where the pixels of `view` are in the pictures of a camera in the same place.
 fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp, InpaintingError> {
     let Intrinsics { width, height, .. } = calibration.intrinsics;
@@ -246,5 +115,254 @@ fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp
     Warp::new([width, height], (0..view.pixels()).map(place))
 }
 
+/// Rectified pictures against the policy's own, and refusals.
 #[cfg(test)]
-mod tests;
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use crate::calibration::tests::overhead;
+    use crate::camera::Extrinsics;
+    use crate::color::ColorCorrection;
+    use crate::distortion::Distortion;
+    use crate::links::{Capsule, Link};
+    use crate::mark::Mark;
+
+    const SIZE: usize = 48;
+
+    /// The camera that policies learn with.
+    fn policy() -> PinholeCamera {
+        PinholeCamera::overhead(SIZE, 1.5, 0.44)
+    }
+
+    fn settings() -> PerceptionSettings {
+        PerceptionSettings {
+            calibration: overhead(),
+            policy: policy(),
+            oversampling: 3,
+            links: vec![Link {
+                joints: [0, 1],
+                radius: 0.04,
+            }],
+            growth: 0.01,
+            correction: ColorCorrection::GreyWorld,
+            mark: Mark {
+                radius: 0.03,
+                hole: 0.0,
+                color: [0, 0, 255],
+                depth: 1.5,
+            },
+        }
+    }
+
+    /// A camera that hangs askew, and its lens is not straight.
+    fn askew() -> Calibration {
+        let tilt = DMat3::from_rotation_x(0.03) * DMat3::from_rotation_z(-0.2);
+        let rotation = tilt * Extrinsics::overhead(0.0).rotation;
+        let position = DVec3::new(0.05, -0.12, 1.8);
+        Calibration {
+            distortion: Distortion {
+                radial: [0.03, -0.02],
+                tangential: [0.001, 0.0],
+            },
+            extrinsics: Extrinsics {
+                rotation,
+                translation: -(rotation * position),
+            },
+            ..overhead()
+        }
+    }
+
+    const TABLE: [u8; 3] = [112, 87, 71];
+    const BLOCK: [u8; 3] = [200, 60, 40];
+
+    /// What a camera sees of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of an arm
+    /// of one black link.
+    fn frame(camera: &Calibration, link: Option<[DVec3; 2]>) -> Vec<u8> {
+        let Intrinsics { width, height, .. } = camera.intrinsics;
+        let eye = camera.position();
+        let pixel = |index: usize| {
+            let middle = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
+            let way = camera.direction(middle).unwrap();
+            let capsule = |ends: [DVec3; 2]| Capsule {
+                ends: ends.map(|end| end - eye),
+                radius: 0.04,
+            };
+            let on_table = eye - way * (eye.z / way.z);
+            let on_block = (0.1..0.22).contains(&on_table.x) && (0.05..0.17).contains(&on_table.y);
+            match link {
+                Some(ends) if capsule(ends).meets(way.normalize()) => [0; 3],
+                _ if on_block => BLOCK,
+                _ => TABLE,
+            }
+        };
+        (0..width * height).flat_map(pixel).collect()
+    }
+
+    fn table() -> Vec<u8> {
+        TABLE.repeat(SIZE * SIZE)
+    }
+
+    /// What the policy's own camera sees of it.
+    fn expected() -> Vec<u8> {
+        let camera = Calibration {
+            intrinsics: policy().intrinsics,
+            ..overhead()
+        };
+        frame(&camera, None)
+    }
+
+    fn differing(a: &[u8], b: &[u8]) -> usize {
+        let pixels = a.chunks_exact(3).zip(b.chunks_exact(3));
+        pixels.filter(|(a, b)| a != b).count()
+    }
+
+    fn without_mark(settings: PerceptionSettings) -> PerceptionSettings {
+        let mark = Mark {
+            radius: 0.0,
+            ..settings.mark
+        };
+        PerceptionSettings { mark, ..settings }
+    }
+
+    const LINK: [DVec3; 2] = [DVec3::new(-0.2, -0.4, 0.5), DVec3::new(0.12, 0.1, 0.2)];
+
+    /// From wherever it is seen, and with an arm over it, the table is what the policy knows. The
+    /// edges of the block go through pixels, whose median is one colour or the other.
+    #[test]
+    fn a_picture_from_elsewhere_becomes_the_policys_own() {
+        for calibration in [overhead(), askew()] {
+            let settings = without_mark(PerceptionSettings {
+                calibration,
+                ..settings()
+            });
+            let mut perception = Perception::new(settings, &table()).unwrap();
+            let parked = [DVec3::new(0.0, -3.0, 0.0); 2];
+            perception
+                .begin(&frame(&calibration, None), &parked)
+                .unwrap();
+            let mut out = vec![0; 3 * SIZE * SIZE];
+            let seen = frame(&calibration, Some(LINK));
+            perception
+                .look(&seen, &LINK, DVec3::ZERO, &mut out)
+                .unwrap();
+            let off = differing(&out, &expected());
+            assert!(off <= 8, "{off} pixels");
+            let hidden = perception.mask().iter().filter(|hidden| **hidden).count();
+            assert!(hidden > 500, "{hidden}");
+            // an arm that nobody masks shows
+            perception
+                .look(&seen, &parked, DVec3::ZERO, &mut out)
+                .unwrap();
+            assert!(differing(&out, &expected()) > 50);
+        }
+    }
+
+    /// An arm that is parked in sight hides nothing but empty table.
+    #[test]
+    fn what_a_parked_arm_hides_is_empty_table() {
+        let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
+        let parked = [DVec3::new(-0.3, -0.4, 0.3), DVec3::new(0.1, -0.4, 0.3)];
+        let seen = frame(&overhead(), Some(parked));
+        perception.begin(&seen, &parked).unwrap();
+        let mut out = vec![0; 3 * SIZE * SIZE];
+        perception
+            .look(&seen, &parked, DVec3::ZERO, &mut out)
+            .unwrap();
+        assert!(differing(&out, &expected()) <= 8);
+    }
+
+    /// A darker and warmer picture is brought to the colours of the table that the policy knows.
+    #[test]
+    fn other_light_is_taken_back() {
+        let mut perception = Perception::new(without_mark(settings()), &table()).unwrap();
+        let gains = [0.9, 0.85, 0.8].into_iter().cycle();
+        let dim = frame(&overhead(), None).into_iter().zip(gains);
+        let dim: Vec<u8> = dim
+            .map(|(v, gain)| (f64::from(v) * gain).round() as u8)
+            .collect();
+        perception
+            .begin(&dim, &[DVec3::new(0.0, -3.0, 0.0); 2])
+            .unwrap();
+        let mut out = vec![0; 3 * SIZE * SIZE];
+        perception.look(&dim, &LINK, DVec3::ZERO, &mut out).unwrap();
+        let off = out
+            .iter()
+            .zip(&expected())
+            .filter(|(a, b)| a.abs_diff(**b) > 2)
+            .count();
+        assert!(off <= 24, "{off}");
+    }
+
+    #[test]
+    fn the_mark_is_where_the_policys_camera_would_see_the_gripper() {
+        let mut perception = Perception::new(settings(), &table()).unwrap();
+        let gripper = DVec3::new(-0.1, -0.2, 0.25);
+        let mut out = vec![0; 3 * SIZE * SIZE];
+        perception
+            .look(&frame(&overhead(), None), &LINK, gripper, &mut out)
+            .unwrap();
+        let mut expected = table();
+        settings().mark.draw(&policy(), gripper, &mut expected);
+        let marked = |picture: &[u8]| -> Vec<usize> {
+            let pixels = picture.chunks_exact(3).enumerate();
+            pixels
+                .filter(|(_, rgb)| rgb == &[0, 0, 255])
+                .map(|(i, _)| i)
+                .collect()
+        };
+        assert!(marked(&out).len() > 5);
+        assert_eq!(marked(&out), marked(&expected));
+    }
+
+    #[test]
+    fn what_the_camera_does_not_see_and_nonsense_are_refused() {
+        type Change = fn(&mut PerceptionSettings);
+        let changes: [(Change, &str); 6] = [
+            (
+                |of| of.calibration.extrinsics = Extrinsics::overhead(0.9),
+                "640 x 480",
+            ),
+            (
+                |of| of.calibration.extrinsics = Extrinsics::overhead(-1.0),
+                "height of the camera",
+            ),
+            (
+                |of| of.policy.extrinsics = askew().extrinsics,
+                "policy's view",
+            ),
+            (|of| of.oversampling = 4, "`oversampling` is 4"),
+            (|of| of.growth = -0.1, "`growth` is -0.1"),
+            (|of| of.calibration.distortion.radial[0] = 3.0, "distortion"),
+        ];
+        for (change, says) in changes {
+            let mut settings = settings();
+            change(&mut settings);
+            let message = Perception::new(settings, &table()).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+        assert!(Perception::new(settings(), &table()[3..]).is_err());
+        let mut perception = Perception::new(settings(), &table()).unwrap();
+        let before = perception.clone();
+        let frame = vec![90; 3 * 640 * 480];
+        let mut out = vec![0; 3 * SIZE * SIZE];
+        let nan = [DVec3::NAN; 2];
+        assert!(
+            perception
+                .look(&frame[3..], &LINK, DVec3::ZERO, &mut out)
+                .is_err()
+        );
+        assert!(
+            perception
+                .look(&frame, &nan, DVec3::ZERO, &mut out)
+                .is_err()
+        );
+        assert!(
+            perception
+                .look(&frame, &LINK, DVec3::ZERO, &mut out[3..])
+                .is_err()
+        );
+        assert!(out.iter().all(|&level| level == 0));
+        assert_eq!(perception.mask(), before.mask());
+    }
+}

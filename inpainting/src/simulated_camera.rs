@@ -115,39 +115,49 @@ impl SimulatedCamera {
 
 /// The pinhole whose picture holds all that the lens shows, and where each pixel is in it.
 fn lens(bent: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
+    let places = places(bent)?;
+    let ideal = pinhole(bent, &places);
+    ideal.check()?;
     let Intrinsics {
         width,
-        height,
         focal,
+        centre,
         ..
-    } = bent.intrinsics;
+    } = ideal.intrinsics;
+    let pixel = |place: [f64; 2]| [0, 1].map(|axis| centre[axis] + focal[axis] * place[axis]);
+    let places = places.into_iter().map(|place| Some(pixel(place)));
+    let warp = Warp::new([width; 2], places)?;
+    Ok((ideal, warp))
+}
+
+/// Where a pinhole of focal length 1 shows what each pixel shows.
+fn places(bent: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
+    let Intrinsics { width, height, .. } = bent.intrinsics;
     let middles = (0..width * height).map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
-    let places: Vec<_> = middles.map(|middle| bent.ideal(middle)).collect();
-    let folded = places.iter().any(Option::is_none);
-    let expected = "one that shows each thing once in the picture";
-    require(
-        !folded,
-        "distortion",
-        &format!("{:?}", bent.distortion),
-        expected,
-    )?;
-    let reach = places.iter().flatten().flatten();
-    let reach = focal[0] * reach.fold(0.0, |most: f64, part| most.max(part.abs()));
+    let places: Option<Vec<_>> = middles.map(|middle| bent.ideal(middle)).collect();
+    places.ok_or_else(|| InpaintingError::Value {
+        name: "distortion",
+        value: format!("{:?}", bent.distortion),
+        expected: "one that shows each thing once in the picture",
+    })
+}
+
+/// The square picture around all these places.
+fn pinhole(bent: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
+    let focal = bent.intrinsics.focal[0];
+    let reach = places.iter().flatten();
+    let reach = focal * reach.fold(0.0, |most: f64, part| most.max(part.abs()));
     let half = (reach + BORDER).ceil();
     let side = 2 * half as usize;
-    let ideal = PinholeCamera {
+    PinholeCamera {
         intrinsics: Intrinsics {
             width: side,
             height: side,
-            focal: [focal[0]; 2],
+            focal: [focal; 2],
             centre: [half; 2],
         },
         extrinsics: bent.extrinsics,
-    };
-    ideal.check()?;
-    let pixel = |[x, y]: [f64; 2]| [half + focal[0] * x, half + focal[0] * y];
-    let warp = Warp::new([side; 2], places.into_iter().map(|place| place.map(pixel)))?;
-    Ok((ideal, warp))
+    }
 }
 
 /// Where somebody takes a camera to be who is wrong by as much as the imperfections say.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use symmetry::Group;
 
 use crate::activity::{Activity, Units};
 use crate::env::{EnvSpec, Observations};
@@ -11,8 +12,9 @@ use crate::error::{RlError, check_len};
 use crate::gaussian::log_prob;
 use crate::network::ActorCritic;
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
-use crate::network_settings::NetworkSettings;
+use crate::network_settings::{Critic, NetworkSettings};
 use crate::pass::Workspace;
+use crate::plain::{self, Answers, Distribution, End, Plain, PlainPolicy, chain};
 use crate::policy::{Actor, Assess, Decisions, OnPolicy, Values};
 use crate::trunk::OnTrunkPass;
 
@@ -190,6 +192,47 @@ impl Values for ActorCriticPolicy {
             *value = output[width] as f32;
         }
         Ok(())
+    }
+}
+
+impl Plain for ActorCriticPolicy {
+    fn plain(&self) -> Result<PlainPolicy, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let (parts, trunk) = (network.parts(), plain::trunk(&network.trunk, params)?);
+        let settings = network.settings();
+        let (group, critic) = (settings.group, &params[parts.critic]);
+        let to = |order| [trunk.joined, End::Natural(order)];
+        let pooled = matches!(settings.critic, Critic::Pooled { .. });
+        let critic = match pooled {
+            false => chain(group, &network.critic, critic, to(&[0])),
+            // invariant channels stay as they are
+            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2]),
+        };
+        let actor = &params[parts.actor];
+        Ok(PlainPolicy {
+            spec: network.spec().clone(),
+            order: group.order(),
+            actor: chain(group, &network.actor, actor, to(&network.action_order)),
+            image: trunk.image,
+            vector: trunk.vector,
+            distribution: Distribution::Gaussian {
+                log_std: self.log_std().to_vec(),
+            },
+            critic: Some((critic, pooled)),
+        })
+    }
+
+    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+        let samples = observations.samples(self.network().spec())?;
+        let mut actions = vec![0.0; samples * self.width()];
+        let mut values = vec![0.0; samples];
+        self.mean_actions(observations, &mut (), &mut actions)?;
+        self.values(observations, &mut values)?;
+        Ok(Answers {
+            actions,
+            log_std: self.log_std().repeat(samples),
+            values: Some(values),
+        })
     }
 }
 

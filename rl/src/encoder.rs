@@ -17,7 +17,7 @@ const HALVING: Kernel = window(4, 2, 1);
 const SAME: Kernel = window(3, 1, 1);
 /// Takes a pixel off every side.
 const VALID: Kernel = window(3, 1, 0);
-const POOLING: Kernel = window(2, 2, 0);
+pub(crate) const POOLING: Kernel = window(2, 2, 0);
 /// Side in pixels of the maps after the pooled encoder's halvings.
 const POOLED_SIDE: usize = 8;
 const TEMPERATURE: f64 = 1.0;

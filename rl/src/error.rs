@@ -51,6 +51,15 @@ pub enum RlError {
         /// The range allowed, in words.
         expected: &'static str,
     },
+    /// A policy that other programs have no layers for.
+    #[error(
+        "{part} is no ordinary layer: policies with encoders `strided`, `pooled` or `blind` and \
+         without a context can be written for other programs"
+    )]
+    NotPlain {
+        /// The part.
+        part: &'static str,
+    },
     /// Settings ask for an array that this machine has no memory for.
     #[error(
         "{what} of these settings would take {:.1} GiB, more than this machine gives; ask for \

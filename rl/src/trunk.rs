@@ -42,7 +42,6 @@ struct Sight<T> {
 }
 
 /// The parts of a trunk, for what runs them elsewhere.
-#[cfg(feature = "wgpu")]
 pub struct Parts<'a, T> {
     /// The image encoder, and how its fields join those of the vector.
     pub sight: Option<(&'a Sequential<T>, &'a Concat)>,
@@ -133,7 +132,6 @@ impl<T: Scalar> Trunk<T> {
         params
     }
 
-    #[cfg(feature = "wgpu")]
     pub fn parts(&self) -> Parts<'_, T> {
         let sight = self.sight.as_ref();
         Parts {

@@ -127,13 +127,11 @@ fn way(description: &Description, tip: &str) -> Result<Vec<usize>, DescriptionEr
 }
 
 fn dof(motion: &Motion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
-    match motion.drive {
-        Drive::Free { dof } => Ok(dof),
-        Drive::Follows { .. } => Err(refused(
-            tip,
-            format!("the joint `{joint}` on it follows another joint"),
-        )),
-    }
+    let Drive::Free { dof } = motion.drive else {
+        let reason = format!("the joint `{joint}` on it follows another joint");
+        return Err(refused(tip, reason));
+    };
+    Ok(dof)
 }
 
 fn refused(tip: &str, reason: String) -> DescriptionError {

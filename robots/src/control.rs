@@ -1,10 +1,11 @@
 //! Cartesian control: twists of the tip become positions and velocities of joints.
 
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::{Motion, MotionKind, check_length};
-use crate::error::ControlError;
+use crate::error::{ControlError, require_finite};
 use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
 use crate::number::LARGEST;
 use crate::pose::Pose;
@@ -52,8 +53,19 @@ impl ControlSettings {
     /// # Errors
     /// [`ControlError::Setting`].
     pub fn check(&self) -> Result<(), ControlError> {
+        for (name, value) in self.positive() {
+            let in_range = value > 0.0 && value <= LARGEST;
+            check_number(name, value, in_range, "a positive number up to 1e6")?;
+        }
+        for (name, value, range, expected) in self.ranges() {
+            check_number(name, value, range.contains(&value), expected)?;
+        }
+        Ok(())
+    }
+
+    fn positive(&self) -> [(&'static str, f64); 7] {
         let limits = &self.limits;
-        let positive = [
+        [
             ("speed", limits.speed),
             ("angular_speed", limits.angular_speed),
             ("acceleration", limits.acceleration),
@@ -61,31 +73,18 @@ impl ControlSettings {
             ("correction_rate", self.correction_rate),
             ("tolerance", self.tolerance),
             ("angular_tolerance", self.angular_tolerance),
-        ];
-        for (name, value) in positive {
-            let in_range = value > 0.0 && value <= LARGEST;
-            check_number(name, value, in_range, "a positive number up to 1e6")?;
-        }
-        let ranges = [
-            (
-                "correction_rate",
-                self.correction_rate,
-                0.0..=1.0 / STEP,
-                "40 at most",
-            ),
-            (
-                "posture_rate",
-                self.posture_rate,
-                0.0..=1.0 / STEP,
-                "0 to 40",
-            ),
+        ]
+    }
+
+    fn ranges(&self) -> [(&'static str, f64, RangeInclusive<f64>, &'static str); 4] {
+        let rates = 0.0..=1.0 / STEP;
+        let correction = self.correction_rate;
+        [
+            ("correction_rate", correction, rates.clone(), "40 at most"),
+            ("posture_rate", self.posture_rate, rates, "0 to 40"),
             ("damping", self.damping, 1e-4..=1.0, "1e-4 to 1"),
             ("horizon", self.horizon, 0.0..=LONGEST, "0 to 10"),
-        ];
-        for (name, value, range, expected) in ranges {
-            check_number(name, value, range.contains(&value), expected)?;
-        }
-        Ok(())
+        ]
     }
 }
 
@@ -313,13 +312,9 @@ impl CartesianControl {
 
     fn check_solved(&self) -> Result<(), ControlError> {
         let velocities = self.solver.velocities();
-        if velocities.iter().all(|velocity| velocity.is_finite()) {
-            return Ok(());
-        }
-        Err(ControlError::NotFinite {
-            what: "the solved velocity of the joints",
-            value: format!("{velocities:?}"),
-        })
+        let finite = velocities.iter().all(|velocity| velocity.is_finite());
+        let what = "the solved velocity of the joints";
+        require_finite(finite, what, format_args!("{velocities:?}"))
     }
 
     /// The part of the solved velocities at which no joint is too fast.
@@ -347,13 +342,9 @@ impl CartesianControl {
 
 /// Refuses a twist that holds anything but numbers.
 pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
-    if twist.is_finite() {
-        return Ok(());
-    }
-    Err(ControlError::NotFinite {
-        what: "the commanded twist",
-        value: format!("linear {}, angular {}", twist.linear, twist.angular),
-    })
+    let Twist { linear, angular } = twist;
+    let value = format_args!("linear {linear}, angular {angular}");
+    require_finite(twist.is_finite(), "the commanded twist", value)
 }
 
 /// The shorter way to the same place, where whole turns make no difference.

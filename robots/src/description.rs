@@ -196,6 +196,33 @@ impl Description {
         Ok(Self { base, ..self })
     }
 
+    /// The same robot whose free joint `joint` moves between two positions of its range alone, as a
+    /// gripper does that is not opened all the way. The positions of joints that follow it are
+    /// within theirs.
+    ///
+    /// # Errors
+    /// [`DescriptionError::Number`] where `range` does not rise or is not within the joint's own,
+    /// and for a joint that the robot does not have, that follows another one or has no range.
+    pub fn narrowed(mut self, joint: &str, range: [f64; 2]) -> Result<Self, DescriptionError> {
+        let place = format!("the joint `{joint}` of `{}`", self.name);
+        let [low, high] = range;
+        let found = self.joints.iter_mut().find(|found| found.name == joint);
+        let motion = found.and_then(|found| found.motion.as_mut());
+        let free = motion.filter(|motion| matches!(motion.drive, Drive::Free { .. }));
+        let own = free.and_then(|motion| motion.range.as_mut());
+        let within = own.filter(|own| own[0] <= low && low < high && high <= own[1]);
+        let Some(own) = within else {
+            return Err(DescriptionError::Number {
+                place,
+                what: "the lower end of its new range",
+                value: low,
+                expected: "the first of two rising positions within the range of a free joint",
+            });
+        };
+        *own = range;
+        Ok(self)
+    }
+
     /// Frames of all links in the world, in the order of [`Description::links`].
     ///
     /// # Panics

@@ -1,6 +1,7 @@
 //! Errors of reading a robot and of moving it.
 
 use std::error::Error;
+use std::fmt::Arguments;
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -270,4 +271,17 @@ fn at_limit(joint: &Option<String>) -> String {
         Some(joint) => format!("; the joint `{joint}` is at the end of its range"),
         None => String::new(),
     }
+}
+
+/// Refuses what holds numbers that are not finite.
+pub(crate) fn require_finite(
+    holds: bool,
+    what: &'static str,
+    value: Arguments<'_>,
+) -> Result<(), ControlError> {
+    if holds {
+        return Ok(());
+    }
+    let value = value.to_string();
+    Err(ControlError::NotFinite { what, value })
 }

@@ -26,35 +26,40 @@ pub(crate) fn around(points: &[DVec3]) -> PlacedShape {
 fn along(points: &[DVec3], axis: DVec3) -> PlacedShape {
     let [low, high] = extent(points);
     let middle = 0.5 * (low + high) * (DVec3::ONE - axis);
-    let across = |point: DVec3| (point - point.dot(axis) * axis).distance(middle);
-    let radius = points
-        .iter()
-        .map(|&point| across(point))
-        .fold(LEAST_SIZE, f64::max);
-    // how far from the end of the segment a point may be, seen along the axis
-    let reach = |point: DVec3| (radius * radius - across(point).powi(2)).max(0.0).sqrt();
-    let ends = points.iter().map(|&point| {
-        let (place, reach) = (point.dot(axis), reach(point));
-        [place + reach, place - reach]
+    // places along the axis, and distances from it
+    let points = points.iter().map(|&point| {
+        let place = point.dot(axis);
+        (place, (point - place * axis).distance(middle))
     });
-    let [start, end] = ends.fold(
-        [f64::INFINITY, f64::NEG_INFINITY],
-        |[start, end], [s, e]| [start.min(s), end.max(e)],
-    );
-    let length = end - start;
-    let shape = if length > LEAST_SIZE {
-        Shape::Capsule { radius, length }
-    } else {
-        // the sphere may be anywhere from `end` to `start`
-        Shape::Sphere {
-            radius: radius + LEAST_SIZE,
-        }
-    };
+    let radius = points.clone().map(|(_, across)| across);
+    let radius = radius.fold(LEAST_SIZE, f64::max);
+    let [start, end] = segment(points, radius);
     let pose = Pose {
         position: middle + 0.5 * (start + end) * axis,
         rotation: DQuat::from_rotation_arc(DVec3::Z, axis),
     };
+    let shape = shape(radius, end - start);
     PlacedShape { pose, shape }
+}
+
+/// The segment, from the end of which no point is farther than the radius. `points` are places
+/// along the axis, and distances from it.
+fn segment(points: impl Iterator<Item = (f64, f64)>, radius: f64) -> [f64; 2] {
+    let ends = points.map(|(place, across)| {
+        let reach = (radius * radius - across.powi(2)).max(0.0).sqrt();
+        [place + reach, place - reach]
+    });
+    let none = [f64::INFINITY, f64::NEG_INFINITY];
+    ends.fold(none, |[start, end], [s, e]| [start.min(s), end.max(e)])
+}
+
+/// A capsule, or a sphere where the segment has no length: it may be anywhere from end to start.
+fn shape(radius: f64, length: f64) -> Shape {
+    if length > LEAST_SIZE {
+        return Shape::Capsule { radius, length };
+    }
+    let radius = radius + LEAST_SIZE;
+    Shape::Sphere { radius }
 }
 
 fn extent(points: &[DVec3]) -> [DVec3; 2] {

@@ -1,7 +1,5 @@
 //! What it takes to hold a robot up.
 
-use std::ops::Add;
-
 use glam::DVec3;
 
 use crate::description::{Description, Drive, Link, Motion, MotionKind};
@@ -24,7 +22,7 @@ impl Description {
         for (index, joint) in self.joints.iter().enumerate().rev() {
             let link = index + 1;
             let load = loads[link];
-            loads[joint.parent] = loads[joint.parent] + load;
+            loads[joint.parent].bear(load);
             let Some(motion) = joint.motion else {
                 continue;
             };
@@ -74,15 +72,10 @@ impl Load {
         weight: DVec3::ZERO,
         moment: DVec3::ZERO,
     };
-}
 
-impl Add for Load {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self {
-            weight: self.weight + other.weight,
-            moment: self.moment + other.moment,
-        }
+    /// Adds what hangs on these links.
+    fn bear(&mut self, other: Self) {
+        self.weight += other.weight;
+        self.moment += other.moment;
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
-use crate::error::ControlError;
+use crate::error::{ControlError, require_finite};
 use crate::pose::Pose;
 use crate::spd;
 use crate::twist::Twist;
@@ -132,12 +132,8 @@ impl Chain {
     pub fn solve(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
         check_length("seed", seed.len(), self.joints().len());
         check_posture(self, seed)?;
-        if !(target.position.is_finite() && target.rotation.is_finite()) {
-            return Err(ControlError::NotFinite {
-                what: "the target",
-                value: format!("{target:?}"),
-            });
-        }
+        let finite = target.position.is_finite() && target.rotation.is_finite();
+        require_finite(finite, "the target", format_args!("{target:?}"))?;
         let mut solver = DampedLeastSquares::new(seed.len());
         let mut configuration = seed.to_vec();
         for iteration in 0..ITERATIONS {

@@ -196,3 +196,40 @@ fn masses_and_fingers_are_those_of_the_sheet() {
         assert!((distance - gap).abs() < 1e-12, "{distance}");
     }
 }
+
+#[test]
+fn fingers_may_be_kept_half_open() {
+    let range = |arm: &Description| {
+        let mut joints = arm.free_joints();
+        joints
+            .find(|(joint, _)| joint.name == "finger_l")
+            .unwrap()
+            .1
+            .range
+    };
+    assert_eq!(range(&arm()), Some([0.0, 0.0425]));
+    let half = arm().narrowed("finger_l", [0.02, 0.0425]).unwrap();
+    assert_eq!(range(&half), Some([0.02, 0.0425]));
+    for (joint, low, high) in [
+        ("finger_l", -0.001, 0.04),
+        ("finger_l", 0.02, 0.043),
+        ("finger_l", 0.02, 0.02),
+        ("finger_l", f64::NAN, 0.04),
+        ("finger_l", 0.0, f64::NAN),
+        // follows the left one
+        ("finger_r", 0.02, 0.04),
+        // turns without end
+        ("joint_1", 0.0, 1.0),
+        ("thumb", 0.02, 0.04),
+    ] {
+        let refused = arm().narrowed(joint, [low, high]).unwrap_err().to_string();
+        let says = [
+            format!("`{joint}`"),
+            format!("is {low}"),
+            "within the range".to_owned(),
+        ];
+        for says in says {
+            assert!(refused.contains(&says), "{says}: {refused}");
+        }
+    }
+}

@@ -7,15 +7,19 @@ use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
 use envs::{TaskGroup, TaskRegistry};
 
+use crate::cli::say;
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
+use crate::render::gif;
 use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
+use super::faults::FaultSweep;
 use super::rig::Trial;
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
 use super::strip::Strip;
+use super::sweep::{figure, rows};
 use super::table::{TrialScore, deployment_table};
 
 /// A robot that the command knows.
@@ -36,6 +40,7 @@ pub enum Faults {
 
 /// What to try.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers deploy assets/pretrained --trials 5 --video films --gif")]
 pub struct DeployOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -58,9 +63,21 @@ pub struct DeployOptions {
     /// that failed: what the camera saw, the mask, and what the policy was shown.
     #[arg(long)]
     pub video: Option<PathBuf>,
+    /// Moving pictures (GIF) of all decisions instead of strips.
+    #[arg(long, requires = "video")]
+    pub gif: bool,
     /// Print all trials as one JSON value, in the last line.
     #[arg(long)]
     pub json: bool,
+    /// Run the trials once for each amount of something that is wrong, as
+    /// `position-error=0,5,10,20,30`: position-error and mask-growth (mm), angle-error (degrees),
+    /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%).
+    #[arg(long, value_name = "FAULT=AMOUNTS", requires = "figures")]
+    #[arg(conflicts_with_all = ["json", "video"])]
+    pub sweep: Option<FaultSweep>,
+    /// Folder for the table (CSV) and the figure (SVG) of a sweep, named after the fault.
+    #[arg(long, requires = "sweep")]
+    pub figures: Option<PathBuf>,
 }
 
 impl DeployOptions {
@@ -71,14 +88,62 @@ impl DeployOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         let folder = RunFolder::open(&self.run);
         let tasks = TaskRegistry::standard();
-        let groups = folder.experiment()?.schedule.resolve(&tasks)?;
-        let groups = self.chosen(&tasks, groups)?;
-        let mut deployment = Deployment::load(&folder, SightSettings::default())?;
-        let RobotKind::KinovaSim = self.robot;
+        let schedule = folder.experiment()?.schedule;
+        let groups = schedule.chosen(self.task.as_deref(), &tasks)?;
         let settings = match self.faults {
             Faults::Off => SimulationSettings::OFF,
             Faults::Nominal => SimulationSettings::NOMINAL,
         };
+        let settings = (settings, SightSettings::default());
+        if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
+            return self.sweep(out, sweep, figures, |amount, out| {
+                let (mut rig, mut sight) = settings;
+                sweep.fault.set(amount, &mut rig, &mut sight);
+                self.trials(out, &folder, &groups, (rig, sight))
+            });
+        }
+        let scores = self.trials(out, &folder, &groups, settings)?;
+        match self.json {
+            true => say(out, &serde_json::json!(scores).to_string()),
+            false => Ok(()),
+        }
+    }
+
+    /// Runs the trials with each amount of a fault, and writes a table and a figure into a folder.
+    fn sweep<W: Write>(
+        &self,
+        out: &mut W,
+        sweep: &FaultSweep,
+        figures: &Path,
+        mut trials: impl FnMut(f64, &mut W) -> Result<Vec<TrialScore>, CoversError>,
+    ) -> Result<(), CoversError> {
+        let mut swept = Vec::new();
+        for &amount in &sweep.amounts {
+            say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
+            swept.push((amount, trials(amount, out)?));
+        }
+        let files = [
+            ("csv", rows(sweep.fault, &swept)),
+            ("svg", figure(sweep.fault, &swept)),
+        ];
+        let written = |error| CoversError::write(figures, error);
+        std::fs::create_dir_all(figures).map_err(written)?;
+        files.into_iter().try_for_each(|(ending, text)| {
+            let path = figures.join(format!("{}.{ending}", sweep.fault.name()));
+            replace(&LocalDisk, &path, text.as_bytes())
+        })
+    }
+
+    /// Runs the trials of all variants of `groups` and prints their table.
+    fn trials(
+        &self,
+        out: &mut impl Write,
+        folder: &RunFolder,
+        groups: &[TaskGroup],
+        (settings, sight): (SimulationSettings, SightSettings),
+    ) -> Result<Vec<TrialScore>, CoversError> {
+        let mut deployment = Deployment::load(folder, sight)?;
+        let RobotKind::KinovaSim = self.robot;
         let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
         let arm = rig.arm().clone();
         let mut scores = Vec::new();
@@ -103,32 +168,7 @@ impl DeployOptions {
             )?;
         }
         say(out, &deployment_table(&scores))?;
-        if self.json {
-            say(out, &serde_json::json!(scores).to_string())?;
-        }
-        Ok(())
-    }
-
-    /// The group that was asked for, or all.
-    fn chosen(
-        &self,
-        tasks: &TaskRegistry,
-        groups: Vec<TaskGroup>,
-    ) -> Result<Vec<TaskGroup>, CoversError> {
-        match &self.task {
-            Some(name) => {
-                let chosen = tasks.get(name)?;
-                match groups.contains(&chosen) {
-                    true => Ok(vec![chosen]),
-                    false => Err(CoversError::Setting {
-                        name: "task",
-                        value: name.clone(),
-                        expected: "a group that the run has learnt",
-                    }),
-                }
-            }
-            None => Ok(groups),
-        }
+        Ok(scores)
     }
 
     fn keep(
@@ -145,15 +185,20 @@ impl DeployOptions {
         }
         let variant = trial.variant.to_string().replace(' ', "-");
         let outcome = if score.success { "solved" } else { "failed" };
-        let path = folder.join(format!("{variant}-{}-{outcome}.png", trial.number));
+        let ending = if self.gif { "gif" } else { "png" };
+        let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.number));
         let written = |error| CoversError::write(&path, error);
         std::fs::create_dir_all(folder).map_err(written)?;
-        let png = strip.picture().to_png();
-        let png = png.map_err(|error| CoversError::write(&path, error))?;
-        replace(&LocalDisk, &path, &png)
+        let bytes = match self.gif {
+            true => {
+                let title = format!("{}, trial {}", trial.variant, trial.number);
+                gif(&strip.film(&title)).map_err(|error| CoversError::write(&path, error))?
+            }
+            false => {
+                let png = strip.picture().to_png();
+                png.map_err(|error| CoversError::write(&path, error))?
+            }
+        };
+        replace(&LocalDisk, &path, &bytes)
     }
-}
-
-fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
-    writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }

@@ -80,7 +80,8 @@ impl Deployment {
     ///
     /// # Errors
     /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`],
-    /// [`CoversError::PictureOfTheFuture`], directly or as the cause of [`CoversError::Rl`]; what perception or the learner says.
+    /// [`CoversError::PictureOfTheFuture`], directly or as the cause of [`CoversError::Rl`]; what
+    /// perception or the learner says.
     pub fn trial(
         &mut self,
         rig: &mut dyn Rig,
@@ -88,7 +89,8 @@ impl Deployment {
         trial: &Trial,
         strip: Option<&mut Strip>,
     ) -> Result<TrialScore, CoversError> {
-        let played = self.play(rig, arm, trial, strip);
+        let env = self.env(&mut *rig, arm, trial, strip);
+        let played = env.and_then(|mut env| self.play(&mut env, trial));
         let stopped = rig.stop();
         match (played, stopped) {
             (Err(error), Err(source)) => Err(ControlError::NotStopped {
@@ -101,13 +103,14 @@ impl Deployment {
         }
     }
 
-    fn play(
-        &mut self,
-        rig: &mut dyn Rig,
-        arm: &Arm,
+    /// The table of a trial once it is set, as an environment.
+    fn env<'a>(
+        &self,
+        rig: &'a mut dyn Rig,
+        arm: &'a Arm,
         trial: &Trial,
-        strip: Option<&mut Strip>,
-    ) -> Result<TrialScore, CoversError> {
+        strip: Option<&'a mut Strip>,
+    ) -> Result<TrialEnv<'a>, CoversError> {
         let set_up = rig.set_up(trial);
         let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
         let known = (&self.camera, &self.table[..]);
@@ -115,7 +118,7 @@ impl Deployment {
         let pilot = Pilot::new(arm, &self.control, &start);
         let (settings, start) = (&self.sight, (rig.now(), start));
         let sight = Sight::new(settings, arm, rig.calibration(), known, &set_up, start)?;
-        let mut env = TrialEnv {
+        Ok(TrialEnv {
             pilot,
             rig,
             arm,
@@ -127,7 +130,11 @@ impl Deployment {
             start: Observations::new(&self.spec),
             decisions: 0,
             strip,
-        };
+        })
+    }
+
+    /// Lets the learner choose a policy, and lets that act.
+    fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialScore, CoversError> {
         env.begin()?;
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         let mut look = FirstPicture {
@@ -135,7 +142,7 @@ impl Deployment {
             first: &env.start,
         };
         let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
-        let stats = self.learner.perform(policy, &mut env, 1)?.stats;
+        let stats = self.learner.perform(policy, env, 1)?.stats;
         Ok(TrialScore {
             group: trial.variant.group,
             element: trial.variant.element,

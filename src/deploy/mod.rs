@@ -6,12 +6,15 @@
 
 mod command;
 mod deployment;
+mod faults;
+mod past;
 mod pilot;
 mod rig;
 mod settings;
 mod sight;
 mod simulated;
 mod strip;
+mod sweep;
 mod table;
 mod trial;
 
@@ -20,6 +23,7 @@ mod tests;
 
 pub use command::{DeployOptions, Faults, RobotKind};
 pub use deployment::Deployment;
+pub use faults::{Fault, FaultSweep};
 pub use rig::{Rig, SetUp, Trial, Verdict};
 pub use settings::SightSettings;
 pub use simulated::{SimulatedRig, SimulationSettings};

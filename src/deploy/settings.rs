@@ -1,10 +1,7 @@
 //! What a deployment needs to know of how pictures are made.
 
 use envs::Camera;
-use inpainting::{
-    Calibration, ColorCorrection, Extrinsics, Intrinsics, Link, Mark, PerceptionSettings,
-    PinholeCamera,
-};
+use inpainting::{Calibration, ColorCorrection, Link, Mark, PerceptionSettings, PinholeCamera};
 
 /// How a real camera's pictures become those that policies know.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,14 +57,5 @@ impl SightSettings {
 
 /// A camera of the environments as one of in-painting.
 fn pinhole(camera: &Camera) -> PinholeCamera {
-    let middle = camera.size as f64 / 2.0;
-    PinholeCamera {
-        intrinsics: Intrinsics {
-            width: camera.size,
-            height: camera.size,
-            focal: [middle * camera.height / camera.half_extent; 2],
-            centre: [middle; 2],
-        },
-        extrinsics: Extrinsics::overhead(camera.height),
-    }
+    PinholeCamera::overhead(camera.size, camera.height, camera.half_extent)
 }

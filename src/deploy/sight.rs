@@ -1,6 +1,5 @@
 //! What the policy sees: the camera's newest picture with the arm painted out where it was then.
 
-use std::collections::VecDeque;
 use std::time::Duration;
 
 use envs::Camera;
@@ -11,6 +10,7 @@ use robots::RobotState;
 
 use crate::error::CoversError;
 
+use super::past::Past;
 use super::rig::{Rig, SetUp};
 use super::settings::SightSettings;
 
@@ -20,10 +20,7 @@ const OLDEST: Duration = Duration::from_millis(500);
 /// The perception of an arm that tells where its joints are.
 pub(super) struct Sight {
     perception: Perception,
-    /// Where the arm was, oldest first.
-    past: VecDeque<(Duration, RobotState)>,
-    /// Where the arm is, as far as it was noted.
-    state: RobotState,
+    past: Past,
     picture: Vec<u8>,
 }
 
@@ -45,24 +42,19 @@ impl Sight {
         perception.begin(&set_up.background, &joints(arm, &set_up.parked))?;
         Ok(Self {
             perception,
-            state: start.1.clone(),
-            past: VecDeque::from([start]),
+            past: Past::new(start, OLDEST),
             picture: vec![0; set_up.background.len()],
         })
     }
 
     /// Takes note of where the arm is at the time `now`, which does not go back.
     pub fn note(&mut self, now: Duration, state: RobotState) {
-        // one from before the oldest picture that counts is kept
-        let old = self.past.partition_point(|(then, _)| *then + OLDEST < now);
-        self.past.drain(..old.saturating_sub(1));
-        self.past.push_back((now, state.clone()));
-        self.state = state;
+        self.past.note(now, state);
     }
 
     /// Where the arm was noted last.
     pub fn state(&self) -> &RobotState {
-        &self.state
+        self.past.last()
     }
 
     /// Writes into `out` `[size, size, 3]` what the policy sees, with the mark where the gripper is
@@ -84,23 +76,9 @@ impl Sight {
         if age > OLDEST {
             return Err(CoversError::StalePicture { age, most: OLDEST });
         }
-        let joints = joints(arm, &self.state_at(taken));
-        let gripper = self.state.tip.position;
+        let joints = joints(arm, &self.past.at(taken));
+        let gripper = self.state().tip.position;
         Ok(self.perception.look(&self.picture, &joints, gripper, out)?)
-    }
-
-    /// Where the arm was at a time: between what was noted before and after it.
-    fn state_at(&self, time: Duration) -> RobotState {
-        let after = self.past.partition_point(|(then, _)| *then <= time);
-        let known = |index: usize| self.past.get(index);
-        match (after.checked_sub(1).and_then(known), known(after)) {
-            (Some((t0, before)), Some((t1, after))) => {
-                let share = (time - *t0).as_secs_f64() / (*t1 - *t0).as_secs_f64();
-                between(before, after, share)
-            }
-            (None, Some((_, first))) => first.clone(),
-            (_, None) => self.state.clone(),
-        }
     }
 
     /// The camera's last picture `[H, W, 3]`.
@@ -111,16 +89,6 @@ impl Sight {
     /// The perception, for its mask.
     pub fn perception(&self) -> &Perception {
         &self.perception
-    }
-}
-
-/// A share of the way from one state to another one soon after.
-fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
-    let joints = from.joints.iter().zip(&to.joints);
-    RobotState {
-        joints: joints.map(|(a, b)| a + share * (b - a)).collect(),
-        tip: if share < 0.5 { from.tip } else { to.tip },
-        closing: from.closing + share * (to.closing - from.closing),
     }
 }
 

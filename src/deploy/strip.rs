@@ -2,16 +2,18 @@
 
 use inpainting::{Intrinsics, Perception};
 
+use crate::colours::rgb;
+use crate::render::{Cell, Film, Row, mosaic};
 use crate::sheet::Picture;
 
 /// Size of a cell (pixels); the camera's pictures have a share of 4 to 3.
 const CELL: [usize; 2] = [192, 144];
 /// White pixels between cells.
 const GAP: usize = 4;
-/// Decisions from one column to the next.
+/// Decisions from one column of the picture to the next.
 const EVERY: usize = 5;
 
-/// Three rows of pictures: the camera's, masks, and the policy's. Each column is one decision.
+/// Pictures of every decision: the camera's, the mask, and the policy's.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Strip {
     /// Cells `[144, 192, 3]`.
@@ -19,17 +21,8 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Adds a column if it is the turn of the decision.
-    pub(super) fn add(
-        &mut self,
-        decision: usize,
-        raw: &[u8],
-        perception: &Perception,
-        seen: &[u8],
-    ) {
-        if !decision.is_multiple_of(EVERY) {
-            return;
-        }
+    /// Adds the pictures of a decision.
+    pub(super) fn add(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
         let view = perception.view().intrinsics;
         let mask = perception.mask().iter();
@@ -44,12 +37,15 @@ impl Strip {
         ]);
     }
 
-    /// The strip, on white.
+    /// Three rows on white; each column is one decision, the first and every fifth after it.
     pub fn picture(&self) -> Picture {
         let [wide, high] = CELL.map(|side| side + GAP);
-        let (width, height) = (self.columns.len() * wide + GAP, 3 * high + GAP);
+        let (width, height) = (
+            self.columns.len().div_ceil(EVERY) * wide + GAP,
+            3 * high + GAP,
+        );
         let mut rgb = vec![255; width * height * 3];
-        for (column, cells) in self.columns.iter().enumerate() {
+        for (column, cells) in self.columns.iter().step_by(EVERY).enumerate() {
             for (row, cell) in cells.iter().enumerate() {
                 for (y, line) in cell.chunks_exact(3 * CELL[0]).enumerate() {
                     let start = ((GAP + row * high + y) * width + GAP + column * wide) * 3;
@@ -58,6 +54,25 @@ impl Strip {
             }
         }
         Picture { width, height, rgb }
+    }
+
+    /// The same as a film of all decisions, the three pictures beside each other.
+    pub fn film(&self, title: &str) -> Film {
+        let cell = |row: usize| Cell {
+            width: CELL[0],
+            height: CELL[1],
+            frames: self
+                .columns
+                .iter()
+                .map(|cells| cells[row].clone())
+                .collect(),
+        };
+        let row = Row {
+            title: title.to_owned(),
+            colour: rgb(0),
+            cells: [0, 1, 2].map(cell).to_vec(),
+        };
+        mosaic(&["camera", "mask", "policy"], &[row])
     }
 }
 
@@ -92,10 +107,13 @@ mod tests {
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
         let strip = Strip {
-            columns: vec![[square.clone(), square.clone(), square]; 2],
+            columns: vec![[square.clone(), square.clone(), square]; 6],
         };
         let picture = strip.picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);
+        let film = strip.film("");
+        assert_eq!(film.frames.len(), 6);
+        assert!(film.frames.iter().all(|frame| dark(frame) == 3 * 144 * 144));
     }
 }

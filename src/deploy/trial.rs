@@ -71,7 +71,7 @@ impl TrialEnv<'_> {
         self.sight.look(self.rig, self.arm, &mut picture)?;
         if let Some(strip) = &mut self.strip {
             let perception = self.sight.perception();
-            strip.add(self.decisions, self.sight.picture(), perception, &picture);
+            strip.add(self.sight.picture(), perception, &picture);
         }
         if self.first.is_empty() {
             self.first.clone_from(&picture);

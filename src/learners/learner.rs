@@ -4,7 +4,7 @@ use std::path::Path;
 
 use cluster::Evidence;
 use rand_chacha::ChaCha8Rng;
-use rl::{Activity, RolloutStats, VectorEnv};
+use rl::{Activity, Answers, Observations, PlainPolicy, RolloutStats, VectorEnv};
 
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
@@ -49,6 +49,20 @@ pub trait Learner: Send {
     /// is the same need not perform the same again. None where a learner does not say.
     fn parameters(&self, _index: usize) -> Option<&[f32]> {
         None
+    }
+
+    /// Policy `index` in ordinary layers, and what it says of `observations`.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for a policy that does not exist, [`rl::RlError::NotPlain`] for one
+    /// that other programs have no layers for, [`CoversError::Unexportable`] for learners that
+    /// write none.
+    fn export(
+        &mut self,
+        _index: usize,
+        _observations: &Observations,
+    ) -> Result<(PlainPolicy, Answers), CoversError> {
+        Err(CoversError::Unexportable)
     }
 
     /// The number of policies, at least 1.

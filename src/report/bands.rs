@@ -1,9 +1,11 @@
 //! Learning curves of methods in one group: the mean over seeds, from the lowest to the highest.
 
+use crate::colours::colour;
+
 use super::efficiency::curve;
 use super::method::MethodRuns;
 use super::statistics::mean;
-use super::svg::{Drawing, colour};
+use super::svg::Drawing;
 
 /// Ticks of shares.
 const SHARES: [f64; 3] = [0.0, 0.5, 1.0];

@@ -1,11 +1,13 @@
 //! Curves of runs, with the group that ran as the background.
 
+use crate::colours::colour;
+
 use super::method::MethodRuns;
 use super::partners::partner;
 use super::rows::{RolloutRow, ScoreRow};
 use super::run_data::RunData;
 use super::statistics::mean;
-use super::svg::{Drawing, INK, colour};
+use super::svg::{Drawing, INK};
 
 /// The x axis.
 const DECISIONS: &str = "decisions";

@@ -19,7 +19,7 @@ mod recognition;
 mod rows;
 mod run_data;
 mod statistics;
-mod svg;
+pub(crate) mod svg;
 mod table;
 mod tables;
 

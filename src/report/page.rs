@@ -6,8 +6,9 @@ use super::matrix::Matrix;
 use super::method::MethodRuns;
 use super::rows::TimingRow;
 use super::run_data::RunData;
-use super::svg::{colour, escaped};
+use super::svg::escaped;
 use super::table::Table;
+use crate::colours::colour;
 use crate::evaluation::SHOWN;
 
 /// What the page looks like, light or dark.

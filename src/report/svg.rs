@@ -2,18 +2,8 @@
 
 use std::fmt::Write;
 
-/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on a
-/// light and on a dark page.
-const COLOURS: [&str; 8] = [
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
-];
 /// The colour of what belongs to no group: that of the text.
 pub const INK: &str = "currentColor";
-
-/// The colour of the one with this number.
-pub fn colour(number: usize) -> &'static str {
-    COLOURS[number % COLOURS.len()]
-}
 
 /// Where the x axis begins, and what is right of it.
 const LEFT: f64 = 64.0;
@@ -227,7 +217,7 @@ mod tests {
         let mut drawing = Drawing::new(100.0, "decisions");
         drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
         drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
-        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], COLOURS[0]);
+        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], crate::colours::colour(0));
         let text = drawing.finish("two");
         // the second panel begins at 34 + 100 + 14 and is 50 high
         assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");

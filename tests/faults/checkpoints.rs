@@ -10,18 +10,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::common::{
-    Scratch, assert_same, checkpoints, crash_after, expected, finish, full, newest, reference, tiny,
+    Scratch, assert_same, checkpoints, crash_after, expected, finish, full, interrupted, newest,
+    reference, tiny,
 };
-
-/// A run with checkpoints after 1, 2 and 3 rollouts of 5, and two policies in the last.
-fn interrupted(scratch: &Scratch) -> PathBuf {
-    let folder = crash_after(
-        3,
-        Run::start(tiny(Method::Covers), scratch.run("run")).unwrap(),
-    );
-    assert_eq!(checkpoints(&folder).len(), 3);
-    folder
-}
 
 /// Such a run's folder, its newest checkpoint, and what that holds.
 fn newest_of(scratch: &Scratch) -> (PathBuf, PathBuf, Vec<u8>) {

@@ -102,6 +102,37 @@ pub fn expected() -> &'static Bytes {
     EXPECTED.get_or_init(|| reference(&tiny(Method::Covers)))
 }
 
+/// The folder of a run of [`tiny`] that was dropped after three rollouts of five: checkpoints after
+/// 1, 2 and 3 of them, and two policies in the last. It is a copy: one run serves all tests.
+pub fn interrupted(scratch: &Scratch) -> PathBuf {
+    static FILES: OnceLock<Vec<(PathBuf, Vec<u8>)>> = OnceLock::new();
+    let files = FILES.get_or_init(|| {
+        let scratch = Scratch::new("interrupted");
+        let run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+        contents(&crash_after(3, run))
+    });
+    let folder = scratch.run("run").path().to_owned();
+    fs::create_dir(folder.join("checkpoints")).unwrap();
+    for (file, bytes) in files {
+        fs::write(folder.join(file), bytes).unwrap();
+    }
+    assert_eq!(checkpoints(&folder).len(), 3);
+    folder
+}
+
+/// All files of a run, with their paths in its folder.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let inside = [folder.to_owned(), folder.join("checkpoints")];
+    let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let files = paths.filter(|path| path.is_file());
+    let read = |path: PathBuf| {
+        let bytes = fs::read(&path).unwrap();
+        (path.strip_prefix(folder).unwrap().to_owned(), bytes)
+    };
+    files.map(read).collect()
+}
+
 /// Learns from this many rollouts and drops the run as a crash would.
 pub fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
     while run.ledger().rollouts < rollouts {

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use covers::presets::Method;
 use covers::{CoversError, Provenance, Run};
 
-use crate::common::{Scratch, TABLES, assert_same, begun, crash_after, expected, finish, tiny};
+use crate::common::{
+    Scratch, TABLES, assert_same, begun, crash_after, expected, finish, interrupted, tiny,
+};
 
 #[test]
 fn a_second_writer_is_refused_and_told_of_the_first() {
@@ -30,7 +32,8 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         );
     }
     drop(run);
-    finish(Run::resume(folder.path(), None).unwrap());
+    let mut run = Run::resume(folder.path(), None).unwrap();
+    assert!(run.advance().unwrap().is_some(), "the first writer is gone");
 }
 
 #[test]
@@ -75,9 +78,7 @@ fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
 #[test]
 fn rows_that_are_lost_while_no_process_runs_come_back_from_the_checkpoint() {
     let scratch = Scratch::new("rows");
-    let experiment = tiny(Method::Covers);
-    let run = Run::start(experiment, scratch.run("run")).unwrap();
-    let folder = crash_after(3, run);
+    let folder = interrupted(&scratch);
     let metrics = folder.join("metrics.csv");
     let whole = fs::read(&metrics).unwrap();
     fs::write(&metrics, &whole[..whole.len() / 2]).unwrap();

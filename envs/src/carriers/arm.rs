@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use robots::{
-    Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, MjcfSettings, Pose,
-    RobotState, Servo,
+    Addition, Capsule, CartesianControl, Chain, ControlSettings, Description, Drive as JointDrive,
+    MjcfSettings, Pose, RobotState, Servo,
 };
 
 use crate::carrier::{Carrier, CarrierParts, OPEN_APERTURE};
@@ -167,6 +167,28 @@ impl Arm {
         motion.range.map(|[low, high]| (high - low) / motion.speed)
     }
 
+    /// The finger joint and those that follow it, where they are open.
+    fn open_fingers(&self) -> impl Iterator<Item = (String, f64)> {
+        let robot = self.robot();
+        let mut positions = vec![0.0; robot.dofs()];
+        if let Some((dof, [open, _])) = self.finger_range() {
+            positions[dof] = open;
+        }
+        robot.joints().iter().filter_map(move |joint| {
+            let motion = joint.motion.as_ref()?;
+            let (JointDrive::Free { dof } | JointDrive::Follows { dof, .. }) = motion.drive;
+            let position = motion.position(&positions);
+            (Some(dof) == self.finger).then(|| (joint.name.clone(), position))
+        })
+    }
+
+    /// Index of the finger joint among the free ones, and where it is open and closed.
+    fn finger_range(&self) -> Option<(usize, [f64; 2])> {
+        let dof = self.finger?;
+        let (_, motion) = self.robot().free_joints().nth(dof)?;
+        Some((dof, motion.range?))
+    }
+
     /// Positions of all free joints; those beside the chain and the fingers are at zero.
     fn positions(&self, state: &RobotState) -> Vec<f64> {
         let robot = self.robot();
@@ -179,11 +201,7 @@ impl Arm {
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
             positions[joint.dof] = *position;
         }
-        let finger = self
-            .finger
-            .and_then(|dof| Some((dof, robot.free_joints().nth(dof)?.1)));
-        if let Some((dof, motion)) = finger {
-            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
+        if let Some((dof, [open, closed])) = self.finger_range() {
             positions[dof] = open + state.closing * (closed - open);
         }
         positions
@@ -254,9 +272,10 @@ impl Carrier for Arm {
             position: hand_target,
             rotation: self.chain.tip(ready).rotation,
         };
-        let joints = self.chain.joints().iter();
         let solved = self.chain.solve(&target, ready)?;
-        Ok(joints.map(|joint| joint.name.clone()).zip(solved).collect())
+        let joints = self.chain.joints().iter();
+        let arm = joints.map(|joint| joint.name.clone()).zip(solved);
+        Ok(arm.chain(self.open_fingers()).collect())
     }
 
     fn drive(&self) -> Result<Drive, EnvError> {

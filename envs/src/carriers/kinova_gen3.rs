@@ -18,9 +18,16 @@ pub struct KinovaGen3;
 
 /// Where it stands (metres): all places of the tasks are within its reach.
 const BASE: [f64; 3] = [0.0, -0.44, 0.15];
-/// From a finger's link, the inner face of its pad, to what tasks look at (metres): open claws are
-/// 0.1 m apart, 15 mm more than the pads.
-const CLAW: f64 = 0.0075;
+/// The joint that closes the fingers.
+const FINGER: &str = "finger_l";
+/// Where the finger joint is open for tasks (metres): as far outside as the Sawyer arm's open claws
+/// (53 mm from the middle), so that a finger comes down before what it is to push, not upon it.
+const OPEN: f64 = 0.023;
+/// Where it is closed.
+const CLOSED: f64 = 0.0425;
+/// From a finger's link, the inner face of its pad, outwards to what tasks look at (metres): open
+/// claws are 0.1 m apart.
+const CLAW: f64 = 0.0305;
 /// From the middle of a pad to its lower end (metres).
 const TIP: f64 = 0.01875;
 /// How far the target is ahead of the hand at most (metres).
@@ -44,13 +51,15 @@ impl KinovaGen3 {
         let [pan, shoulder, turn, elbow, forearm, wrist, roll] = gen3::WORK;
         Arm::new(ArmSettings {
             name: self.name().to_owned(),
-            robot: gen3::description()?.placed(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?,
+            robot: gen3::description()?
+                .placed(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
+                .narrowed(FINGER, [OPEN, CLOSED])?,
             hand: "tool_link".to_owned(),
             ready: vec![pan, shoulder, turn, elbow, forearm, wrist, roll - FRAC_PI_2],
             gripper: Gripper {
                 link: "gripper_link".to_owned(),
                 fingers: [finger("finger_r_link", -1.0), finger("finger_l_link", 1.0)],
-                joint: Some("finger_l".to_owned()),
+                joint: Some(FINGER.to_owned()),
             },
             control: ControlSettings {
                 limits: TwistLimits {

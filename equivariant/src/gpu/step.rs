@@ -147,7 +147,14 @@ impl Step {
 
     /// Adds the sum over the threads of a group: `summed(value, thread)`.
     pub fn sums(self) -> Step {
-        self.text(include_str!("wgsl/reduce.wgsl"))
+        self.reduction("summed", "f32", "a + b")
+    }
+
+    /// Adds `name(value, thread)`, which combines the values a and b of the threads of a group.
+    pub(crate) fn reduction(self, name: &str, element: &str, combined: &str) -> Step {
+        let text = include_str!("wgsl/reduce.wgsl").replace("NAME", name);
+        let text = text.replace("TYPE", element);
+        self.text(&text.replace("COMBINED", combined))
     }
 
     /// Adds a buffer that is read, as an array of `element`.

@@ -60,25 +60,23 @@ fn by_its_own_settings(settings: &LearnerSettings, path: &Path, spec: &EnvSpec) 
     }
 }
 
-/// Each learner before its first turn and after two, and packed.
 fn checkpoints() -> Vec<Vec<u8>> {
-    let mut files = Vec::new();
-    for (kind, settings) in LEARNERS.iter().enumerate() {
-        let started = settings.start(clock().spec(), &Labels::default());
-        let Ok(mut learner) = started else {
-            continue;
-        };
-        let mut save = |learner: &dyn Learner, extent| {
-            let bytes = learner.encode(Path::new("seed"), extent, "{}").ok();
-            files.extend(bytes.and_then(|bytes| seed(kind, &bytes)));
-        };
-        save(&*learner, Extent::Everything);
-        if taught(&mut *learner).is_some() {
-            save(&*learner, Extent::Everything);
-            save(&*learner, Extent::Policies { episodes: 4 });
-        }
-    }
-    files
+    let seeds = LEARNERS.iter().enumerate().filter_map(seeds_of);
+    seeds.flatten().collect()
+}
+
+/// A learner before its first turn and after two, and packed.
+fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
+    let mut learner = settings.start(clock().spec(), &Labels::default()).ok()?;
+    let save = |learner: &dyn Learner, extent| {
+        let bytes = learner.encode(Path::new("seed"), extent, "{}").ok()?;
+        seed(kind, &bytes)
+    };
+    let before = save(&*learner, Extent::Everything)?;
+    taught(&mut *learner)?;
+    let after = save(&*learner, Extent::Everything)?;
+    let packed = save(&*learner, Extent::Policies { episodes: 4 })?;
+    Some(vec![before, after, packed])
 }
 
 fn seed(kind: usize, file: &[u8]) -> Option<Vec<u8>> {

@@ -16,46 +16,65 @@ use super::small::small_network;
 /// Learners of every kind and grouping; the first needs one turn to have everything, the others
 /// two.
 pub fn learners() -> Vec<LearnerSettings> {
-    let calibrated = r#"{"calibrated": {"min_episodes": 4}}"#;
-    let evidence = r#"{"evidence": {"filters": 1, "memory": 4}}"#;
-    let [calibrated, evidence] = [calibrated, evidence].map(|text| {
-        serde_json::from_str::<GroupingSettings>(text).unwrap_or(GroupingSettings::Single)
-    });
-    let covers = |grouping| CoversSettings {
+    let on_policy = of_covers().map(LearnerSettings::Covers);
+    let off_policy = with_replays().map(LearnerSettings::OffPolicy);
+    on_policy.into_iter().chain(off_policy).collect()
+}
+
+const THRESHOLD: GroupingSettings = GroupingSettings::Threshold { threshold: 0.0 };
+
+fn calibrated() -> GroupingSettings {
+    grouping(r#"{"calibrated": {"min_episodes": 4}}"#)
+}
+
+fn evidence() -> GroupingSettings {
+    grouping(r#"{"evidence": {"filters": 1, "memory": 4}}"#)
+}
+
+fn grouping(text: &str) -> GroupingSettings {
+    serde_json::from_str(text).unwrap_or(GroupingSettings::Single)
+}
+
+fn of_covers() -> [CoversSettings; 5] {
+    let grouped = |grouping| CoversSettings {
         grouping,
         ..covers()
     };
-    let threshold = GroupingSettings::Threshold { threshold: 0.0 };
-    let sac = |grouping| OffPolicySettings {
+    [
+        CoversSettings {
+            augmentation: Group::D2,
+            ..grouped(GroupingSettings::Oracle)
+        },
+        grouped(GroupingSettings::Single),
+        CoversSettings {
+            embedding: Embedding::AtArrival,
+            ..grouped(calibrated())
+        },
+        CoversSettings {
+            handover: Handover::Reuse,
+            new_policy: NewPolicy::Copy,
+            ..grouped(THRESHOLD)
+        },
+        grouped(evidence()),
+    ]
+}
+
+fn with_replays() -> [OffPolicySettings; 4] {
+    let grouped = |grouping| OffPolicySettings {
         grouping,
         ..off_policy()
     };
-    vec![
-        LearnerSettings::Covers(CoversSettings {
-            augmentation: Group::D2,
-            ..covers(GroupingSettings::Oracle)
-        }),
-        LearnerSettings::Covers(covers(GroupingSettings::Single)),
-        LearnerSettings::Covers(CoversSettings {
-            embedding: Embedding::AtArrival,
-            ..covers(calibrated)
-        }),
-        LearnerSettings::Covers(CoversSettings {
-            handover: Handover::Reuse,
-            new_policy: NewPolicy::Copy,
-            ..covers(threshold)
-        }),
-        LearnerSettings::Covers(covers(evidence)),
-        LearnerSettings::OffPolicy(sac(GroupingSettings::Single)),
-        LearnerSettings::OffPolicy(OffPolicySettings {
+    [
+        grouped(GroupingSettings::Single),
+        OffPolicySettings {
             context: Some(ContextSettings { size: 4, length: 2 }),
-            ..sac(threshold)
-        }),
-        LearnerSettings::OffPolicy(OffPolicySettings {
+            ..grouped(THRESHOLD)
+        },
+        OffPolicySettings {
             still_channels: 0,
-            ..sac(calibrated)
-        }),
-        LearnerSettings::OffPolicy(sac(evidence)),
+            ..grouped(calibrated())
+        },
+        grouped(evidence()),
     ]
 }
 

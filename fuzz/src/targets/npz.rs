@@ -29,20 +29,18 @@ fn read(input: &[u8]) -> Option<Reading> {
         0 => rest.to_vec(),
         _ => pack(&[("reward", rest)], CompressionMethod::Stored)?,
     };
-    measured(|| {
-        let npz = reader::Npz::new(Cursor::new(&archive));
-        let array = |npz: &mut reader::Npz<_>, name, shape| {
-            let array = npz.array(name, shape);
-            if let Ok(array) = &array {
-                assert!(!array.row(&[0]).is_empty());
-            }
-            accepted(array)
-        };
-        match npz {
-            Ok(mut npz) => array(&mut npz, "reward", &[0, 0]) | array(&mut npz, "qpos", &[0, 0, 3]),
-            Err(error) => accepted(Err::<(), _>(error)),
-        }
+    measured(|| match reader::Npz::new(Cursor::new(&archive)) {
+        Ok(mut npz) => reads(&mut npz, "reward", &[0, 0]) | reads(&mut npz, "qpos", &[0, 0, 3]),
+        Err(error) => accepted(Err::<(), _>(error)),
     })
+}
+
+fn reads(npz: &mut reader::Npz<Cursor<&Vec<u8>>>, name: &'static str, shape: &[usize]) -> bool {
+    let array = npz.array(name, shape);
+    if let Ok(array) = &array {
+        assert!(!array.row(&[0]).is_empty());
+    }
+    accepted(array)
 }
 
 fn pack(files: &[(&str, &[u8])], method: CompressionMethod) -> Option<Vec<u8>> {
@@ -61,27 +59,31 @@ fn npy(kind: &str, shape: &str, values: &[u8]) -> Vec<u8> {
     [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), values].concat()
 }
 
-fn seeds() -> Vec<Vec<u8>> {
-    let reward = npy(
-        "<f8",
-        "2, 1",
-        &[1.5_f64, -2.0].map(f64::to_le_bytes).concat(),
-    );
-    let qpos = npy("<f8", "1, 2, 3", &[0; 48]);
+fn reward() -> Vec<u8> {
+    let values = [1.5_f64, -2.0].map(f64::to_le_bytes).concat();
+    npy("<f8", "2, 1", &values)
+}
+
+fn qpos() -> Vec<u8> {
+    npy("<f8", "1, 2, 3", &[0; 48])
+}
+
+/// Two archives of the same files, and one that is small and holds much.
+fn archives() -> [Option<Vec<u8>>; 3] {
+    let (reward, qpos) = (reward(), qpos());
     let bomb = npy("|b1", "100, 1000", &[1; 100_000]);
     let files = [("reward", &reward[..]), ("qpos", &qpos)];
-    let archives = [
+    [
         pack(&files, CompressionMethod::Stored),
         pack(&files, CompressionMethod::Deflated),
         pack(&[("reward", &bomb)], CompressionMethod::Deflated),
-    ];
-    let archives = archives
-        .into_iter()
-        .flatten()
-        .map(|archive| [&[0], &archive[..]].concat());
-    let members = [reward.clone(), qpos, npy("|b1", "2, 2", &[1, 0, 0, 1])];
-    let members = members
-        .into_iter()
-        .map(|member| [&[1], &member[..]].concat());
-    archives.chain(members).collect()
+    ]
+}
+
+fn seeds() -> Vec<Vec<u8>> {
+    let files = [reward(), qpos(), npy("|b1", "2, 2", &[1, 0, 0, 1])];
+    let archives = archives().into_iter().flatten();
+    let archives = archives.map(|archive| [&[0], &archive[..]].concat());
+    let files = files.into_iter().map(|file| [&[1], &file[..]].concat());
+    archives.chain(files).collect()
 }

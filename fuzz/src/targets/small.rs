@@ -1,7 +1,7 @@
 //! Networks and settings that take no time: sizes are part of what a person asks for.
 
 use covers::{Experiment, LearnerSettings};
-use rl::{Critic, Encoder, NetworkSettings};
+use rl::{ContextSettings, Critic, Encoder, NetworkSettings};
 
 /// The smallest network that takes pictures of 16 x 16 pixels or multiples.
 pub fn small_network() -> NetworkSettings {
@@ -24,34 +24,36 @@ pub fn is_small(experiment: &Experiment) -> bool {
 
 /// Whether building the learner takes no time.
 pub fn is_small_learner(learner: &LearnerSettings) -> bool {
-    let (network, context) = match learner {
-        LearnerSettings::Covers(settings) => (&settings.network, None),
-        LearnerSettings::OffPolicy(settings) => (&settings.network, settings.context),
+    let network = match learner {
+        LearnerSettings::Covers(settings) => &settings.network,
+        LearnerSettings::OffPolicy(settings) => &settings.network,
     };
-    is_small_network(network)
-        && context.is_none_or(|context| context.size <= 32 && context.length <= 8)
-        && learner.rollout_steps() <= 400
+    is_small_network(network) && has_small_context(learner) && learner.rollout_steps() <= 400
+}
+
+/// Whether its context is small, if it has any.
+fn has_small_context(learner: &LearnerSettings) -> bool {
+    let LearnerSettings::OffPolicy(settings) = learner else {
+        return true;
+    };
+    let is_small = |context: ContextSettings| context.size <= 32 && context.length <= 8;
+    settings.context.is_none_or(is_small)
 }
 
 fn is_small_network(network: &NetworkSettings) -> bool {
-    let fields = match &network.encoder {
-        Encoder::Strided { fields }
-        | Encoder::Pooled { fields, .. }
-        | Encoder::Keypoints { fields, .. } => &fields[..],
-        Encoder::Blind => &[],
-    };
     let (Critic::Pooled { width: critic } | Critic::Joint { fields: critic }) = network.critic;
-    let inner = match &network.encoder {
-        Encoder::Pooled { inner, .. } => inner.to_vec(),
-        Encoder::Keypoints { maps, .. } => vec![*maps],
-        Encoder::Strided { .. } | Encoder::Blind => vec![],
-    };
-    let heads = [
-        network.top_fields,
-        network.vector_fields,
-        network.actor_fields,
-        critic,
-    ];
-    let mut widths = fields.iter().chain(&inner).chain(&heads);
-    widths.all(|&width| width <= 8)
+    let inputs = [network.top_fields, network.vector_fields];
+    let heads = [network.actor_fields, critic];
+    let widths = widths(&network.encoder).into_iter();
+    let mut widths = widths.chain(inputs).chain(heads);
+    widths.all(|width| width <= 8)
+}
+
+fn widths(encoder: &Encoder) -> Vec<usize> {
+    match encoder {
+        Encoder::Strided { fields } => fields.clone(),
+        Encoder::Pooled { fields, inner, .. } => [&fields[..], &inner[..]].concat(),
+        Encoder::Keypoints { fields, maps, .. } => [&fields[..], &[*maps]].concat(),
+        Encoder::Blind => Vec::new(),
+    }
 }

@@ -146,23 +146,28 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
         .into_iter()
         .chain(arguments)
         .collect();
-    let of_the_example = arguments[1] == "stream";
     COMMANDS.with_borrow_mut(|[covers, stream]| {
-        measured(|| {
-            if of_the_example {
-                let matches = stream.try_get_matches_from_mut(&arguments[1..]);
-                if let Ok(matches) = &matches {
-                    assert!(StreamOptions::from_arg_matches(matches).is_ok());
-                }
-                return accepted(matches);
-            }
-            let matches = covers.try_get_matches_from_mut(&arguments);
-            if let Ok(matches) = &matches {
-                check_names(Command::from_arg_matches(matches).ok());
-            }
-            accepted(matches)
+        measured(|| match arguments[1] == "stream" {
+            true => reads_stream(stream, &arguments[1..]),
+            false => reads_command(covers, &arguments),
         })
     })
+}
+
+fn reads_stream(stream: &mut clap::Command, arguments: &[OsString]) -> bool {
+    let matches = stream.try_get_matches_from_mut(arguments);
+    if let Ok(matches) = &matches {
+        assert!(StreamOptions::from_arg_matches(matches).is_ok());
+    }
+    accepted(matches)
+}
+
+fn reads_command(covers: &mut clap::Command, arguments: &[OsString]) -> bool {
+    let matches = covers.try_get_matches_from_mut(arguments);
+    if let Ok(matches) = &matches {
+        check_names(Command::from_arg_matches(matches).ok());
+    }
+    accepted(matches)
 }
 
 /// The folder of a run lies in the folder that was asked for, whatever the settings' file is

@@ -9,6 +9,7 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
+use crate::plain::{self, Answers, Distribution, End, Plain, PlainPolicy, chain};
 use crate::policy::Actor;
 use crate::sac::history::History;
 use crate::sac::network::SacNetwork;
@@ -208,5 +209,47 @@ impl Actor for SacPolicy {
                 .for_each(|(o, mean)| *o = mean.tanh() as f32);
         }
         Ok(())
+    }
+}
+
+impl Plain for SacPolicy {
+    fn plain(&self) -> Result<PlainPolicy, RlError> {
+        let (network, params) = (self.network(), self.params());
+        if network.context().is_some() {
+            let part = "a context, which remembers an episode,";
+            return Err(RlError::NotPlain { part });
+        }
+        let trunk = plain::trunk(&network.trunk, params)?;
+        let group = network.settings().group;
+        let ends = [trunk.joined, End::Natural(&network.output_order)];
+        let actor = &params[network.parts().actor];
+        Ok(PlainPolicy {
+            spec: network.spec().clone(),
+            order: group.order(),
+            actor: chain(group, &network.actor, actor, ends),
+            image: trunk.image,
+            vector: trunk.vector,
+            distribution: Distribution::TanhGaussian {
+                log_std: squashed::LOG_STD.map(|bound| bound as f32),
+            },
+            critic: None,
+        })
+    }
+
+    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+        let samples = observations.samples(self.network().spec())?;
+        let width = self.width();
+        let mut actions = vec![0.0; samples * width];
+        let mut memory = self.memory(samples);
+        self.mean_actions(observations, &mut memory, &mut actions)?;
+        let rows = self
+            .outputs
+            .chunks_exact(self.outputs.len() / samples.max(1));
+        let raws = rows.flat_map(|row| &row[width..2 * width]);
+        Ok(Answers {
+            actions,
+            log_std: raws.map(|&raw| squashed::log_std(raw).0 as f32).collect(),
+            values: None,
+        })
     }
 }

@@ -8,10 +8,10 @@
 use std::f64::consts::{LN_2, TAU};
 
 /// Bounds of the logarithm of a standard deviation, those of CleanRL's soft actor-critic.
-const LOG_STD: [f64; 2] = [-5.0, 2.0];
+pub(super) const LOG_STD: [f64; 2] = [-5.0, 2.0];
 
 /// The logarithm of a standard deviation for what the network puts out, and its slope.
-fn log_std(raw: f64) -> (f64, f64) {
+pub(super) fn log_std(raw: f64) -> (f64, f64) {
     let half = (LOG_STD[1] - LOG_STD[0]) / 2.0;
     let squashed = raw.tanh();
     let log_std = LOG_STD[0] + half * (squashed + 1.0);

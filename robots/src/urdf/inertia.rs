@@ -19,25 +19,16 @@ const ROUNDING: f64 = 1e-6;
 pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, DescriptionError> {
     let stated = &link.inertial;
     let place = || format!("inertial of link `{}`", link.name);
-    let mass = stated.mass.value;
-    finite(place, "the mass", &[mass])?;
-    let tensor = &stated.inertia;
-    let [xx, yy, zz] = [tensor.ixx, tensor.iyy, tensor.izz];
-    let [xy, xz, yz] = [tensor.ixy, tensor.ixz, tensor.iyz];
-    let figures = [xx, yy, zz, xy, xz, yz];
-    finite(place, "the inertia", &figures)?;
+    let (mass, what) = (stated.mass.value, "the mass");
+    finite(place, what, &[mass])?;
+    let own = tensor(&stated.inertia);
+    finite(place, "the inertia", &own.to_cols_array())?;
     let pose = origin(place, &stated.origin)?;
-    if mass == 0.0 && figures == [0.0; 6] {
+    if mass == 0.0 && own == DMat3::ZERO {
         return Ok(None);
     }
-    require(
-        mass >= LEAST_MASS,
-        place,
-        "the mass",
-        mass,
-        "a milligram or more",
-    )?;
-    let own = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
+    let holds = mass >= LEAST_MASS;
+    require(holds, place, what, mass, "a milligram or more")?;
     let own = checked(&link.name, own)?;
     let turn = DMat3::from_quat(pose.rotation);
     Ok(Some(Inertia {
@@ -45,6 +36,12 @@ pub(super) fn inertia(link: &urdf_rs::Link) -> Result<Option<Inertia>, Descripti
         centre: pose.position,
         tensor: turn * own * turn.transpose(),
     }))
+}
+
+fn tensor(stated: &urdf_rs::Inertia) -> DMat3 {
+    let [xx, yy, zz] = [stated.ixx, stated.iyy, stated.izz];
+    let [xy, xz, yz] = [stated.ixy, stated.ixz, stated.iyz];
+    DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
 }
 
 /// The inertia of a body: all principal inertias are positive, and none is larger than the sum of

@@ -11,6 +11,7 @@ use crate::description::Link;
 use crate::error::DescriptionError;
 use crate::fit::LEAST_SIZE;
 use crate::number::{finite, require};
+use crate::pose::Pose;
 
 /// A link whose meshes are below `folder`, if it is known.
 pub(super) fn link(
@@ -36,47 +37,58 @@ fn shape(
     collision: &urdf_rs::Collision,
     folder: Option<&Path>,
 ) -> Result<PlacedShape, DescriptionError> {
-    let place = || format!("collision shape of link `{link}`");
-    let size = |values: &[f64]| {
-        finite(place, "a size", values)?;
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-        require(
-            least >= LEAST_SIZE,
-            place,
-            "a size",
-            least,
-            "a micrometre or more",
-        )
-    };
-    let pose = origin(place, &collision.origin)?;
-    let shape = match &collision.geometry {
-        Geometry::Box { size: sizes } => {
-            size(&sizes[..])?;
-            let half = 0.5 * DVec3::from_array(**sizes);
-            Shape::Box { half }
-        }
-        &Geometry::Cylinder { radius, length } => {
-            size(&[radius, length])?;
+    let pose = origin(|| place(link), &collision.origin)?;
+    let (own, shape) = unplaced(link, &collision.geometry, folder)?;
+    let pose = own.map_or(pose, |own| pose * own);
+    Ok(PlacedShape { pose, shape })
+}
+
+/// A shape, and where it is in its own frame if that is not the middle.
+fn unplaced(
+    link: &str,
+    geometry: &Geometry,
+    folder: Option<&Path>,
+) -> Result<(Option<Pose>, Shape), DescriptionError> {
+    let shape = match *geometry {
+        Geometry::Box { size } => Shape::Box {
+            half: 0.5 * DVec3::from_array(sized(link, *size)?),
+        },
+        Geometry::Cylinder { radius, length } => {
+            let [radius, length] = sized(link, [radius, length])?;
             Shape::Cylinder { radius, length }
         }
-        &Geometry::Capsule { radius, length } => {
-            size(&[radius, length])?;
+        Geometry::Capsule { radius, length } => {
+            let [radius, length] = sized(link, [radius, length])?;
             Shape::Capsule { radius, length }
         }
-        &Geometry::Sphere { radius } => {
-            size(&[radius])?;
+        Geometry::Sphere { radius } => {
+            let [radius] = sized(link, [radius])?;
             Shape::Sphere { radius }
         }
-        Geometry::Mesh { filename, scale } => {
+        Geometry::Mesh {
+            ref filename,
+            scale,
+        } => {
             let scale = scale.map_or(DVec3::ONE, |scale| DVec3::from_array(*scale));
-            let PlacedShape { pose: own, shape } = mesh::capsule(link, filename, scale, folder)?;
-            return Ok(PlacedShape {
-                pose: pose * own,
-                shape,
-            });
+            let PlacedShape { pose, shape } = mesh::capsule(link, filename, scale, folder)?;
+            return Ok((Some(pose), shape));
         }
     };
-    Ok(PlacedShape { pose, shape })
+    Ok((None, shape))
+}
+
+/// The sizes of a shape, each of which is one.
+fn sized<const N: usize>(link: &str, sizes: [f64; N]) -> Result<[f64; N], DescriptionError> {
+    let (place, what) = (|| place(link), "a size");
+    finite(place, what, &sizes)?;
+    let least = sizes.into_iter().fold(f64::INFINITY, f64::min);
+    let holds = least >= LEAST_SIZE;
+    require(holds, place, what, least, "a micrometre or more")?;
+    Ok(sizes)
+}
+
+fn place(link: &str) -> String {
+    format!("collision shape of link `{link}`")
 }
 
 /// What is only drawn is skipped. A file outside of the folder is refused all the same: other tools

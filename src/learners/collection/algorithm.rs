@@ -9,7 +9,10 @@ use std::time::Instant;
 use cluster::{Assignment, Decision, Evidence, PermutationTest};
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
-use rl::{Activity, Experience, RlError, RolloutState, RolloutStats, Units, VectorEnv, collect};
+use rl::{
+    Activity, Experience, Observations, RlError, RolloutState, RolloutStats, Units, VectorEnv,
+    collect,
+};
 
 use crate::error::CoversError;
 use crate::groupings::{Answer, Episodes, Grouping};
@@ -19,7 +22,7 @@ use crate::learners::metrics::Metrics;
 use super::courses::courses;
 use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
 use super::member::{Clouds, Member};
-use super::policies::Collection;
+use super::policies::{Collection, Exported};
 use super::settings::{CollectionSettings, Embedding, NewPolicy};
 use super::training::Training;
 
@@ -132,6 +135,10 @@ impl<S: CollectionSettings> Learner for Collection<S> {
             Ok(())
         })?;
         Ok(Performance { stats, activity })
+    }
+
+    fn export(&mut self, index: usize, observations: &Observations) -> Exported {
+        self.plain(index, observations)
     }
 
     fn parameters(&self, index: usize) -> Option<&[f32]> {

@@ -2,7 +2,7 @@
 
 use cluster::Reservoir;
 use rand::RngExt;
-use rl::EnvSpec;
+use rl::{Answers, EnvSpec, Observations, Plain, PlainPolicy};
 
 use crate::error::CoversError;
 use crate::groupings::Grouping;
@@ -10,6 +10,9 @@ use crate::learners::learner::Seconds;
 
 use super::member::{Generators, Member};
 use super::settings::{CollectionSettings, RolloutOf, buffer_capacity, steps_per_env};
+
+/// What [`Learner::export`](crate::Learner::export) returns.
+pub(super) type Exported = Result<(PlainPolicy, Answers), CoversError>;
 
 /// The learner: a growing collection of policies. It has no place for a task label.
 pub struct Collection<S: CollectionSettings> {
@@ -76,6 +79,13 @@ impl<S: CollectionSettings> Collection<S> {
             buffer,
         });
         Ok(self.members.len() - 1)
+    }
+
+    /// A policy in ordinary layers, and what it says of `observations`.
+    pub(super) fn plain(&mut self, index: usize, observations: &Observations) -> Exported {
+        let index = self.check_policy(index)?;
+        let policy = &mut self.members[index].policy;
+        Ok((policy.plain()?, policy.answers(observations)?))
     }
 
     /// Episodes whose first frames policy `index` keeps, the size of its `B`; `None` for a policy

@@ -1,7 +1,7 @@
 //! What differs between collections: how one policy learns from a rollout.
 
 use rand_chacha::ChaCha8Rng;
-use rl::{AlgorithmState, Experience, Features, RlError, Units};
+use rl::{AlgorithmState, Experience, Features, Plain, RlError, Units};
 
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
@@ -11,7 +11,7 @@ use super::first_frames::Rollout;
 /// The training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
     /// What is trained.
-    type Policy: Units + Features + Clone + Send;
+    type Policy: Units + Features + Plain + Clone + Send;
     /// What a rollout is kept in until it is known whose it is.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 

@@ -74,7 +74,8 @@ impl FieldNorm<'_> {
             ])
             .text(&expression("parts", self.parts()))
             .text(&expression("pixels", pixels))
-            .read("params", "f32", plan.params());
+            .read("params", "f32", plan.params())
+            .text(include_str!("../wgsl/each_part.wgsl"));
         self.channels.read(step, "x", self.x.values)
     }
 

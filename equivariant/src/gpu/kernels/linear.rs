@@ -3,10 +3,11 @@
 use crate::gpu::channels::Channels;
 use crate::gpu::kernels::folds::Folds;
 use crate::gpu::kernels::partial::sum;
+use crate::gpu::kernels::pointwise::each_field;
 use crate::gpu::kernels::product::Product;
-use crate::gpu::kernels::window::windows;
+use crate::gpu::kernels::window::{sum_over_taps, windows};
 use crate::gpu::plan::{Plan, Shared, Tensor};
-use crate::gpu::step::{Rows, Slot, Step, Work};
+use crate::gpu::step::{Rows, Slot, Step};
 use crate::steerable::dense::Dense;
 use crate::window::Kernel;
 
@@ -81,19 +82,22 @@ impl<'a> Linear<'a> {
         self.y.shape.pixels()
     }
 
+    /// A kernel on windows, with a thread for each of so many places and each input field.
+    fn windowed(&self, label: &'static str, places: usize) -> Step {
+        let step = each_field(label, &self.input, places);
+        let step = step.constants([("ENTRIES", self.folds.entries)]);
+        windows(step, self.window, [self.x.shape, self.y.shape])
+    }
+
     /// Folds the patches.
     fn fold(&self, plan: &mut Plan, folded: Slot) -> Step {
-        let orbits = plan.table(self.folds.orbit_table());
-        let work = Work::threads(self.out_pixels() * self.folds.orbits() * self.folds.fields);
-        let step = Step::new("fold", self.order, work).constants([
-            ("FIELDS", self.folds.fields),
-            ("ORBITS", self.folds.orbits()),
-            ("ENTRIES", self.folds.entries),
-        ]);
-        let step = windows(step, self.window, [self.x.shape, self.y.shape]);
-        let step = step
-            .read("orbits", "Orbit", orbits)
-            .write("folded", "Field", folded);
+        let orbits = self.folds.orbits();
+        let step = self
+            .windowed("fold", self.out_pixels() * orbits)
+            .constants([("ORBITS", orbits)])
+            .read("orbits", "Orbit", plan.table(self.folds.orbit_table()))
+            .write("folded", "Field", folded)
+            .text(include_str!("../wgsl/each_orbit.wgsl"));
         if self.folds.trivial {
             step.read("x", "f32", self.x.values)
                 .text(&seen("f32", "x[u32(pixel) * FIELDS + field]"))
@@ -245,23 +249,18 @@ impl<'a> Linear<'a> {
         ]
     }
 
+    /// Takes the gradient in the folded patches back to the input.
     fn unfold(&self, plan: &mut Plan, folded: Slot, dx: Slot) -> Step {
-        let taps = plan.table(self.folds.tap_table());
-        let work = Work::threads(self.x.shape.pixels() * self.folds.fields);
-        let step = Step::new("unfold", self.order, work).constants([
-            ("FIELDS", self.folds.fields),
-            ("ENTRIES", self.folds.entries),
-        ]);
-        let step = windows(step, self.window, [self.x.shape, self.y.shape]);
-        let step = step
-            .read("taps", "Tap", taps)
+        let step = self.windowed("unfold", self.x.shape.pixels());
+        let step = sum_over_taps(step, "window_at")
+            .read("taps", "Tap", plan.table(self.folds.tap_table()))
             .read("d_folded", "Field", folded);
         if self.folds.trivial {
             step.write("dx", "f32", dx)
                 .text(include_str!("../wgsl/unfold_trivial.wgsl"))
         } else {
             self.input
-                .write(step, "dx", dx)
+                .write(step, "sum", dx)
                 .text(include_str!("../wgsl/unfold.wgsl"))
         }
     }

@@ -1,44 +1,42 @@
 //! Pooling over windows.
 
 use crate::gpu::channels::Channels;
-use crate::gpu::kernels::pointwise::{each_field, gradients, permuted_channels};
-use crate::gpu::kernels::window::windows;
+use crate::gpu::kernels::pointwise::{each_field, gradients, passes, permuted_channels};
+use crate::gpu::kernels::window::{sum_over_taps, windows};
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::Step;
+use crate::gpu::step::Slot;
 use crate::window::Kernel;
 
 pub(super) fn max_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let step = |label, pixels| {
         let step = each_field(label, &channels, pixels);
-        let step = windows(step, kernel, [x.shape, y.shape]);
-        channels.read(step, "x", x.values)
+        windows(step, kernel, [x.shape, y.shape])
     };
-    let forward = channels.write(step("max-pool", y.shape.pixels()), "y", y.values);
-    let forward = forward.text(include_str!("../wgsl/max_pool.wgsl"));
-    let backward = gradients(x, y).map(|[dx, dy]| {
-        let step = step("max-pool backward", x.shape.pixels());
-        let step = channels.write(channels.read(step, "dy", dy), "dx", dx);
-        step.text(include_str!("../wgsl/max_pool_backward.wgsl"))
-    });
-    plan.push(vec![forward], backward.into_iter().collect());
+    let forward = step("max-pool", y.shape.pixels()).text(include_str!("../wgsl/max_pool.wgsl"));
+    let backward = step("max-pool backward", x.shape.pixels());
+    let backward = sum_over_taps(backward, "window_at");
+    let backward = backward.text(include_str!("../wgsl/max_pool_backward.wgsl"));
+    passes(plan, [(x, &channels), (y, &channels)], [forward, backward]);
 }
 
 /// Channel by channel, whatever the type.
 pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tensor) {
     let channels = Channels::single(x.shape.fields.dim());
     let weight = (kernel.size as f64).powi(2).recip();
-    let step = |label, pixels| -> Step {
+    let step = |(label, at_tap), pixels, [from, to]: [Slot; 2]| {
         let step = each_field(label, &channels, pixels).number("SCALE", weight);
-        windows(step, kernel, [x.shape, y.shape])
+        let step = sum_over_taps(windows(step, kernel, [x.shape, y.shape]), at_tap);
+        let step = channels.write(channels.read(step, "from", from), "sum", to);
+        step.text(include_str!("../wgsl/average_pool.wgsl"))
     };
-    let forward = channels.read(step("average-pool", y.shape.pixels()), "x", x.values);
-    let forward = channels.write(forward, "y", y.values);
-    let forward = forward.text(include_str!("../wgsl/average_pool.wgsl"));
-    let backward = gradients(x, y).map(|[dx, dy]| {
-        let step = step("average-pool backward", x.shape.pixels());
-        let step = channels.write(channels.read(step, "dy", dy), "dx", dx);
-        step.text(include_str!("../wgsl/average_pool_backward.wgsl"))
-    });
-    plan.push(vec![forward], backward.into_iter().collect());
+    let [forward, backward] = [
+        ("average-pool", "pixel_at"),
+        ("average-pool backward", "window_at"),
+    ];
+    let back = |[dx, dy]: [Slot; 2]| step(backward, x.shape.pixels(), [dy, dx]);
+    plan.push(
+        vec![step(forward, y.shape.pixels(), [x.values, y.values])],
+        gradients(x, y).map(back).into_iter().collect(),
+    );
 }

@@ -24,7 +24,10 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
         channels.order(),
         Work::groups(channels.fields()),
     );
-    let step = common(step.constants(sizes)).write("kept", "Field", kept);
+    let step = common(step.constants(sizes))
+        .reduction("largest_of", "Field", "max(a, b)")
+        .reduction("added", "Field", "a + b")
+        .write("kept", "Field", kept);
     let step = step.write("y", "f32", y.values);
     let step = keypoints
         .iter()

@@ -21,6 +21,14 @@ pub(super) fn windows(step: Step, kernel: Kernel, [from, to]: [Shape; 2]) -> Ste
     step.text(include_str!("../wgsl/window.wgsl"))
 }
 
+/// Adds a kernel that runs for each field, with the sum over taps of what is found there. `at_tap`
+/// is `pixel_at`, for the pixels that a window sees, or `window_at`, for the windows that see one.
+pub(super) fn sum_over_taps(step: Step, at_tap: &str) -> Step {
+    let head = "fn at_tap(place: u32, tap: vec2<u32>) -> i32";
+    step.text(&format!("{head} {{ return {at_tap}(place, tap); }}"))
+        .text(include_str!("../wgsl/each_tap.wgsl"))
+}
+
 /// What the position of an element in its group's list is multiplied with to give its bits: bit 0
 /// flips x and bit 1 flips y.
 fn flips(group: Group) -> usize {

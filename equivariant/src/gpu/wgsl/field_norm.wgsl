@@ -1,27 +1,19 @@
-// Normalises fields: a group of threads for each part of the batch that shares statistics, and each
-// field. `kept` holds the mean and one over the standard deviation, `[part, field]`.
+// Normalises fields. `kept` holds the mean and one over the standard deviation, `[part, field]`.
 
-@compute @workgroup_size(THREADS)
-fn main(place: Place) {
-    let group = group_of(place);
+fn run(group: u32, thread: u32) {
     let field = group % FIELDS;
-    let part = group / FIELDS;
-    if part >= parts() {
-        return;
-    }
-    let standard = standard_of(part, field, place.thread);
-    if place.thread == 0u {
+    let start = group / FIELDS * pixels();
+    let standard = standard_of(group / FIELDS, field, thread);
+    if thread == 0u {
         kept[group] = standard;
     }
     let gain = params[BASE + field];
-    let centred = field < CENTRED;
-    for (var i = place.thread; i < pixels(); i += THREADS) {
-        let pixel = part * pixels() + i;
-        let v = (load_x(pixel, field) - first(standard.x)) * standard.y;
-        var bias = 0.0;
-        if centred {
-            bias = params[BASE + FIELDS + field];
-        }
-        store_y(pixel, field, gain * v + first(bias));
+    var bias = 0.0;
+    if field < CENTRED {
+        bias = params[BASE + FIELDS + field];
+    }
+    for (var i = thread; i < pixels(); i += THREADS) {
+        let v = standardised(start + i, field, standard);
+        store_y(start + i, field, gain * v + first(bias));
     }
 }

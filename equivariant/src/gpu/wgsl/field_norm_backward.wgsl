@@ -1,27 +1,21 @@
 // The gradients of normalised fields. `partial` holds those of the parameters, `[part, parameter]`.
 
-@compute @workgroup_size(THREADS)
-fn main(place: Place) {
-    let group = group_of(place);
+fn run(group: u32, thread: u32) {
     let field = group % FIELDS;
     let part = group / FIELDS;
-    if part >= parts() {
-        return;
-    }
+    let start = part * pixels();
     let standard = kept[group];
     var products = 0.0;
     var shifts = 0.0;
-    for (var i = place.thread; i < pixels(); i += THREADS) {
-        let pixel = part * pixels() + i;
-        let v = (load_x(pixel, field) - first(standard.x)) * standard.y;
-        let d = load_dy(pixel, field);
-        products += total(v * d);
+    for (var i = thread; i < pixels(); i += THREADS) {
+        let d = load_dy(start + i, field);
+        products += total(standardised(start + i, field, standard) * d);
         shifts += first_of(d);
     }
-    products = summed(products, place.thread);
-    shifts = summed(shifts, place.thread);
+    products = summed(products, thread);
+    shifts = summed(shifts, thread);
     let centred = field < CENTRED;
-    if place.thread == 0u {
+    if thread == 0u {
         partial[part * LEN + field] = products;
         if centred {
             partial[part * LEN + FIELDS + field] = shifts;
@@ -30,9 +24,9 @@ fn main(place: Place) {
     let scaled = DEPENDENT * products / f32(pixels() * ORDER);
     let shifted = select(0.0, DEPENDENT * shifts / f32(pixels()), centred);
     let factor = params[BASE + field] * standard.y;
-    for (var i = place.thread; i < pixels(); i += THREADS) {
-        let pixel = part * pixels() + i;
-        let v = (load_x(pixel, field) - first(standard.x)) * standard.y;
-        store_dx(pixel, field, factor * (load_dy(pixel, field) - v * scaled - first(shifted)));
+    for (var i = thread; i < pixels(); i += THREADS) {
+        let v = standardised(start + i, field, standard);
+        let d = load_dy(start + i, field) - v * scaled - first(shifted);
+        store_dx(start + i, field, factor * d);
     }
 }

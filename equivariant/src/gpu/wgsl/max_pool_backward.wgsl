@@ -1,5 +1,6 @@
-// The gradient of a window goes to the first pixel, row-major, that holds the maximum: a thread for
-// each input pixel and field looks at the windows that see it.
+// The gradient of a window goes to the first pixel, row-major, that holds the maximum.
+
+alias Term = Field;
 
 // 1 where a window's maximum is first found at this of its taps.
 fn hits(row: u32, tap: u32, field: u32, v: Field) -> Field {
@@ -19,14 +20,11 @@ fn hits(row: u32, tap: u32, field: u32, v: Field) -> Field {
     return hit;
 }
 
-fn run(pixel: u32, field: u32) {
+fn term(pixel: u32, tap: u32, row: u32, field: u32) -> Term {
     let v = transform(load_x(pixel, field));
-    var sum = Field();
-    for (var i = 0u; i < SIZE * SIZE; i++) {
-        let row = window_at(pixel, vec2(i / SIZE, i % SIZE));
-        if row >= 0 {
-            sum += hits(u32(row), i, field, v) * transform(load_dy(u32(row), field));
-        }
-    }
+    return hits(row, tap, field, v) * transform(load_dy(row, field));
+}
+
+fn store_sum(pixel: u32, field: u32, sum: Term) {
     store_dx(pixel, field, transform(sum));
 }

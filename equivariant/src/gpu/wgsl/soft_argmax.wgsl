@@ -2,36 +2,6 @@
 // pixels: a group of threads for each sample and field. `kept` holds the largest numbers, the sums
 // of exponentials and the means of x and y, four fields for each.
 
-var<workgroup> shared_fields: array<Field, THREADS>;
-
-fn largest_of(value: Field, thread: u32) -> Field {
-    shared_fields[thread] = value;
-    workgroupBarrier();
-    for (var step = THREADS / 2u; step > 0u; step /= 2u) {
-        if thread < step {
-            shared_fields[thread] = max(shared_fields[thread], shared_fields[thread + step]);
-        }
-        workgroupBarrier();
-    }
-    let best = shared_fields[0];
-    workgroupBarrier();
-    return best;
-}
-
-fn added(value: Field, thread: u32) -> Field {
-    shared_fields[thread] = value;
-    workgroupBarrier();
-    for (var step = THREADS / 2u; step > 0u; step /= 2u) {
-        if thread < step {
-            shared_fields[thread] += shared_fields[thread + step];
-        }
-        workgroupBarrier();
-    }
-    let sum = shared_fields[0];
-    workgroupBarrier();
-    return sum;
-}
-
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
     let group = group_of(place);

@@ -1,0 +1,230 @@
+//! Policies in ordinary layers, for programs that know no steerable ones.
+
+use std::ops::Range;
+
+use equivariant::{Dense, Kernel, Layer, Sequential, Shape, Signature, hadamard};
+use symmetry::Group;
+
+use crate::encoder::{Encoder, POOLING};
+use crate::env::{EnvSpec, Observations};
+use crate::error::RlError;
+use crate::trunk::Trunk;
+
+/// An ordinary layer. Between layers, channels are those of the regular basis, in which a group
+/// permutes them and a ReLU is that of every library.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PlainLayer {
+    /// A cross-correlation, or, on vectors, a matrix product.
+    Linear {
+        /// `[C_out, C_in, size, size]`.
+        weight: Vec<f32>,
+        /// The weight's shape.
+        shape: [usize; 4],
+        /// `[C_out]`.
+        bias: Vec<f32>,
+        /// Stride and padding.
+        window: Kernel,
+    },
+    /// max(x, 0).
+    Relu,
+    /// The largest value of a window.
+    MaxPool(Kernel),
+}
+
+/// What an actor's last layer says of actions.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Distribution {
+    /// A Gaussian: the means `[A]`.
+    Gaussian {
+        /// Logarithms of the standard deviations `[A]`, the same for every state.
+        log_std: Vec<f32>,
+    },
+    /// The tanh of a Gaussian: means `[A]`, then `[A]` numbers whose tanh, in [-1, 1], is brought to
+    /// the range of log_std.
+    TanhGaussian {
+        /// The range.
+        log_std: [f32; 2],
+    },
+}
+
+/// A policy in ordinary layers.
+///
+/// ```text
+/// image  [C, H, W], bytes b as b / 255 - 0.5 -> image layers  -> [G n, 1, 1], element-major
+/// vector [D], in natural order               -> vector layers -> [G m]
+/// [image, vector]                            -> actor         -> of actions, in natural order
+/// [image, vector], or maxima over G of each  -> critic        -> value [1]
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlainPolicy {
+    /// What it sees and does.
+    pub spec: EnvSpec,
+    /// G, the order of its group: how many channels a regular field has.
+    pub order: usize,
+    /// Layers of the picture; none where it looks at no picture.
+    pub image: Option<Vec<PlainLayer>>,
+    /// Layers of the vector.
+    pub vector: Vec<PlainLayer>,
+    /// Layers of the actor.
+    pub actor: Vec<PlainLayer>,
+    /// What the actor's output is.
+    pub distribution: Distribution,
+    /// Layers of the critic, and whether it reads maxima over G; none where a policy says no value.
+    pub critic: Option<(Vec<PlainLayer>, bool)>,
+}
+
+/// What a policy says of N observations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answers {
+    /// Mean actions `[N, A]`: what an evaluation executes.
+    pub actions: Vec<f32>,
+    /// Logarithms of standard deviations `[N, A]`, before a tanh where there is one.
+    pub log_std: Vec<f32>,
+    /// Values `[N]`, where the policy says some.
+    pub values: Option<Vec<f32>>,
+}
+
+/// A policy that can be written in ordinary layers.
+pub trait Plain {
+    /// The same policy in ordinary layers; outputs differ by rounding.
+    ///
+    /// # Errors
+    /// [`RlError::NotPlain`] for a network with parts that are no ordinary layers.
+    fn plain(&self) -> Result<PlainPolicy, RlError>;
+
+    /// What it says of observations, for comparison.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] for observations of other environments.
+    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError>;
+}
+
+/// What is at an end of a chain of layers.
+#[derive(Clone, Copy)]
+pub(crate) enum End<'a> {
+    /// Channels of the regular basis.
+    Regular,
+    /// Components in natural order: this is the index of every irrep-major one.
+    Natural(&'a [usize]),
+    /// Regular channels of the picture, then of the vector; so many fields of each.
+    Joined([usize; 2]),
+}
+
+/// The layers of the picture and of the vector, and the end that heads begin at.
+pub(crate) struct PlainTrunk {
+    pub image: Option<Vec<PlainLayer>>,
+    pub vector: Vec<PlainLayer>,
+    pub joined: End<'static>,
+}
+
+/// A trunk in ordinary layers.
+///
+/// # Errors
+/// [`RlError::NotPlain`].
+pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, RlError> {
+    if matches!(trunk.settings.encoder, Encoder::Keypoints { .. }) {
+        let part = "an encoder of keypoints";
+        return Err(RlError::NotPlain { part });
+    }
+    let (group, parts) = (trunk.settings.group, trunk.parts());
+    let channels: Vec<usize> = (0..trunk.spec.image[2]).collect();
+    let ends = |order| [End::Natural(order), End::Regular];
+    let image = parts
+        .sight
+        .map(|(encoder, _)| chain(group, encoder, &params[trunk.encoder()], ends(&channels)));
+    let own = &params[trunk.encoder().end..trunk.num_params()];
+    let fields = |shape: Shape| shape.len() / group.order();
+    let joined = match parts.sight {
+        Some((_, concat)) => concat.in_shapes().map(fields),
+        None => [0, fields(parts.pool.in_shape())],
+    };
+    Ok(PlainTrunk {
+        image,
+        vector: chain(group, parts.vector, own, ends(parts.vector_order)),
+        joined: End::Joined(joined),
+    })
+}
+
+/// A chain of layers; the ends of chains are vectors, or a picture.
+pub(crate) fn chain(
+    group: Group,
+    layers: &Sequential<f32>,
+    params: &[f32],
+    [input, output]: [End<'_>; 2],
+) -> Vec<PlainLayer> {
+    let all = Layer::layers(layers);
+    let mut start = 0;
+    let mut plain = Vec::new();
+    for (index, layer) in all.iter().enumerate() {
+        let own: Range<usize> = start..start + layer.num_params();
+        start = own.end;
+        let ends = [
+            if index == 0 { input } else { End::Regular },
+            if index + 1 == all.len() {
+                output
+            } else {
+                End::Regular
+            },
+        ];
+        plain.push(match layer.as_dense() {
+            Some(dense) => linear(group, &dense, &params[own], ends),
+            // what has no weights in a network without keypoints
+            None if layer.in_shape() == layer.out_shape() => PlainLayer::Relu,
+            None => PlainLayer::MaxPool(POOLING),
+        });
+    }
+    plain
+}
+
+fn linear(group: Group, dense: &Dense<'_>, params: &[f32], ends: [End<'_>; 2]) -> PlainLayer {
+    let shape = dense.kernel_shape();
+    let [outputs, inputs, size, _] = shape;
+    let taps = size * size;
+    let mut weight = dense.kernel(params);
+    let mut bias = dense.bias(params);
+    for row in weight.chunks_exact_mut(inputs * taps) {
+        change(group, ends[0], taps, row);
+    }
+    change(group, ends[1], inputs * taps, &mut weight);
+    change(group, ends[1], 1, &mut bias);
+    debug_assert_eq!(bias.len(), outputs);
+    PlainLayer::Linear {
+        weight,
+        shape,
+        bias,
+        window: dense.window(),
+    }
+}
+
+/// Brings the first axis of `[channels, inner]` values from the irrep basis to that of an end.
+fn change(group: Group, end: End<'_>, inner: usize, values: &mut [f32]) {
+    let irreps = match end {
+        End::Natural(_) => values.to_vec(),
+        End::Regular | End::Joined(_) => {
+            hadamard(group, values);
+            values.to_vec()
+        }
+    };
+    let order = match end {
+        End::Regular => return,
+        End::Natural(order) => order.to_vec(),
+        End::Joined(fields) => joined_order(group.order(), fields),
+    };
+    for (from, to) in irreps.chunks_exact(inner).zip(order) {
+        values[to * inner..][..inner].copy_from_slice(from);
+    }
+}
+
+/// Where each channel of `[G, image fields and vector fields]` lies once those of the picture come
+/// first.
+fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
+    let both = image + vector;
+    let place = |channel: usize| {
+        let (element, field) = (channel / both, channel % both);
+        match field.checked_sub(image) {
+            None => element * image + field,
+            Some(field) => order * image + element * vector + field,
+        }
+    };
+    (0..order * both).map(place).collect()
+}

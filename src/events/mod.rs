@@ -1,0 +1,7 @@
+//! Runs as TensorBoard's event files.
+
+mod record;
+mod run;
+mod summary;
+
+pub use run::write_events;

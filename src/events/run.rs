@@ -1,0 +1,206 @@
+//! The tables of a run as events.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use csv::{ReaderBuilder, StringRecord};
+
+use crate::disk::{LocalDisk, replace};
+use crate::error::CoversError;
+use crate::runs::RunFolder;
+
+use super::summary::{EventFile, Moment};
+
+/// The name of the file; TensorBoard looks for the middle of it. Wall-clock times in it are seconds
+/// of learning, so equal runs give equal files but for those.
+const FILE: &str = "events.out.tfevents.0.covers";
+/// Columns that say when a row was, and no figures.
+const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
+
+/// Writes the event file of a run, finished or not, to a folder of the run's name in `folder`; one
+/// that is there is replaced. Returns where it is.
+///
+/// # Errors
+/// [`CoversError::NoRun`], [`CoversError::Read`], [`CoversError::Write`].
+pub fn write_events(run: &Path, folder: &Path) -> Result<PathBuf, CoversError> {
+    let source = RunFolder::open(run);
+    if !source.holds_run() {
+        let folder = run.to_owned();
+        return Err(CoversError::NoRun { folder });
+    }
+    let whole = run.canonicalize();
+    let whole = whole.map_err(|error| CoversError::read(run, error))?;
+    let own = folder.join(whole.file_name().unwrap_or(whole.as_os_str()));
+    let bytes = events(&source)?;
+    fs::create_dir_all(&own).map_err(|error| CoversError::write(&own, error))?;
+    let path = own.join(FILE);
+    replace(&LocalDisk, &path, &bytes)?;
+    Ok(path)
+}
+
+fn events(run: &RunFolder) -> Result<Vec<u8>, CoversError> {
+    let read = |name| Rows::read(&run.file(name));
+    let (metrics, timings) = (read("metrics.csv")?, read("timings.csv")?);
+    let clock = Clock::of(&metrics, &timings);
+    let mut file = EventFile::new();
+    picture(run, &mut file)?;
+    for (number, row) in metrics.rows.iter().enumerate() {
+        let moment = clock.after(number + 1);
+        for (name, cell) in metrics.figures(row) {
+            match metrics.lists.contains(name) {
+                true => by_policy(&mut file, moment, name, cell),
+                false => figure(&mut file, moment, name, cell),
+            }
+        }
+    }
+    for (number, row) in timings.rows.iter().enumerate() {
+        let moment = clock.after(number + 1);
+        for (name, cell) in timings.figures(row) {
+            figure(&mut file, moment, &format!("seconds/{name}"), cell);
+        }
+    }
+    scores(&read("evaluation.csv")?, &clock, &mut file);
+    Ok(file.into_bytes())
+}
+
+/// Adds a cell of a table, where it is a number.
+fn figure(file: &mut EventFile, moment: Moment, name: &str, cell: &str) {
+    if let Some(value) = number(cell) {
+        file.scalar(moment, name, value);
+    }
+}
+
+/// Adds a cell of numbers with semicolons between them, one a policy.
+fn by_policy(file: &mut EventFile, moment: Moment, name: &str, cell: &str) {
+    let values: Vec<Option<f64>> = cell.split(';').map(number).collect();
+    for (policy, value) in values.iter().enumerate() {
+        if let Some(value) = value {
+            file.scalar(moment, &format!("{name}/policy {policy}"), *value);
+        }
+    }
+    let known: Vec<f64> = values.into_iter().flatten().collect();
+    file.histogram(moment, name, &known);
+}
+
+/// A finite number, or 0 and 1 for false and true.
+fn number(cell: &str) -> Option<f64> {
+    match cell {
+        "false" => Some(0.0),
+        "true" => Some(1.0),
+        _ => cell.parse().ok().filter(|value: &f64| value.is_finite()),
+    }
+}
+
+/// Adds the scores of variants, and their means by group.
+fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
+    let mut groups: BTreeMap<(usize, String), Vec<f64>> = BTreeMap::new();
+    for row in &table.rows {
+        let cell = |name| table.cell(row, name);
+        let rollouts = cell("rollouts").parse().unwrap_or(0);
+        for figure in ["success", "success_at_end", "reward"] {
+            let Some(value) = number(cell(figure)) else {
+                continue;
+            };
+            let group = format!("evaluation/{}/{figure}", cell("group"));
+            let variant = format!("{group}/{}", cell("element"));
+            file.scalar(clock.after(rollouts), &variant, value);
+            groups.entry((rollouts, group)).or_default().push(value);
+        }
+    }
+    for ((rollouts, tag), values) in groups {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        file.scalar(clock.after(rollouts), &tag, mean);
+    }
+}
+
+fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), CoversError> {
+    let path = run.file("contact_sheet.png");
+    let Some(png) = if_there(&path)? else {
+        return Ok(());
+    };
+    let reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info();
+    let reader = reader.map_err(|error| CoversError::read(&path, error))?;
+    let sides = [reader.info().height, reader.info().width];
+    let start = Moment {
+        step: 0,
+        seconds: 0.0,
+    };
+    file.image(start, "variants", sides, &png);
+    Ok(())
+}
+
+/// Decisions and seconds after so many rollouts.
+struct Clock(Vec<Moment>);
+
+impl Clock {
+    fn of(metrics: &Rows, timings: &Rows) -> Self {
+        let mut now = Moment {
+            step: 0,
+            seconds: 0.0,
+        };
+        let mut moments = vec![now];
+        for (number, row) in metrics.rows.iter().enumerate() {
+            now.step = metrics.cell(row, "decisions").parse().unwrap_or(now.step);
+            let timing = timings.rows.get(number);
+            let seconds = timing.and_then(|row| self::number(timings.cell(row, "total")));
+            now.seconds += seconds.unwrap_or(0.0);
+            moments.push(now);
+        }
+        Self(moments)
+    }
+
+    /// The last known moment, if there were not so many.
+    fn after(&self, rollouts: usize) -> Moment {
+        self.0[rollouts.min(self.0.len() - 1)]
+    }
+}
+
+/// The rows of a table that are whole.
+struct Rows {
+    names: StringRecord,
+    /// Columns in which there are several numbers in a cell.
+    lists: BTreeSet<String>,
+    rows: Vec<StringRecord>,
+}
+
+impl Rows {
+    fn read(path: &Path) -> Result<Self, CoversError> {
+        let text = if_there(path)?.unwrap_or_default();
+        // a row that is being written ends without a line feed
+        let end = text.iter().rposition(|&byte| byte == b'\n');
+        let whole = &text[..end.map_or(0, |end| end + 1)];
+        let mut reader = ReaderBuilder::new().flexible(true).from_reader(whole);
+        let wrong = |error| CoversError::read(path, error);
+        let names = reader.headers().map_err(wrong)?.clone();
+        let rows = reader.records().collect::<Result<Vec<_>, _>>();
+        let mut rows = rows.map_err(wrong)?;
+        rows.retain(|row| row.len() == names.len());
+        let cells = rows.iter().flat_map(|row| names.iter().zip(row));
+        let lists = cells.filter(|(_, cell)| cell.contains(';'));
+        let lists = lists.map(|(name, _)| name.to_owned()).collect();
+        Ok(Self { names, lists, rows })
+    }
+
+    /// A cell, or nothing where there is no such column.
+    fn cell<'a>(&self, row: &'a StringRecord, name: &str) -> &'a str {
+        let column = self.names.iter().position(|column| column == name);
+        column.and_then(|column| row.get(column)).unwrap_or("")
+    }
+
+    /// The cells of a row with their names, but for those that say when it was.
+    fn figures<'a>(&'a self, row: &'a StringRecord) -> impl Iterator<Item = (&'a str, &'a str)> {
+        let cells = self.names.iter().zip(row);
+        cells.filter(|(name, _)| !MOMENTS.contains(name))
+    }
+}
+
+/// The bytes of a file that not every run has.
+fn if_there(path: &Path) -> Result<Option<Vec<u8>>, CoversError> {
+    match fs::read(path) {
+        Ok(bytes) => Ok(Some(bytes)),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(CoversError::read(path, error)),
+    }
+}

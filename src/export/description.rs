@@ -1,0 +1,98 @@
+//! What goes into a policy and what comes out, as JSON.
+
+use rl::{Distribution, PlainLayer, PlainPolicy};
+use serde_json::{Map, Value, json};
+
+use crate::experiment::Experiment;
+use crate::stream::INPUTS;
+
+use super::weights::parts;
+
+/// The version of the description.
+const FORMAT: &str = "covers-policy 1";
+
+/// Inputs, outputs and layers of policy `index` of a run.
+pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) -> Value {
+    let layers = parts(policy).into_iter().map(|(part, layers, _)| {
+        let layers: Vec<Value> = layers.iter().map(layer).collect();
+        (part.to_owned(), Value::from(layers))
+    });
+    json!({
+        "format": FORMAT,
+        "policy": index,
+        "inputs": inputs(policy),
+        "outputs": outputs(policy, run),
+        "group_order": policy.order,
+        "critic_reads_maxima": policy.critic.as_ref().is_some_and(|(_, pooled)| *pooled),
+        "layers": layers.collect::<Map<_, _>>(),
+    })
+}
+
+fn inputs(policy: &PlainPolicy) -> Value {
+    let [height, width, channels] = policy.spec.image;
+    let components = INPUTS.map(|input| {
+        json!({
+            "name": input.name, "unit": input.unit,
+            "offset": input.offset, "factor": input.factor,
+        })
+    });
+    json!({
+        "image": {
+            "shape": ["B", height, width, channels], "type": "uint8",
+            "channels": "red, green, blue of the picture; red, green, blue of the episode's first",
+            "axes": "row 0 is the largest y, column 0 the smallest x",
+            "scaling": "byte / 255 - 0.5, which the ONNX model does itself",
+        },
+        "vector": {
+            "shape": ["B", policy.spec.vector.len()], "type": "float32",
+            "scaling": "(value - offset) * factor, before the model; goals that are hidden are 0",
+            "components": components,
+        },
+    })
+}
+
+fn outputs(policy: &PlainPolicy, run: &Experiment) -> Value {
+    let width = policy.spec.action.len();
+    let control = &run.envs.control;
+    let distribution = match policy.distribution {
+        Distribution::Gaussian { .. } => json!({"kind": "gaussian"}),
+        Distribution::TanhGaussian { log_std } => {
+            json!({"kind": "tanh_gaussian", "log_std_range": log_std})
+        }
+    };
+    let mut outputs = json!({
+        "action": {
+            "shape": ["B", width],
+            "components": ["x", "y", "z", "fingers"],
+            "meaning": "what the policy does by its mean; clip it to [-1, 1]. x, y and z move the \
+                        hand's target by so many times `displacement` in one decision; fingers \
+                        close above 0",
+            "displacement": control.displacement,
+            "control_steps_per_decision": control.action_repeat,
+        },
+        "log_std": {
+            "shape": ["B", width],
+            "meaning": "logarithms of standard deviations, of the Gaussian before a tanh",
+        },
+        "distribution": distribution,
+    });
+    if policy.critic.is_some() {
+        let meaning = "discounted sum of the rewards to come";
+        outputs["value"] = json!({"shape": ["B"], "meaning": meaning});
+    }
+    outputs
+}
+
+fn layer(layer: &PlainLayer) -> Value {
+    match layer {
+        PlainLayer::Relu => json!({"kind": "relu"}),
+        PlainLayer::MaxPool(window) => json!({
+            "kind": "max_pool", "size": window.size, "stride": window.stride,
+            "padding": window.padding,
+        }),
+        PlainLayer::Linear { shape, window, .. } => json!({
+            "kind": "linear", "out": shape[0], "in": shape[1], "size": shape[2],
+            "stride": window.stride, "padding": window.padding,
+        }),
+    }
+}

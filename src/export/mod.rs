@@ -1,0 +1,10 @@
+//! Policies for other programs: ONNX, and plain safetensors for PyTorch.
+
+mod command;
+mod description;
+mod examples;
+mod graph;
+mod onnx;
+mod weights;
+
+pub use command::ExportOptions;

@@ -1,0 +1,202 @@
+//! A policy as an ONNX model.
+
+use rl::{Distribution, PlainLayer, PlainPolicy};
+
+use super::graph::{Attribute, FLOAT, Graph, UINT8};
+
+/// The bytes of a model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to `action`
+/// `[B, A]`, `log_std` `[B, A]` and, where the policy says one, `value` `[B]`.
+pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
+    let mut graph = Graph::default();
+    let image = policy.image.as_ref().map(|layers| {
+        let planes = planes(&mut graph);
+        let top = chain(&mut graph, "image", layers, planes, Operators::Maps);
+        graph.node(
+            "Flatten",
+            &[&top],
+            "image.fields",
+            &[Attribute::Int("axis", 1)],
+        )
+    });
+    let vector = "vector".to_owned();
+    let vector = chain(
+        &mut graph,
+        "vector",
+        &policy.vector,
+        vector,
+        Operators::Vectors,
+    );
+    let parts: Vec<String> = image.into_iter().chain([vector]).collect();
+    let joined = joined(&mut graph, "joined", &parts);
+    distribution(&mut graph, policy, joined.clone());
+    if let Some((layers, pooled)) = &policy.critic {
+        let read = match pooled {
+            true => features(&mut graph, &parts, policy.order),
+            false => joined,
+        };
+        let value = chain(&mut graph, "critic", layers, read, Operators::Vectors);
+        let flat = graph.ints("value.shape", &[-1]);
+        graph.node("Reshape", &[&value, &flat], "value", &[]);
+    }
+    let actions = policy.spec.action.len();
+    let mut inputs = vec![("vector", FLOAT, vec![policy.spec.vector.len()])];
+    if policy.image.is_some() {
+        inputs.insert(0, ("image", UINT8, policy.spec.image.to_vec()));
+    }
+    let mut outputs = vec![
+        ("action", FLOAT, vec![actions]),
+        ("log_std", FLOAT, vec![actions]),
+    ];
+    outputs.extend(
+        policy
+            .critic
+            .is_some()
+            .then(|| ("value", FLOAT, Vec::new())),
+    );
+    graph.model(about, &inputs, &outputs)
+}
+
+/// Whether layers run on maps `[B, C, H, W]` or on vectors `[B, C]`.
+#[derive(Clone, Copy)]
+enum Operators {
+    Maps,
+    Vectors,
+}
+
+/// Bytes `[B, H, W, C]` to `[B, C, H, W]` in [-0.5, 0.5].
+fn planes(graph: &mut Graph) -> String {
+    let scale = graph.floats("image.scale", &[], &[1.0 / 255.0]);
+    let middle = graph.floats("image.middle", &[], &[0.5]);
+    let cast = graph.node(
+        "Cast",
+        &["image"],
+        "image.cast",
+        &[Attribute::Int("to", FLOAT)],
+    );
+    let scaled = graph.node("Mul", &[&cast, &scale], "image.scaled", &[]);
+    let centred = graph.node("Sub", &[&scaled, &middle], "image.centred", &[]);
+    let order = Attribute::Ints("perm", vec![0, 3, 1, 2]);
+    graph.node("Transpose", &[&centred], "image.planes", &[order])
+}
+
+fn chain(
+    graph: &mut Graph,
+    part: &str,
+    layers: &[PlainLayer],
+    input: String,
+    operators: Operators,
+) -> String {
+    let layers = layers.iter().enumerate();
+    layers.fold(input, |input, (number, layer)| {
+        let name = format!("{part}.{number}");
+        one(graph, &name, layer, &input, operators)
+    })
+}
+
+fn one(
+    graph: &mut Graph,
+    name: &str,
+    layer: &PlainLayer,
+    input: &str,
+    operators: Operators,
+) -> String {
+    let window = |size: usize, stride: usize, padding: usize| {
+        let both = |side: usize| vec![side as i64; 2];
+        [
+            Attribute::Ints("kernel_shape", both(size)),
+            Attribute::Ints("strides", both(stride)),
+            Attribute::Ints("pads", vec![padding as i64; 4]),
+        ]
+    };
+    match layer {
+        PlainLayer::Relu => graph.node("Relu", &[input], name, &[]),
+        PlainLayer::MaxPool(kernel) => {
+            let window = window(kernel.size, kernel.stride, kernel.padding);
+            graph.node("MaxPool", &[input], name, &window)
+        }
+        PlainLayer::Linear {
+            weight,
+            shape,
+            bias,
+            window: kernel,
+        } => {
+            let sides = match operators {
+                Operators::Maps => &shape[..],
+                Operators::Vectors => &shape[..2],
+            };
+            let weight = graph.floats(&format!("{name}.weight"), sides, weight);
+            let bias = graph.floats(&format!("{name}.bias"), &[bias.len()], bias);
+            let inputs = [input, &weight, &bias];
+            match operators {
+                Operators::Vectors => {
+                    graph.node("Gemm", &inputs, name, &[Attribute::Int("transB", 1)])
+                }
+                Operators::Maps => {
+                    let window = window(kernel.size, kernel.stride, kernel.padding);
+                    graph.node("Conv", &inputs, name, &window)
+                }
+            }
+        }
+    }
+}
+
+/// Vectors one after the other.
+fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
+    match parts {
+        [alone] => alone.clone(),
+        _ => {
+            let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
+            graph.node("Concat", &parts, name, &[Attribute::Int("axis", 1)])
+        }
+    }
+}
+
+/// The largest value of every field `[G, n]` of each part.
+fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
+    let mut pool = |part: &String| {
+        let shape = graph.ints(&format!("{part}.by_element"), &[0, order as i64, -1]);
+        let fields = graph.node("Reshape", &[part, &shape], &format!("{part}.elements"), &[]);
+        let axes = [
+            Attribute::Ints("axes", vec![1]),
+            Attribute::Int("keepdims", 0),
+        ];
+        graph.node("ReduceMax", &[&fields], &format!("{part}.maxima"), &axes)
+    };
+    let pooled: Vec<String> = parts.iter().map(&mut pool).collect();
+    joined(graph, "features", &pooled)
+}
+
+/// Adds the outputs `action` and `log_std`.
+fn distribution(graph: &mut Graph, policy: &PlainPolicy, input: String) {
+    let actor = chain(graph, "actor", &policy.actor, input, Operators::Vectors);
+    let width = policy.spec.action.len();
+    match &policy.distribution {
+        Distribution::Gaussian { log_std } => {
+            graph.node("Identity", &[&actor], "action", &[]);
+            let log_std = graph.floats("actor.log_std", &[1, width], log_std);
+            let shape = graph.node("Shape", &[&actor], "action.shape", &[]);
+            graph.node("Expand", &[&log_std, &shape], "log_std", &[]);
+        }
+        Distribution::TanhGaussian {
+            log_std: [low, high],
+        } => {
+            let squashed = graph.node("Tanh", &[&actor], "squashed", &[]);
+            let mut columns = |name: &str, from: usize| {
+                let bounds = [from, from + width].map(|bound| bound as i64);
+                let start = graph.ints(&format!("{name}.start"), &bounds[..1]);
+                let end = graph.ints(&format!("{name}.end"), &bounds[1..]);
+                let axis = graph.ints(&format!("{name}.axis"), &[1]);
+                graph.node("Slice", &[&squashed, &start, &end, &axis], name, &[])
+            };
+            columns("action", 0);
+            let share = columns("log_std.share", width);
+            let half = (high - low) / 2.0;
+            let (half, middle) = (
+                graph.floats("log_std.half", &[], &[half]),
+                graph.floats("log_std.middle", &[], &[low + half]),
+            );
+            let scaled = graph.node("Mul", &[&share, &half], "log_std.scaled", &[]);
+            graph.node("Add", &[&scaled, &middle], "log_std", &[]);
+        }
+    }
+}

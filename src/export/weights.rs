@@ -1,0 +1,98 @@
+//! A policy's weights as safetensors, under the names that PyTorch's `Sequential` gives them.
+
+use std::path::Path;
+
+use rl::{Answers, Distribution, Observations, PlainLayer, PlainPolicy};
+use safetensors::tensor::{Dtype, TensorView};
+
+use crate::error::CoversError;
+
+/// An array: name, type, shape and bytes.
+type Array = (String, Dtype, Vec<usize>, Vec<u8>);
+
+/// The bytes of the weights, `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
+/// matrices `[C_out, C_in]`. `path` is where they will be written, for errors to name.
+pub(super) fn weights(policy: &PlainPolicy, path: &Path) -> Result<Vec<u8>, CoversError> {
+    let mut arrays = Vec::new();
+    for (part, layers, maps) in parts(policy) {
+        for (number, layer) in layers.iter().enumerate() {
+            if let PlainLayer::Linear {
+                weight,
+                shape,
+                bias,
+                ..
+            } = layer
+            {
+                let shape = if maps { &shape[..] } else { &shape[..2] };
+                arrays.push(floats(&format!("{part}.{number}.weight"), shape, weight));
+                arrays.push(floats(
+                    &format!("{part}.{number}.bias"),
+                    &[bias.len()],
+                    bias,
+                ));
+            }
+        }
+    }
+    if let Distribution::Gaussian { log_std } = &policy.distribution {
+        arrays.push(floats("log_std", &[log_std.len()], log_std));
+    }
+    serialize(arrays, path)
+}
+
+/// The parts of a policy: name, layers, and whether they run on maps.
+pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], bool)> {
+    let image = policy
+        .image
+        .iter()
+        .map(|layers| ("image", &layers[..], true));
+    let critic = policy
+        .critic
+        .iter()
+        .map(|(layers, _)| ("critic", &layers[..], false));
+    let others = [
+        ("vector", &policy.vector[..], false),
+        ("actor", &policy.actor[..], false),
+    ];
+    image.chain(others).chain(critic).collect()
+}
+
+/// The bytes of observations and of what the policy says of them.
+pub(super) fn golden(
+    policy: &PlainPolicy,
+    observations: &Observations,
+    answers: &Answers,
+    path: &Path,
+) -> Result<Vec<u8>, CoversError> {
+    let [height, width, channels] = policy.spec.image;
+    let (vector, action) = (policy.spec.vector.len(), policy.spec.action.len());
+    let samples = answers.actions.len() / action;
+    let image = vec![samples, height, width, channels];
+    let mut arrays = vec![
+        (
+            "image".to_owned(),
+            Dtype::U8,
+            image,
+            observations.images.clone(),
+        ),
+        floats("vector", &[samples, vector], &observations.vectors),
+        floats("action", &[samples, action], &answers.actions),
+        floats("log_std", &[samples, action], &answers.log_std),
+    ];
+    let values = answers.values.iter();
+    arrays.extend(values.map(|values| floats("value", &[samples], values)));
+    serialize(arrays, path)
+}
+
+fn floats(name: &str, shape: &[usize], values: &[f32]) -> Array {
+    let bytes = values.iter().flat_map(|value| value.to_le_bytes());
+    (name.to_owned(), Dtype::F32, shape.to_vec(), bytes.collect())
+}
+
+fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, CoversError> {
+    let views = arrays.iter().map(|(name, dtype, shape, bytes)| {
+        TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name, view))
+    });
+    let views = views.collect::<Result<Vec<_>, _>>();
+    let bytes = views.and_then(|views| safetensors::serialize(views, None));
+    bytes.map_err(|error| CoversError::write(path, error))
+}

@@ -1,0 +1,106 @@
+//! Letters of 5 x 7 pixels.
+
+/// Pixels across and down of a letter, the gap after it included.
+pub(super) const LETTER: [usize; 2] = [6, 8];
+
+/// The columns of a letter from left to right; bit 0 is the top row. A letter that there is none of
+/// is a box.
+fn columns(letter: char) -> [u8; 5] {
+    match letter {
+        ' ' => [0, 0, 0, 0, 0],
+        '-' => [8, 8, 8, 8, 8],
+        ',' => [0, 0x40, 0x30, 0, 0],
+        ':' => [0, 0x36, 0x36, 0, 0],
+        '0'..='9' => DIGITS[letter as usize - '0' as usize],
+        'a'..='z' => LETTERS[letter as usize - 'a' as usize],
+        _ => [0x7f, 0x41, 0x41, 0x41, 0x7f],
+    }
+}
+
+const DIGITS: [[u8; 5]; 10] = [
+    [0x3e, 0x41, 0x41, 0x41, 0x3e],
+    [0x00, 0x42, 0x7f, 0x40, 0x00],
+    [0x62, 0x51, 0x49, 0x49, 0x46],
+    [0x22, 0x41, 0x49, 0x49, 0x36],
+    [0x1c, 0x12, 0x11, 0x7f, 0x10],
+    [0x2f, 0x49, 0x49, 0x49, 0x31],
+    [0x3e, 0x49, 0x49, 0x49, 0x32],
+    [0x01, 0x71, 0x09, 0x05, 0x03],
+    [0x36, 0x49, 0x49, 0x49, 0x36],
+    [0x26, 0x49, 0x49, 0x49, 0x3e],
+];
+
+const LETTERS: [[u8; 5]; 26] = [
+    [0x20, 0x54, 0x54, 0x54, 0x78],
+    [0x7f, 0x44, 0x44, 0x44, 0x38],
+    [0x38, 0x44, 0x44, 0x44, 0x28],
+    [0x38, 0x44, 0x44, 0x44, 0x7f],
+    [0x38, 0x54, 0x54, 0x54, 0x18],
+    [0x04, 0x7e, 0x05, 0x05, 0x00],
+    [0x18, 0xa4, 0xa4, 0xa4, 0x7c],
+    [0x7f, 0x04, 0x04, 0x04, 0x78],
+    [0x00, 0x44, 0x7d, 0x40, 0x00],
+    [0x40, 0x80, 0x84, 0x7d, 0x00],
+    [0x7f, 0x10, 0x10, 0x28, 0x44],
+    [0x00, 0x41, 0x7f, 0x40, 0x00],
+    [0x7c, 0x04, 0x78, 0x04, 0x78],
+    [0x7c, 0x04, 0x04, 0x04, 0x78],
+    [0x38, 0x44, 0x44, 0x44, 0x38],
+    [0xfc, 0x24, 0x24, 0x24, 0x18],
+    [0x18, 0x24, 0x24, 0x24, 0xfc],
+    [0x7c, 0x08, 0x04, 0x04, 0x08],
+    [0x48, 0x54, 0x54, 0x54, 0x24],
+    [0x04, 0x3f, 0x44, 0x44, 0x00],
+    [0x3c, 0x40, 0x40, 0x40, 0x7c],
+    [0x1c, 0x20, 0x40, 0x20, 0x1c],
+    [0x3c, 0x40, 0x38, 0x40, 0x3c],
+    [0x44, 0x28, 0x10, 0x28, 0x44],
+    [0x1c, 0xa0, 0xa0, 0xa0, 0x7c],
+    [0x44, 0x64, 0x54, 0x4c, 0x44],
+];
+
+/// The pixels that make up `text` at twice the size: columns from the left end, rows from the top.
+pub(super) fn pixels(text: &str) -> impl Iterator<Item = [usize; 2]> {
+    const TWICE: usize = 2;
+    let letters = text.chars().enumerate();
+    let columns = letters.flat_map(|(number, letter)| {
+        let columns = columns(letter.to_ascii_lowercase()).into_iter().enumerate();
+        columns.map(move |(column, bits)| (number * LETTER[0] + column, bits))
+    });
+    let small = columns.flat_map(|(x, bits)| {
+        let rows = (0..LETTER[1]).filter(move |row| bits >> row & 1 == 1);
+        rows.map(move |y| [x, y])
+    });
+    small.flat_map(|[x, y]| {
+        let corners = [[0, 0], [1, 0], [0, 1], [1, 1]];
+        corners.map(|[right, down]| [TWICE * x + right, TWICE * y + down])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_letter_is_drawn_upright_and_twice_its_size() {
+        let mut drawn = [[' '; 24]; 16];
+        pixels("L-").for_each(|[x, y]| drawn[y][x] = '#');
+        let rows: Vec<String> = drawn.iter().map(|row| row.iter().collect()).collect();
+        assert_eq!(&rows[0][..12], "  ####      ");
+        assert_eq!(&rows[12][..12], "  ######    ");
+        assert_eq!(&rows[6][12..], "##########  ");
+        assert_eq!(rows[14].trim(), "");
+    }
+
+    #[test]
+    fn letters_and_digits_differ() {
+        let all = ('a'..='z')
+            .chain('0'..='9')
+            .chain([' ', '-', ',', ':', '?']);
+        let mut drawn: Vec<[u8; 5]> = all.map(columns).collect();
+        let count = drawn.len();
+        drawn.sort_unstable();
+        drawn.dedup();
+        assert_eq!(drawn.len(), count);
+    }
+}

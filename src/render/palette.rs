@@ -1,0 +1,157 @@
+//! The colours of a film: one palette for all of its pictures, so that nothing shimmers.
+
+use std::collections::HashMap;
+
+/// Red, green and blue.
+type Rgb = [u8; 3];
+
+/// At most 255 colours, and the nearest of them for every colour of a film.
+///
+/// The colours are split as in P. Heckbert's median cut ("Color image quantization for frame buffer
+/// display", SIGGRAPH 1982, section 4.2), but the set with the largest sum of squared distances from
+/// its mean is cut next, and at its mean: a small mark in a colour of its own keeps that colour.
+pub(super) struct Palette {
+    colours: Vec<Rgb>,
+    index: HashMap<Rgb, u8>,
+}
+
+impl Palette {
+    /// Most colours; the index after them is left for what does not change.
+    pub const MOST: usize = 255;
+
+    /// The palette of these pictures `[.., 3]`.
+    pub fn of<'a>(pictures: impl IntoIterator<Item = &'a [u8]>) -> Self {
+        let mut counts: HashMap<Rgb, u32> = HashMap::new();
+        for picture in pictures {
+            let (pixels, _) = picture.as_chunks();
+            for &rgb in pixels {
+                *counts.entry(rgb).or_default() += 1;
+            }
+        }
+        let mut pixels: Vec<(Rgb, u32)> = counts.into_iter().collect();
+        pixels.sort_unstable();
+        let mut sets = vec![Set::of(pixels)];
+        while sets.len() < Self::MOST
+            && let Some(widest) = widest(&sets)
+        {
+            let [low, high] = sets.swap_remove(widest).cut();
+            sets.extend([low, high]);
+        }
+        let mut palette = Self {
+            colours: sets.iter().map(Set::colour).collect(),
+            index: HashMap::new(),
+        };
+        for (number, set) in sets.iter().enumerate() {
+            let members = set.pixels.iter().map(|&(rgb, _)| (rgb, number as u8));
+            palette.index.extend(members);
+        }
+        palette
+    }
+
+    /// Red, green and blue of every colour.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.colours.concat()
+    }
+
+    /// The colour of each pixel of one of the film's pictures.
+    pub fn indices(&self, picture: &[u8]) -> Vec<u8> {
+        let (pixels, _) = picture.as_chunks();
+        let index = |rgb| self.index.get(rgb).copied().unwrap_or_default();
+        pixels.iter().map(index).collect()
+    }
+}
+
+/// Colours that share one, and how often each occurs.
+struct Set {
+    pixels: Vec<(Rgb, u32)>,
+    mean: [f64; 3],
+    /// Sums of squared distances from the mean.
+    spread: [f64; 3],
+}
+
+impl Set {
+    fn of(pixels: Vec<(Rgb, u32)>) -> Self {
+        let (mut weight, mut sum, mut squares) = (0.0, [0.0; 3], [0.0; 3]);
+        for (rgb, count) in &pixels {
+            let count = f64::from(*count);
+            weight += count;
+            for axis in 0..3 {
+                let value = f64::from(rgb[axis]);
+                sum[axis] += count * value;
+                squares[axis] += count * value * value;
+            }
+        }
+        let mean = sum.map(|sum| sum / f64::max(weight, 1.0));
+        Self {
+            pixels,
+            mean,
+            spread: [0, 1, 2].map(|axis| squares[axis] - sum[axis] * mean[axis]),
+        }
+    }
+
+    fn colour(&self) -> Rgb {
+        self.mean.map(|mean| mean.round() as u8)
+    }
+
+    /// The axis along which the colours differ most.
+    fn axis(&self) -> usize {
+        let [red, green, blue] = self.spread;
+        match (red >= green && red >= blue, green >= blue) {
+            (true, _) => 0,
+            (false, true) => 1,
+            (false, false) => 2,
+        }
+    }
+
+    fn cut(self) -> [Self; 2] {
+        let (axis, mean) = (self.axis(), self.mean);
+        let low = |(rgb, _): &(Rgb, u32)| f64::from(rgb[axis]) <= mean[axis];
+        let (low, high) = self.pixels.into_iter().partition(low);
+        [Self::of(low), Self::of(high)]
+    }
+}
+
+/// The set that is to be cut next; none where every set is one colour.
+fn widest(sets: &[Set]) -> Option<usize> {
+    let several = (0..sets.len()).filter(|&set| sets[set].pixels.len() > 1);
+    let spread = |set: &usize| sets[*set].spread.iter().sum::<f64>();
+    several.max_by(|a, b| spread(a).total_cmp(&spread(b)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_colours_stay_as_they_are() {
+        let pictures: [&[u8]; 2] = [&[0, 0, 255, 255, 255, 255], &[1, 0, 255, 10, 20, 30]];
+        let palette = Palette::of(pictures);
+        assert_eq!(palette.colours.len(), 4);
+        for picture in pictures {
+            let shown = palette.indices(picture).into_iter();
+            let shown: Vec<u8> = shown
+                .flat_map(|i| palette.colours[usize::from(i)])
+                .collect();
+            assert_eq!(shown, picture);
+        }
+    }
+
+    #[test]
+    fn many_colours_become_near_ones_and_a_rare_mark_keeps_its_own() {
+        let greys = (0..=255).flat_map(|grey: u8| (0..8).map(move |blue| [grey, grey, blue]));
+        let mut picture: Vec<u8> = greys.flatten().collect();
+        picture.extend([0, 0, 255]);
+        let palette = Palette::of([&picture[..]]);
+        assert_eq!(palette.colours.len(), Palette::MOST);
+        let indices = palette.indices(&picture);
+        for (rgb, index) in picture.chunks_exact(3).zip(&indices) {
+            let shown = palette.colours[usize::from(*index)];
+            let off = shown.iter().zip(rgb).map(|(a, b)| a.abs_diff(*b));
+            assert!(off.max() <= Some(8), "{rgb:?} became {shown:?}");
+        }
+        let mark = indices
+            .last()
+            .map(|&index| palette.colours[usize::from(index)]);
+        assert_eq!(mark, Some([0, 0, 255]));
+    }
+}

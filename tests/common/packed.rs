@@ -1,0 +1,31 @@
+//! Folders of policies that have learnt nothing.
+
+use std::path::PathBuf;
+
+use covers::presets::{Budget, Method};
+use covers::{Experiment, Extent, Labels, RunFolder, Stream};
+use envs::Embodiment;
+
+use super::scratch::Scratch;
+
+/// Short episodes of two groups, four environments and no arm, whose variants mirror exactly.
+pub fn small(method: Method) -> Experiment {
+    let mut experiment = Budget::Smoke.experiment(method);
+    experiment = experiment.with_embodiment(Embodiment::HAND).with_threads(1);
+    experiment.schedule.groups.truncate(2);
+    experiment.envs.num_envs = 4;
+    experiment.envs.control.horizon = 50;
+    experiment
+}
+
+impl Scratch {
+    /// A folder as `covers pack` makes it.
+    pub fn pack(&self, experiment: &Experiment) -> PathBuf {
+        let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
+        let learner = experiment.learner.start(&spec, &labels).unwrap();
+        let folder = self.0.join("packed");
+        let extent = Extent::Policies { episodes: 100 };
+        RunFolder::pack(&folder, experiment, &*learner, extent).unwrap();
+        folder
+    }
+}

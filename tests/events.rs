@@ -1,0 +1,184 @@
+//! TensorBoard's event files, read back as TensorFlow frames them.
+
+use std::fs;
+use std::path::Path;
+
+use clap::Parser;
+use covers::CoversError;
+use covers::commands::Command;
+use covers::presets::Method;
+
+use crate::common::packed::small;
+use crate::common::protobuf::Message;
+use crate::common::scratch::Scratch;
+
+#[derive(Debug, Parser)]
+struct Options {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const METRICS: &str = "rollout,decisions,group,straddles,policy,reward,success,distances,loss\n\
+    1,500,goal-reach,false,0,20.5,0.25,,0.5\n\
+    2,1000,button-press,true,1,,,1.5;;0.5,NaN\n\
+    3,1500,button-press,false,1,30,0.5,2,1\n\
+    4,2000,button-press,false,1,30,0.5,2,0.0";
+const TIMINGS: &str = "rollout,decisions,total,update\n1,500,2.5,1\n2,500,1.5,0.5\n";
+const SCORES: &str = "rollouts,decisions,group,element,seen,policy,episodes,success,reward\n\
+    2,1000,goal-reach,identity,true,0,4,1,400\n\
+    2,1000,goal-reach,flip x,true,0,4,0.5,300\n";
+
+/// A folder of a run that goes on: the last row of its metrics is being written.
+fn running(scratch: &Scratch) -> std::path::PathBuf {
+    let run = scratch.pack(&small(Method::Covers));
+    for (name, text) in [
+        ("metrics.csv", METRICS),
+        ("timings.csv", TIMINGS),
+        ("evaluation.csv", SCORES),
+    ] {
+        fs::write(run.join(name), text).unwrap();
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    fs::copy(
+        root.join("docs/contact_sheet.png"),
+        run.join("contact_sheet.png"),
+    )
+    .unwrap();
+    run
+}
+
+fn report(run: &Path, folder: &Path) -> Result<String, CoversError> {
+    let (run, to) = (run.display().to_string(), folder.display().to_string());
+    let mut out = Vec::new();
+    let arguments = ["covers", "report", &run, "--tensorboard", &to];
+    let command = Options::try_parse_from(arguments).unwrap().command;
+    command.run(&mut out)?;
+    Ok(String::from_utf8(out).unwrap())
+}
+
+/// CRC32C bit by bit (RFC 3720, appendix B.4), masked as TensorFlow masks it.
+fn checksum(bytes: &[u8]) -> u32 {
+    let mut crc = !0u32;
+    for byte in bytes {
+        crc ^= u32::from(*byte);
+        for _ in 0..8 {
+            crc = if crc & 1 == 1 {
+                crc >> 1 ^ 0x82f6_3b78
+            } else {
+                crc >> 1
+            };
+        }
+    }
+    let crc = !crc;
+    crc.rotate_right(15).wrapping_add(0xa282_ead8)
+}
+
+/// The records of a file; none where a checksum is wrong.
+fn records(mut file: &[u8]) -> Option<Vec<&[u8]>> {
+    let mut records = Vec::new();
+    while !file.is_empty() {
+        let (length, rest) = file.split_first_chunk::<8>()?;
+        let (of_length, rest) = rest.split_first_chunk::<4>()?;
+        let size = u64::from_le_bytes(*length) as usize;
+        let (bytes, rest) = rest.split_at_checked(size)?;
+        let (of_bytes, rest) = rest.split_first_chunk::<4>()?;
+        let sound = u32::from_le_bytes(*of_length) == checksum(length)
+            && u32::from_le_bytes(*of_bytes) == checksum(bytes);
+        records.push(sound.then_some(bytes)?);
+        file = rest;
+    }
+    Some(records)
+}
+
+/// The values of a tag: decisions, seconds, number.
+fn scalars(file: &[u8], tag: &str) -> Vec<(i64, f64, f32)> {
+    let events = records(file).unwrap().into_iter().map(Message::parse);
+    let values = events.filter_map(|event| {
+        let value = event.message(5)?.message(1)?;
+        let number = value.float(2)?;
+        (value.text(1) == tag).then(|| (event.int(2), event.double(1).unwrap(), number))
+    });
+    values.collect()
+}
+
+#[test]
+fn figures_come_with_their_decisions_and_seconds() {
+    let scratch = Scratch::new("events");
+    let run = running(&scratch);
+    let folder = scratch.0.join("boards");
+    let said = report(&run, &folder).unwrap();
+    let path = folder.join("packed/events.out.tfevents.0.covers");
+    assert_eq!(said.trim(), path.display().to_string());
+    let file = fs::read(path).unwrap();
+    let scalars = |tag| scalars(&file, tag);
+    // a rollout whose seconds are not known takes none
+    assert_eq!(scalars("reward"), [(500, 2.5, 20.5), (1500, 4.0, 30.0)]);
+    assert_eq!(scalars("policy").len(), 3);
+    assert_eq!(scalars("straddles").len(), 3);
+    assert_eq!(
+        scalars("loss"),
+        [(500, 2.5, 0.5), (1500, 4.0, 1.0)],
+        "no number, no point"
+    );
+    assert_eq!(
+        scalars("distances/policy 0"),
+        [(1000, 4.0, 1.5), (1500, 4.0, 2.0)]
+    );
+    assert_eq!(scalars("distances/policy 2"), [(1000, 4.0, 0.5)]);
+    assert_eq!(scalars("distances/policy 1"), []);
+    assert_eq!(
+        scalars("seconds/update"),
+        [(500, 2.5, 1.0), (1000, 4.0, 0.5)]
+    );
+    let evaluation = "evaluation/goal-reach/success";
+    assert_eq!(scalars(evaluation), [(1000, 4.0, 0.75)]);
+    assert_eq!(
+        scalars("evaluation/goal-reach/success/flip x"),
+        [(1000, 4.0, 0.5)]
+    );
+    for word in ["rollout", "decisions", "group"] {
+        assert_eq!(scalars(word), []);
+    }
+}
+
+#[test]
+fn pictures_and_histograms_are_whole() {
+    let scratch = Scratch::new("events-picture");
+    let run = running(&scratch);
+    report(&run, &scratch.0).unwrap();
+    let file = fs::read(scratch.0.join("packed/events.out.tfevents.0.covers")).unwrap();
+    let records = records(&file).unwrap();
+    assert_eq!(Message::parse(records[0]).text(3), "brain.Event:2");
+    let events = records[1..].iter().map(|bytes| Message::parse(bytes));
+    let values: Vec<Message<'_>> = events
+        .map(|e| e.message(5).unwrap().message(1).unwrap())
+        .collect();
+    let image = values.iter().find_map(|value| value.message(4)).unwrap();
+    let png = fs::read(run.join("contact_sheet.png")).unwrap();
+    assert_eq!(image.blobs(4).next(), Some(&png[..]));
+    assert_eq!([image.int(1), image.int(2)].map(|side| side % 198), [6, 6]);
+    let histogram = values.iter().find_map(|value| value.message(5)).unwrap();
+    assert_eq!(
+        [1, 2, 3, 4, 5].map(|field| histogram.double(field).unwrap()),
+        [0.5, 1.5, 2.0, 2.0, 2.5]
+    );
+    let limits = histogram.blobs(6).next().unwrap();
+    assert_eq!(
+        limits,
+        [0.5f64.to_le_bytes(), 1.5f64.to_le_bytes()].concat()
+    );
+}
+
+#[test]
+fn a_damaged_file_is_found_and_a_folder_without_a_run_refused() {
+    let scratch = Scratch::new("events-damaged");
+    report(&running(&scratch), &scratch.0).unwrap();
+    let file = fs::read(scratch.0.join("packed/events.out.tfevents.0.covers")).unwrap();
+    for at in [0, 8, 12, file.len() - 1] {
+        let mut damaged = file.clone();
+        damaged[at] ^= 1;
+        assert!(records(&damaged).is_none(), "byte {at}");
+    }
+    let message = report(&scratch.0, &scratch.0).unwrap_err().to_string();
+    assert!(message.contains("holds no run"), "{message}");
+}

@@ -1,0 +1,180 @@
+//! What `covers export` writes, read back and run without the crates that wrote it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+use covers::export::ExportOptions;
+use covers::presets::Method;
+use covers::{CoversError, Experiment, LearnerSettings};
+use rl::{Critic, Encoder, NetworkSettings};
+use safetensors::tensor::{Dtype, SafeTensors};
+use symmetry::Group;
+
+use crate::common::onnx::{Tensor, run, weights};
+use crate::common::packed::small;
+use crate::common::scratch::Scratch;
+
+#[derive(Debug, Parser)]
+struct Options {
+    #[command(flatten)]
+    export: ExportOptions,
+}
+
+fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
+    let (run, to) = (run.display().to_string(), out.display().to_string());
+    let mut out = Vec::new();
+    let arguments = ["export", &run, "--policy", policy, "--out", &to];
+    let options = Options::try_parse_from(arguments).unwrap().export;
+    options.run(&mut out)?;
+    Ok(String::from_utf8(out).unwrap())
+}
+
+/// The arrays of a safetensors file.
+fn arrays(path: &Path) -> Vec<(String, Tensor)> {
+    let bytes = fs::read(path).unwrap();
+    let file = SafeTensors::deserialize(&bytes).unwrap();
+    let arrays = file.iter().map(|(name, view)| {
+        let data = view.data();
+        let values: Vec<f64> = match view.dtype() {
+            Dtype::U8 => data.iter().map(|&byte| byte.into()).collect(),
+            Dtype::F32 => data
+                .as_chunks()
+                .0
+                .iter()
+                .map(|b| f32::from_le_bytes(*b).into())
+                .collect(),
+            other => panic!("{other:?}"),
+        };
+        (name.to_owned(), Tensor::new(view.shape(), values))
+    });
+    arrays.collect()
+}
+
+/// The largest difference between what the exported policy and the policy say.
+fn difference(folder: &Path) -> f64 {
+    let model = fs::read(folder.join("policy.onnx")).unwrap();
+    let golden = arrays(&folder.join("golden.safetensors"));
+    let named = |name| {
+        golden
+            .iter()
+            .find(|(n, _)| n == name)
+            .map(|(_, t)| t.clone())
+    };
+    let inputs = ["image", "vector"].map(|name| (name, named(name).unwrap()));
+    let outputs = run(&model, &inputs);
+    let mut largest: f64 = 0.0;
+    for (name, tensor) in &outputs {
+        let golden = named(name).unwrap();
+        assert_eq!(tensor.shape, golden.shape, "{name}");
+        assert!(golden.values.iter().any(|&value| value != 0.0), "{name}");
+        for (got, expected) in tensor.values.iter().zip(&golden.values) {
+            largest = largest.max((got - expected).abs() / expected.abs().max(1.0));
+        }
+    }
+    largest
+}
+
+/// Narrow networks on small pictures.
+fn narrow(method: Method, group: Group) -> Experiment {
+    let mut experiment = small(method).with_group(group);
+    experiment.envs.camera.size = 16;
+    let network = network(&mut experiment);
+    *network = NetworkSettings {
+        group,
+        action_gain: 1.0,
+        log_std: -0.25,
+        ..NetworkSettings::strided(vec![1, 2], 3)
+    };
+    experiment
+}
+
+fn network(experiment: &mut Experiment) -> &mut NetworkSettings {
+    match &mut experiment.learner {
+        LearnerSettings::Covers(settings) => &mut settings.network,
+        LearnerSettings::OffPolicy(settings) => &mut settings.network,
+    }
+}
+
+/// Policies of every group, of both learners, and with every part that can be exported.
+fn policies() -> Vec<Experiment> {
+    let groups = Group::ALL
+        .into_iter()
+        .map(|group| narrow(Method::Covers, group));
+    let mut pooled = narrow(Method::Covers, Group::D2);
+    network(&mut pooled).encoder = Encoder::Pooled {
+        fields: vec![1],
+        inner: [2, 1],
+    };
+    network(&mut pooled).critic = Critic::Pooled { width: 5 };
+    let mut blind = narrow(Method::Covers, Group::C2);
+    network(&mut blind).encoder = Encoder::Blind;
+    let others = [pooled, blind, narrow(Method::EquiSac, Group::D2)];
+    groups.chain(others).collect()
+}
+
+#[test]
+fn exported_policies_say_what_the_policies_say() {
+    for experiment in policies() {
+        let scratch = Scratch::new("export");
+        let folder = scratch.0.join("new");
+        export(&scratch.pack(&experiment), "0", &folder).unwrap();
+        let difference = difference(&folder);
+        assert!(difference < 1e-5, "{difference} {:?}", experiment.learner);
+    }
+}
+
+/// Weights under the names that PyTorch gives them are those of the model.
+#[test]
+fn weights_and_their_description_belong_to_the_model() {
+    let scratch = Scratch::new("export-weights");
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let folder = scratch.0.join("new");
+    let said = export(&root, "1", &folder).unwrap();
+    assert!(said.contains("policy.onnx"), "{said}");
+    let model = fs::read(folder.join("policy.onnx")).unwrap();
+    let model = weights(&model);
+    let arrays = arrays(&folder.join("policy.safetensors"));
+    assert_eq!(arrays.len(), 2 * (5 + 1 + 2 + 2) + 1);
+    for (name, array) in &arrays {
+        match name.as_str() {
+            "log_std" => assert_eq!(array.values, model["actor.log_std"].values),
+            _ => assert_eq!(array, &model[name], "{name}"),
+        }
+    }
+    assert_eq!(model["image.0.weight"].shape, [16, 6, 4, 4]);
+    let text = fs::read_to_string(folder.join("policy.json")).unwrap();
+    let about: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(about["policy"], 1);
+    assert_eq!(about["inputs"]["image"]["shape"][1], 48);
+    assert_eq!(about["layers"]["image"][8]["kind"], "linear");
+    assert_eq!(about["layers"]["image"][8]["size"], 3);
+    assert_eq!(about["inputs"]["vector"]["components"][2]["offset"], 0.2f32);
+}
+
+#[test]
+fn what_cannot_be_exported_is_refused_with_the_reason() {
+    let refusal = |experiment: &Experiment, policy: &str| {
+        let scratch = Scratch::new("export-refused");
+        let out = scratch.0.join("new");
+        let error = export(&scratch.pack(experiment), policy, &out).unwrap_err();
+        assert!(!out.exists());
+        error.to_string()
+    };
+    let covers = narrow(Method::Covers, Group::D2);
+    assert!(refusal(&covers, "1").contains("`policy` is 1"));
+    let mut keypoints = covers.clone();
+    let encoder = Encoder::Keypoints {
+        fields: vec![1],
+        maps: 2,
+    };
+    network(&mut keypoints).encoder = encoder;
+    assert!(refusal(&keypoints, "0").contains("keypoints is no ordinary layer"));
+    let recurrent = narrow(Method::ThreeRl, Group::C1);
+    assert!(refusal(&recurrent, "0").contains("a context"));
+    let scratch = Scratch::new("export-refused");
+    let error = export(&scratch.pack(&covers), "0", &scratch.0).unwrap_err();
+    assert!(error.to_string().contains("exists already"));
+    let error = export(&scratch.0, "0", &scratch.0.join("new")).unwrap_err();
+    assert!(error.to_string().contains("holds no run"));
+}
