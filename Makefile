@@ -12,7 +12,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test gpu faults fuzz sanitise deps
+.PHONY: stream test gpu python faults fuzz sanitise deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -57,6 +57,25 @@ gpu: deps
 	cargo test $(GPU) --locked --test gpu
 	$(call named,--test suite,device::)
 	$(call named,--lib,graph adapter)
+
+# The Python package, in an environment of its own: minutes. It takes Python 3.10 or later with its
+# venv module, and packages from PyPI. A folder of wheels may be named in PIP_FIND_LINKS.
+PYTHON := python3
+VENV := $(abspath $(TARGET))/python
+
+python: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+python: deps
+	cd python && cargo fmt --check
+	cd python && cargo clippy --release --all-targets --locked -- -D warnings
+	cd python && cargo build --quiet --release --locked --example bytes
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'gymnasium>=1.2' 'numpy>=1.26' 'pytest>=8'
+	$(VENV)/bin/maturin build --quiet --release --locked --auditwheel skip \
+	  --manifest-path python/Cargo.toml --interpreter $(VENV)/bin/python --out $(VENV)/wheels
+	$(VENV)/bin/pip install --quiet --no-deps --force-reinstall $(VENV)/wheels/covers_envs-*.whl
+	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
+	  $(VENV)/bin/pytest --quiet tests
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps

@@ -75,7 +75,7 @@ pub use mujoco::{self, Backdrop};
 pub use registry::TaskRegistry;
 pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer, stack};
 pub use robots;
-pub use rows::Failure;
+pub use rows::{Failure, Turn};
 pub use scene::Scene;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{

@@ -19,6 +19,21 @@ pub struct Failure {
     pub error: EnvError,
 }
 
+/// What one environment does in [`VecEnv::advance`](crate::VecEnv::advance).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Takes one decision. Where that ends the episode, the next one begins at once, as in
+    /// [`VecEnv::step`](crate::VecEnv::step).
+    Step,
+    /// Takes one decision. Where that ends the episode, the environment waits at its last
+    /// observation for a reset.
+    StepAndStay,
+    /// Begins an episode, whatever was going on. The action plays no part.
+    Reset,
+    /// Does nothing. The action plays no part.
+    Rest,
+}
+
 /// What a worker is asked to do; it answers each with a [`Reply`].
 pub(crate) enum Command {
     /// Make a renderer for this scene, where there is none yet.
@@ -28,10 +43,10 @@ pub(crate) enum Command {
     SetTasks(Arc<Scene>, Vec<D2>),
     /// Draw what follows from the streams of this seed.
     Reseed(u64),
-    /// Start an episode everywhere.
-    Reset(Rows),
-    /// Hold these actions for one decision.
-    Step(Rows),
+    /// Let every row have its turn.
+    Advance(Rows),
+    /// Write the scripted experts' actions.
+    Experts(Rows),
     /// Let this befall one row before its next decision.
     #[cfg(test)]
     Inject(usize, Fault),
@@ -49,6 +64,7 @@ pub(crate) struct Reply {
 
 /// A worker's part of a batch; sent back and forth, so that nothing is allocated per step.
 pub(crate) struct Rows {
+    pub turns: Vec<Turn>,
     pub actions: Vec<f32>,
     pub batch: Batch,
     pub failures: Vec<Failure>,
@@ -58,21 +74,38 @@ impl Rows {
     /// Rows for as many environments as `settings` say.
     pub(crate) fn new(settings: &VecEnvSettings) -> Self {
         Self {
+            turns: vec![Turn::Rest; settings.num_envs],
             actions: vec![0.0; settings.num_envs * ACTION_DIM],
             batch: Batch::new(settings),
             failures: Vec::new(),
         }
     }
 
-    /// Writes what one decision brought, and returns the images and vectors that its observation
-    /// belongs in.
-    pub(crate) fn write_step(&mut self, row: usize, step: &Step) -> (&mut [u8], &mut [f32]) {
+    /// Says of `row` that no decision was taken.
+    pub(crate) fn clear(&mut self, row: usize) {
+        self.write_outcome(row, &Step::default());
+    }
+
+    fn write_outcome(&mut self, row: usize, step: &Step) {
         let batch = &mut self.batch;
         batch.rewards[row] = step.reward as f32;
         batch.success[row] = step.success;
         batch.success_at_end[row] = step.success_at_end;
         batch.truncated[row] = step.truncated;
-        if step.truncated {
+    }
+
+    /// Whether the episode of `row` has ended and the next one begins in the same turn.
+    pub(crate) fn begins_anew(&self, row: usize) -> bool {
+        self.batch.truncated[row] && self.turns[row] == Turn::Step
+    }
+
+    /// Writes what one decision brought, and returns the images and vectors that its observation
+    /// belongs in.
+    pub(crate) fn write_step(&mut self, row: usize, step: &Step) -> (&mut [u8], &mut [f32]) {
+        self.write_outcome(row, step);
+        let anew = self.begins_anew(row);
+        let batch = &mut self.batch;
+        if anew {
             (&mut batch.final_images, &mut batch.final_vectors)
         } else {
             (&mut batch.images, &mut batch.vectors)
@@ -86,10 +119,14 @@ impl Rows {
         copy_row(&batch.images, row, &mut batch.final_images, row, image);
         let vectors = &mut batch.final_vectors;
         copy_row(&batch.vectors, row, vectors, row, VECTOR_DIM);
-        batch.rewards[row] = 0.0;
-        batch.success[row] = false;
-        batch.success_at_end[row] = false;
-        batch.truncated[row] = true;
+        let truncated = true;
+        self.write_outcome(
+            row,
+            &Step {
+                truncated,
+                ..Step::default()
+            },
+        );
     }
 }
 

@@ -16,7 +16,7 @@ use crate::error::EnvError;
 use crate::renderer::{RGB, SceneRenderer, stack};
 #[cfg(test)]
 use crate::rows::Fault;
-use crate::rows::{Command, Failure, Reply, Rows, row_mut};
+use crate::rows::{Command, Failure, Reply, Rows, Turn, row_mut};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
@@ -77,8 +77,8 @@ impl SubEnvs {
             Command::Prepare(scene) => without_rows(self.prepare(scene)),
             Command::SetTasks(scene, elements) => without_rows(self.set_tasks(&scene, elements)),
             Command::Reseed(seed) => without_rows(self.reseed(seed)),
-            Command::Reset(rows) => self.with_rows(rows, Self::reset),
-            Command::Step(rows) => self.with_rows(rows, Self::step),
+            Command::Advance(rows) => self.with_rows(rows, Self::advance),
+            Command::Experts(rows) => self.with_rows(rows, Self::experts),
             #[cfg(test)]
             Command::Inject(row, fault) => {
                 self.slots[row].fault = Some(fault);
@@ -140,20 +140,31 @@ impl SubEnvs {
         self.slots.iter().map(table).collect()
     }
 
-    fn reset(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+    fn advance(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
         rows.failures.clear();
-        (0..self.slots.len()).try_for_each(|row| self.attempt(row, rows, Self::begin).map(|_| ()))
+        (0..self.slots.len()).try_for_each(|row| self.turn(row, rows))
     }
 
-    fn step(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
-        rows.failures.clear();
-        for row in 0..self.slots.len() {
-            if !self.attempt(row, rows, Self::decide)? {
-                rows.end_early(row);
+    fn turn(&mut self, row: usize, rows: &mut Rows) -> Result<(), EnvError> {
+        match rows.turns[row] {
+            Turn::Step | Turn::StepAndStay => {
+                if !self.attempt(row, rows, Self::decide)? {
+                    rows.end_early(row);
+                }
             }
-            if rows.batch.truncated[row] {
-                self.attempt(row, rows, Self::begin)?;
-            }
+            Turn::Reset | Turn::Rest => rows.clear(row),
+        }
+        if rows.turns[row] == Turn::Reset || rows.begins_anew(row) {
+            self.attempt(row, rows, Self::begin)?;
+        }
+        Ok(())
+    }
+
+    fn experts(&mut self, rows: &mut Rows) -> Result<(), EnvError> {
+        let actions = rows.actions.chunks_exact_mut(ACTION_DIM);
+        for ((table, slot), action) in self.tables.iter().zip(&self.slots).zip(actions) {
+            let expert = table.expert_action();
+            action.copy_from_slice(&expert.map_err(|error| error.of(slot.index))?);
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use symmetry::D2;
 use crate::batch::{ObservationsMut, StepMut};
 use crate::control::check_action;
 use crate::error::EnvError;
-use crate::rows::{Command, Failure, Rows, copy_row};
+use crate::rows::{Command, Failure, Rows, Turn, copy_row};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
@@ -146,7 +146,11 @@ impl VecEnv {
     /// [`EnvError::Length`] for buffers of another size, or what OpenGL says.
     pub fn reset(&mut self, out: ObservationsMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_observations(&out)?;
-        self.run(Command::Reset)?;
+        self.prepare_rows();
+        self.rows
+            .iter_mut()
+            .for_each(|rows| rows.turns.fill(Turn::Reset));
+        self.run(Command::Advance)?;
         self.copy_observations(out);
         Ok(&self.failures)
     }
@@ -160,14 +164,73 @@ impl VecEnv {
     /// [`VecEnv::reset`] makes new renderers.
     pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
         self.check_step(actions, &out)?;
-        if !self.running {
-            return Err(EnvError::NotReset);
+        self.require_running()?;
+        self.rows
+            .iter_mut()
+            .for_each(|rows| rows.turns.fill(Turn::Step));
+        self.take_turns(actions, out)
+    }
+
+    /// Lets every environment have its turn of `turns` `[N]`, with its row of `actions` `[N, 4]`,
+    /// and returns those that failed. Episodes can thus be begun one by one, when the caller likes.
+    ///
+    /// Rewards and flags of environments that take no decision are 0 and false, and the observation
+    /// of one that rests is its last one.
+    ///
+    /// # Errors
+    /// As [`VecEnv::step`]; [`EnvError::NotReset`] only where an environment should do anything but
+    /// begin an episode.
+    pub fn advance(
+        &mut self,
+        actions: &[f32],
+        turns: &[Turn],
+        out: StepMut<'_>,
+    ) -> Result<&[Failure], EnvError> {
+        self.check_step(actions, &out)?;
+        check_len("turns", turns.len(), self.settings.num_envs)?;
+        if turns.iter().any(|&turn| turn != Turn::Reset) {
+            self.require_running()?;
         }
+        self.prepare_rows();
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
-            let range = worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM;
-            rows.actions.copy_from_slice(&actions[range]);
+            rows.turns.copy_from_slice(&turns[worker.envs.clone()]);
         }
-        self.run(Command::Step)?;
+        self.take_turns(actions, out)
+    }
+
+    /// Writes the scripted expert's action of every environment to `actions` `[N, 4]`.
+    ///
+    /// # Errors
+    /// [`EnvError::Length`], [`EnvError::NotReset`], [`EnvError::NonFiniteCommand`]; episodes go
+    /// on.
+    pub fn expert_actions(&mut self, actions: &mut [f32]) -> Result<(), EnvError> {
+        check_len(
+            "actions",
+            actions.len(),
+            self.settings.num_envs * ACTION_DIM,
+        )?;
+        self.require_running()?;
+        self.send_rows(Command::Experts)?;
+        for (rows, worker) in self.rows.iter().zip(&self.workers) {
+            actions[action_range(worker)].copy_from_slice(&rows.actions);
+        }
+        Ok(())
+    }
+
+    /// Refuses to go on without episodes, or after a worker was lost with its rows.
+    fn require_running(&self) -> Result<(), EnvError> {
+        if self.running && self.rows.len() == self.workers.len() {
+            return Ok(());
+        }
+        Err(EnvError::NotReset)
+    }
+
+    /// Lets the rows have the turns that are written in them.
+    fn take_turns(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[Failure], EnvError> {
+        for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
+            rows.actions.copy_from_slice(&actions[action_range(worker)]);
+        }
+        self.run(Command::Advance)?;
         self.copy_finals(out.final_observations);
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let envs = worker.envs.clone();
@@ -182,18 +245,22 @@ impl VecEnv {
 
     /// Lets every worker work on its rows.
     fn run(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
-        self.prepare_rows();
         self.running = false;
-        for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
-            worker.send(command(rows));
-        }
-        self.receive()?;
+        self.send_rows(command)?;
         self.running = true;
         self.failures.clear();
         for rows in &mut self.rows {
             self.failures.append(&mut rows.failures);
         }
         Ok(())
+    }
+
+    /// Gives every worker its rows and waits for them to come back.
+    fn send_rows(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
+        for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
+            worker.send(command(rows));
+        }
+        self.receive()
     }
 
     /// Gives every worker an order that concerns no rows.
@@ -242,7 +309,7 @@ impl VecEnv {
         let image = self.settings.image_len();
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             for (row, env) in worker.envs.clone().enumerate() {
-                if rows.batch.truncated[row] {
+                if rows.begins_anew(row) {
                     copy_row(&rows.batch.final_images, row, out.images, env, image);
                     copy_row(&rows.batch.final_vectors, row, out.vectors, env, VECTOR_DIM);
                 }
@@ -269,6 +336,11 @@ impl VecEnv {
         check_len("success_at_end", out.success_at_end.len(), n)?;
         check_len("truncated", out.truncated.len(), n)
     }
+}
+
+/// Where the actions of a worker's environments stand among those of all.
+fn action_range(worker: &Worker) -> std::ops::Range<usize> {
+    worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM
 }
 
 /// Gives each thread a contiguous part of the environments.

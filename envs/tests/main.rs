@@ -16,6 +16,7 @@ mod rewards;
 mod scenes;
 mod simulated_arm;
 mod tasks;
+mod turns;
 mod vec_env;
 
 #[path = "../examples/inpainting/arm.rs"]

@@ -1,0 +1,66 @@
+"""Times covers_envs in Python, the same environments in Rust, and Meta-World in turn: python_envs.py DRIVER ROUNDS.
+
+Everybody gets uniformly random actions, one a control step of 12.5 ms, and one thread. A picture has 64 x 64 pixels.
+Figures are medians over rounds; a round asks everybody once.
+"""
+
+import sys
+from statistics import median
+
+import covers_envs
+import numpy as np
+from envs import ENVS, SIZE, TASKS, MetaWorld, Ours, image, rate
+
+
+class Python:
+    def __init__(self, task, embodiment, copy=True):
+        control = {"action_repeat": 1, "displacement": 0.01, "horizon": 500}
+        self.env = covers_envs.make_vec(
+            task, ENVS, image_size=SIZE, embodiment=embodiment, threads=1, seed=0, copy=copy, **control
+        )
+        self.env.reset()
+        self.rng = np.random.default_rng(0)
+        self.step()
+
+    def step(self):
+        self.env.step(self.rng.uniform(-1, 1, (ENVS, 4)).astype(np.float32))
+
+    def image(self):
+        return ENVS * rate(self.step, 10**9)
+
+
+def measures(driver, task):
+    """Name of every column and what measures it."""
+    columns = {}
+    for embodiment in ("sawyer", "hand"):
+        ours = Ours(driver, embodiment)
+        columns[f"Rust {embodiment}"] = lambda ours=ours: ours.ask("image", task)
+        columns[f"Python {embodiment}"] = Python(task, embodiment).image
+        columns[f"shared {embodiment}"] = Python(task, embodiment, copy=False).image
+    shipped, tuned = MetaWorld(task), MetaWorld(task, tuned=True)
+    columns["MW image"] = lambda: shipped.ask(image)
+    columns["MW tuned"] = lambda: tuned.ask(image)
+    return columns
+
+
+def medians(driver, task, rounds):
+    columns = measures(driver, task)
+    figures = {name: [] for name in columns}
+    for _ in range(rounds):
+        for name, measure in columns.items():
+            figures[name].append(measure())
+    over = [rust / python - 1 for rust, python in zip(figures["Rust sawyer"], figures["Python sawyer"])]
+    return {name: median(values) for name, values in figures.items()} | {"overhead %": 100 * median(over)}
+
+
+def main():
+    driver, rounds = sys.argv[1], int(sys.argv[2])
+    columns = {task: medians(driver, task, rounds) for task in TASKS}
+    print(f"medians of {rounds} rounds; control steps with a picture each, per second")
+    print("".join(f"{name:>14}" for name in ["", *TASKS]))
+    for name in columns["goal-reach"]:
+        print(f"{name:<14}" + "".join(f"{columns[task][name]:>14.1f}" for task in TASKS))
+
+
+if __name__ == "__main__":
+    main()

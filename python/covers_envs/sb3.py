@@ -1,0 +1,82 @@
+"""Stable-Baselines3's own kind of vector environment."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from covers_envs.vector import CoversVectorEnv
+
+
+class SB3VecEnv(VecEnv):
+    """A `CoversVectorEnv` that Stable-Baselines3 learns from.
+
+    `infos[i]["is_success"]` says whether the episode has succeeded so far, so that
+    Stable-Baselines3 logs its rate of success.
+
+    Args:
+        env: The environments.
+        only: `image` or `vector` shows that part of the observation alone.
+    """
+
+    def __init__(self, env: CoversVectorEnv, only: str | None = None) -> None:
+        if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f"autoreset_mode is {env.autoreset_mode}, expected AutoresetMode.SAME_STEP")
+        self.env = env
+        self._only = only
+        super().__init__(env.num_envs, self._shown(env.single_observation_space), env.single_action_space)
+        self._succeeded = np.zeros(env.num_envs, np.bool_)
+
+    def _shown(self, parts: Any) -> Any:
+        return parts if self._only is None else parts[self._only]
+
+    def reset(self) -> Any:
+        """Begins episodes, from the first of the seeds that `seed` set."""
+        observation, _ = self.env.reset(seed=self._seeds[0])
+        self._reset_seeds()
+        self._reset_options()
+        self._succeeded[:] = False
+        return self._shown(observation)
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Keeps the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Any, NDArray[Any], NDArray[Any], list[dict[str, Any]]]:
+        """Takes one decision in every environment."""
+        observation, rewards, _, dones, infos = self.env.step(self._actions)
+        self._succeeded |= infos["success"]
+        told = [{"is_success": bool(success)} for success in self._succeeded]
+        for index in np.flatnonzero(dones):
+            last = self._shown(infos["final_obs"][index])
+            told[index] |= {"terminal_observation": last, "TimeLimit.truncated": True}
+        self._succeeded &= ~dones
+        return self._shown(observation), rewards, dones, told
+
+    def close(self) -> None:
+        """Ends the worker threads."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """The present pictures."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The attribute, which all environments share."""
+        value = getattr(self.env, attr_name)
+        return [value for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Environments have no attributes of their own."""
+        raise NotImplementedError(f"`{attr_name}` cannot be set: the environments live in one native vector")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Environments have no methods of their own."""
+        raise NotImplementedError(f"`{method_name}` cannot be called: the environments live in one native vector")
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """No environment is wrapped."""
+        return [False for _ in self._get_indices(indices)]

@@ -1,0 +1,51 @@
+"""One environment."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from covers_envs.vector import CoversVectorEnv, Info, Observation
+
+
+class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """One environment of a task: the only one of a `CoversVectorEnv`, whose settings it takes."""
+
+    metadata: dict[str, Any] = CoversVectorEnv.metadata
+
+    def __init__(self, task: str | list[str] = "goal-reach", **settings: Any) -> None:
+        self._vector = CoversVectorEnv(task, 1, autoreset_mode=AutoresetMode.DISABLED, **settings)
+        self.observation_space = self._vector.single_observation_space
+        self.action_space = self._vector.single_action_space
+        self.render_mode = self._vector.render_mode
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Begins an episode."""
+        super().reset(seed=seed)
+        observation, _ = self._vector.reset(seed=seed)
+        return _first(observation), {}
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
+        """Takes one decision."""
+        observation, rewards, _, truncated, infos = self._vector.step(np.asarray(action)[None])
+        info = {name: array[0] for name, array in infos.items() if not name.startswith("_")}
+        return _first(observation), float(rewards[0]), False, bool(truncated[0]), info
+
+    def expert_action(self) -> NDArray[np.float32]:
+        """The scripted expert's action in the present state, `[4]`."""
+        return self._vector.expert_actions()[0]
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The present picture, enlarged."""
+        pictures = self._vector.render()
+        return None if pictures is None else pictures[0]
+
+    def close(self) -> None:
+        """Ends the worker thread."""
+        self._vector.close()
+
+
+def _first(observation: Observation) -> Observation:
+    return {name: array[0] for name, array in observation.items()}

@@ -1,0 +1,273 @@
+"""Environments that are stepped together."""
+
+import contextlib
+import difflib
+import importlib
+import operator
+import os
+import warnings
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Dict
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from covers_envs import _core
+
+# Mesa's software renderer would spread each small picture over all cores, which costs more than it
+# saves. Mesa reads the variable when the first renderer is made.
+os.environ.setdefault("LP_NUM_THREADS", "0")
+
+Observation = dict[str, NDArray[Any]]
+Info = dict[str, Any]
+
+#: Turns of the native part.
+_STEP, _STEP_AND_STAY, _RESET, _REST = range(4)
+#: Shortest side of a picture that `render` returns, in pixels.
+_RENDERED = 480
+
+
+class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
+    """N environments of one task group.
+
+    Observations: `image`, uint8 `[N, size, size, 6]`, the present picture and the episode's first;
+    `vector`, float32 `[N, 7]`, hand x, y, z (metres from the table's centre), aperture, goal x, y,
+    z (told in Goal Reach, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
+    [0, 1]. Episodes end by truncation alone.
+
+    Args:
+        task: `goal-reach` (each episode draws one of four variants), `goal-reach-flip-x` (that
+            variant), or a list of variants of one group. `covers_envs.TASKS` holds the names.
+        num_envs: N.
+        image_size: Pixels along a side of the picture, an even number.
+        layout: `symmetric`, or `metaworld` for Meta-World's own figures and control.
+        embodiment: `sawyer`, `hand` or `kinova_gen3`.
+        seed: Of all draws; drawn itself where it is None. Environment i has a stream of its own,
+            so nothing depends on `num_envs` or `threads`.
+        threads: Worker threads; the processor's cores, at most N, where it is None.
+        autoreset_mode: What happens where an episode ends, see Gymnasium.
+        copy: True hands out new arrays in every step. False hands out the same arrays, which the
+            next `reset` or `step` overwrites.
+        render_mode: None or `rgb_array`.
+        action_repeat: Control steps of 12.5 ms that an action is held for.
+        displacement: Metres that a full action moves the hand's target by.
+        horizon: Control steps in an episode.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 8}
+
+    def __init__(
+        self,
+        task: str | list[str] = "goal-reach",
+        num_envs: int = 1,
+        *,
+        image_size: int = 48,
+        layout: str = "symmetric",
+        embodiment: str = "sawyer",
+        seed: int | None = None,
+        threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        copy: bool = True,
+        render_mode: str | None = None,
+        action_repeat: int | None = None,
+        displacement: float | None = None,
+        horizon: int | None = None,
+    ) -> None:
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
+        self.num_envs = n = _natural("num_envs", num_envs)
+        size = _natural("image_size", image_size)
+        if threads is None:
+            threads = max(1, min(n, len(os.sched_getaffinity(0))))
+        _load_other_compilers()
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._core = _core.Core(
+            _tasks(task),
+            n,
+            _natural("threads", threads),
+            size,
+            layout,
+            embodiment,
+            self._new_seed(seed),
+            action_repeat=action_repeat,
+            displacement=displacement,
+            horizon=horizon,
+        )
+        #: Decisions in an episode.
+        self.decisions: int = self._core.decisions()
+
+        image = Box(0, 255, (size, size, _core.IMAGE_CHANNELS), np.uint8)
+        low = np.array([-1, -1, -1, 0, -1, -1, -1], np.float32)
+        self.single_observation_space = Dict(image=image, vector=Box(low, 1, dtype=np.float32))
+        self.single_action_space = Box(-1, 1, (_core.ACTION_DIM,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+
+        self._copy = copy
+        self._out = self._new_arrays()
+        self._final = _observation(n, size)
+        self._ended = np.zeros(n, np.bool_)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Begins episodes: everywhere, or where the booleans `options["reset_mask"]` `[N]` say.
+
+        Equal seeds give equal episodes. Environment i draws from stream i of the one seed.
+        """
+        mask = self._reset_mask(options)
+        if seed is not None:
+            if not mask.all():
+                raise ValueError("`seed` is for all environments: give it without `reset_mask`")
+            self._core.reseed(self._new_seed(seed))
+        none = np.zeros(self.action_space.shape, np.float32)
+        failures = self._advance(none, np.where(mask, _RESET, _REST))
+        self._ended &= ~mask
+        return self._out[0], _failed({}, failures, self.num_envs)
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+        """Takes one decision in every environment. `NEXT_STEP` begins an episode instead where the
+        last step ended one."""
+        actions, turns = self._checked(actions), self._turns()
+        failures = self._advance(actions, turns)
+        observation, (rewards, success, success_at_end, truncated) = self._out
+        outcome = {"success": success, "success_at_end": success_at_end}
+        infos = _masked(outcome, turns <= _STEP_AND_STAY)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            if truncated.any():
+                infos |= self._final_infos(outcome, truncated)
+        else:
+            self._ended = truncated.copy()
+        terminated = np.zeros(self.num_envs, np.bool_)
+        return observation, rewards, terminated, truncated, _failed(infos, failures, self.num_envs)
+
+    def expert_actions(self) -> NDArray[np.float32]:
+        """The scripted experts' actions in the present states, `[N, 4]`."""
+        actions = np.empty(self.action_space.shape, np.float32)
+        self._core.expert_actions(actions)
+        return actions
+
+    def set_task(self, task: str | list[str]) -> None:
+        """Switches all environments to another task: `reset` must come next."""
+        self._core.set_tasks(_tasks(task))
+        self._ended[:] = False
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """The present pictures, enlarged by a whole number to at least 480 pixels a side."""
+        if self.render_mode is None:
+            return None
+        pictures = self._out[0]["image"][..., :3]
+        factor = -(-_RENDERED // pictures.shape[1])
+        return tuple(pictures.repeat(factor, axis=1).repeat(factor, axis=2))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the worker threads."""
+        if hasattr(self, "_core"):
+            self._core.close()
+
+    def _new_seed(self, seed: int | None) -> int:
+        if seed is None:
+            seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        elif isinstance(seed, (list, tuple)):
+            raise ValueError("`seed` is a list, expected one whole number: environment i draws from stream i of it")
+        self._np_random_seed = _natural("seed", seed)
+        return self._np_random_seed
+
+    def _new_arrays(self) -> tuple[Observation, tuple[NDArray[Any], ...]]:
+        n = self.num_envs
+        size = self.single_observation_space["image"].shape[0]
+        outcome = np.empty(n, np.float32), *(np.empty(n, np.bool_) for _ in range(3))
+        return _observation(n, size), outcome
+
+    def _advance(self, actions: NDArray[np.float32], turns: NDArray[Any]) -> list[tuple[int, str]]:
+        """Fills arrays that nobody else holds, or with `copy=False` those that all steps share."""
+        out = self._new_arrays() if self._copy else self._out
+        (observation, outcome), final = out, self._final
+        arrays = observation["image"], observation["vector"], final["image"], final["vector"], outcome
+        failures = self._core.advance(actions, turns.astype(np.uint8), arrays)
+        self._out = out
+        for index, message in failures:
+            warnings.warn(f"environment {index}: {message}", RuntimeWarning, stacklevel=3)
+        return failures
+
+    def _turns(self) -> NDArray[Any]:
+        match self.autoreset_mode:
+            case AutoresetMode.SAME_STEP:
+                return np.full(self.num_envs, _STEP)
+            case AutoresetMode.NEXT_STEP:
+                return np.where(self._ended, _RESET, _STEP_AND_STAY)
+        if self._ended.any():
+            ended = np.flatnonzero(self._ended).tolist()
+            raise RuntimeError(f"environments {ended}: no episode is running: call `reset` first")
+        return np.full(self.num_envs, _STEP_AND_STAY)
+
+    def _final_infos(self, outcome: dict[str, NDArray[Any]], ended: NDArray[np.bool_]) -> Info:
+        final_obs = np.full(self.num_envs, None, object)
+        for index in np.flatnonzero(ended):
+            rows = {name: array[index] for name, array in self._final.items()}
+            final_obs[index] = {name: row.copy() for name, row in rows.items()} if self._copy else rows
+        final_info = {name: array & ended for name, array in outcome.items()}
+        return _masked({"final_obs": final_obs, "final_info": _masked(final_info, ended)}, ended)
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        mask = (options or {}).get("reset_mask")
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,):
+            raise ValueError(f"`reset_mask` is {mask!r}, expected an array of {self.num_envs} booleans")
+        return mask
+
+    def _checked(self, actions: Any) -> NDArray[np.float32]:
+        array = np.asarray(actions)
+        if array.shape != self.action_space.shape:
+            raise ValueError(f"`actions` has the shape {array.shape}, expected {self.action_space.shape}")
+        if array.dtype not in (np.float32, np.float64):
+            raise ValueError(f"`actions` is of {array.dtype}, expected float32, or float64 to be converted")
+        return np.ascontiguousarray(array, np.float32)
+
+
+def _load_other_compilers() -> None:
+    """Mesa's driver makes the symbols of its LLVM global. Triton, which PyTorch loads when it first
+    optimises, has an LLVM of its own, and the process crashes where Triton is loaded second."""
+    with contextlib.suppress(Exception):
+        importlib.import_module("triton")
+
+
+def _observation(n: int, size: int) -> Observation:
+    image = np.zeros((n, size, size, _core.IMAGE_CHANNELS), np.uint8)
+    return {"image": image, "vector": np.zeros((n, _core.VECTOR_DIM), np.float32)}
+
+
+def _masked(values: dict[str, Any], mask: NDArray[np.bool_]) -> Info:
+    """Values, each with Gymnasium's mask of the environments that have one."""
+    return values | {f"_{name}": mask.copy() for name in values}
+
+
+def _failed(infos: Info, failures: list[tuple[int, str]], n: int) -> Info:
+    """Adds why environments failed."""
+    if not failures:
+        return infos
+    texts = np.full(n, None, object)
+    for index, message in failures:
+        texts[index] = message
+    return infos | _masked({"failure": texts}, texts != None)  # noqa: E711
+
+
+def _natural(name: str, value: Any) -> int:
+    number = operator.index(value)
+    if 0 <= number < 2**64:
+        return number
+    raise ValueError(f"setting `{name}` is {number}, expected a whole number of 64 bits")
+
+
+def _tasks(task: str | list[str]) -> list[str]:
+    names, known = [task] if isinstance(task, str) else list(task), _core.task_names()
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1, 0)
+            raise ValueError(f"unknown task `{name}`, did you mean `{near[0]}`? `covers_envs.TASKS` holds the names")
+    return names

@@ -1,0 +1,43 @@
+//! Writes what a `VecEnv` shows over an episode's end, byte by byte, for `tests/test_numbers.py`.
+
+use std::error::Error;
+use std::io::{Write, stdout};
+
+use envs::{ACTION_DIM, Batch, TaskGroup, VecEnv, VecEnvSettings};
+use symmetry::D2;
+
+const N: usize = 3;
+const DECISIONS: usize = 6;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut settings = VecEnvSettings {
+        num_envs: N,
+        seed: 7,
+        ..VecEnvSettings::default()
+    };
+    settings.camera.size = 16;
+    settings.control.horizon = 40;
+    let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL)?;
+    let mut batch = Batch::new(&settings);
+    env.reset(batch.observations())?;
+    show(&batch)?;
+    for decision in 0..DECISIONS {
+        let action = |i| ((i * 7 + decision * 3) % 5) as f32 / 2.0 - 1.0;
+        let actions: Vec<f32> = (0..N * ACTION_DIM).map(action).collect();
+        env.step(&actions, batch.step())?;
+        show(&batch)?;
+    }
+    Ok(())
+}
+
+fn show(batch: &Batch) -> std::io::Result<()> {
+    let mut out = stdout().lock();
+    out.write_all(&batch.images)?;
+    for value in batch.vectors.iter().chain(&batch.rewards) {
+        out.write_all(&value.to_le_bytes())?;
+    }
+    for flags in [&batch.success, &batch.success_at_end, &batch.truncated] {
+        out.write_all(&flags.iter().map(|&flag| u8::from(flag)).collect::<Vec<_>>())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,227 @@
+//! The native part of the Python package `covers_envs`: an [`envs::VecEnv`] that fills NumPy
+//! arrays. Spaces, autoreset modes and infos are Python's, in `covers_envs/`.
+#![forbid(unsafe_code)]
+#![deny(missing_docs, clippy::unwrap_used, clippy::expect_used)]
+
+mod task;
+
+use std::sync::{Mutex, PoisonError};
+
+use envs::{Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, Turn};
+use envs::{VecEnv, VecEnvSettings};
+use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray4};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+/// Indices of environments that failed, and why.
+type Failures = Vec<(usize, String)>;
+
+/// What [`StepMut`] borrows, in its order.
+type Out<'py> = (
+    PyReadwriteArray4<'py, u8>,
+    PyReadwriteArray2<'py, f32>,
+    PyReadwriteArray4<'py, u8>,
+    PyReadwriteArray2<'py, f32>,
+    Outcome<'py>,
+);
+
+/// Rewards, success, success at the end, truncated.
+type Outcome<'py> = (
+    PyReadwriteArray1<'py, f32>,
+    PyReadwriteArray1<'py, bool>,
+    PyReadwriteArray1<'py, bool>,
+    PyReadwriteArray1<'py, bool>,
+);
+
+/// Environments of one task group. Every call works without the interpreter's lock.
+#[pyclass(frozen, module = "covers_envs._core")]
+struct Core(Mutex<Option<VecEnv>>);
+
+#[pymethods]
+impl Core {
+    #[new]
+    #[pyo3(signature = (tasks, num_envs, threads, image_size, layout, embodiment, seed, *,
+                        action_repeat = None, displacement = None, horizon = None))]
+    #[expect(clippy::too_many_arguments, reason = "keywords of one Python call")]
+    fn new(
+        py: Python<'_>,
+        tasks: Vec<String>,
+        num_envs: usize,
+        threads: usize,
+        image_size: usize,
+        layout: &str,
+        embodiment: &str,
+        seed: u64,
+        action_repeat: Option<usize>,
+        displacement: Option<f64>,
+        horizon: Option<usize>,
+    ) -> PyResult<Self> {
+        let layout = find_layout(layout)?;
+        let mut settings = VecEnvSettings {
+            num_envs,
+            threads,
+            layout,
+            embodiment: embodiment.parse::<Embodiment>().map_err(error)?,
+            control: layout.control(),
+            seed,
+            ..VecEnvSettings::default()
+        };
+        settings.camera.size = image_size;
+        let control = &mut settings.control;
+        control.action_repeat = action_repeat.unwrap_or(control.action_repeat);
+        control.displacement = displacement.unwrap_or(control.displacement);
+        control.horizon = horizon.unwrap_or(control.horizon);
+        let (group, elements) = task::parse(&tasks, layout)?;
+        let env = py.detach(|| VecEnv::new(settings, group, &elements));
+        Ok(Self(Mutex::new(Some(env.map_err(error)?))))
+    }
+
+    /// Decisions in an episode.
+    fn decisions(&self, py: Python<'_>) -> PyResult<usize> {
+        self.with(py, |env| Ok(env.settings().control.decisions()))
+    }
+
+    fn reseed(&self, py: Python<'_>, seed: u64) -> PyResult<()> {
+        self.with(py, |env| env.reseed(seed))
+    }
+
+    fn set_tasks(&self, py: Python<'_>, tasks: Vec<String>) -> PyResult<()> {
+        let layout = self.with(py, |env| Ok(env.settings().layout))?;
+        let (group, elements) = task::parse(&tasks, layout)?;
+        self.with(py, |env| env.set_tasks(group, &elements))
+    }
+
+    /// Lets every environment have its turn: one of the constants of this module.
+    fn advance(
+        &self,
+        py: Python<'_>,
+        actions: PyReadonlyArray2<'_, f32>,
+        turns: PyReadonlyArray1<'_, u8>,
+        out: Out<'_>,
+    ) -> PyResult<Failures> {
+        let actions = actions.as_slice().map_err(value_error)?;
+        let turns = turns.as_array().into_iter().map(|&turn| find_turn(turn));
+        let turns = turns.collect::<PyResult<Vec<Turn>>>()?;
+        let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
+        let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
+        let out = StepMut {
+            observations: ObservationsMut {
+                images: slice(&mut images)?,
+                vectors: slice(&mut vectors)?,
+            },
+            final_observations: ObservationsMut {
+                images: slice(&mut final_images)?,
+                vectors: slice(&mut final_vectors)?,
+            },
+            rewards: slice(&mut rewards)?,
+            success: slice(&mut success)?,
+            success_at_end: slice(&mut success_at_end)?,
+            truncated: slice(&mut truncated)?,
+        };
+        self.with(py, |env| Ok(texts(env.advance(actions, &turns, out)?)))
+    }
+
+    /// Writes the scripted experts' actions.
+    fn expert_actions(
+        &self,
+        py: Python<'_>,
+        mut actions: PyReadwriteArray2<'_, f32>,
+    ) -> PyResult<()> {
+        let actions = slice(&mut actions)?;
+        self.with(py, |env| env.expert_actions(actions))
+    }
+
+    /// Ends the worker threads.
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| drop(self.lock().take()));
+    }
+}
+
+impl Core {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Option<VecEnv>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Runs `work` without the interpreter's lock, so that other Python threads go on.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut VecEnv) -> Result<T, EnvError> + Send,
+    ) -> PyResult<T> {
+        py.detach(|| match self.lock().as_mut() {
+            Some(env) => work(env).map_err(error),
+            None => {
+                let message = "the environment is closed: make a new one";
+                Err(PyRuntimeError::new_err(message))
+            }
+        })
+    }
+}
+
+fn find_turn(turn: u8) -> PyResult<Turn> {
+    let turns = [Turn::Step, Turn::StepAndStay, Turn::Reset, Turn::Rest];
+    let found = turns.get(usize::from(turn)).copied();
+    found.ok_or_else(|| value_error(format!("turn {turn}, expected 0 to 3")))
+}
+
+fn find_layout(name: &str) -> PyResult<Layout> {
+    let found = Layout::ALL.into_iter().find(|layout| layout.name() == name);
+    found.ok_or_else(|| {
+        let known = Layout::ALL.map(Layout::name).join(", ");
+        value_error(format!("unknown layout `{name}`: expected one of {known}"))
+    })
+}
+
+fn texts(failures: &[Failure]) -> Failures {
+    let text = |failure: &Failure| (failure.env, failure.error.to_string());
+    failures.iter().map(text).collect()
+}
+
+fn slice<'a, T: Element, D: numpy::ndarray::Dimension>(
+    array: &'a mut PyReadwriteArray<'_, T, D>,
+) -> PyResult<&'a mut [T]> {
+    array.as_slice_mut().map_err(value_error)
+}
+
+fn value_error(message: impl ToString) -> PyErr {
+    PyValueError::new_err(message.to_string())
+}
+
+/// What the caller got wrong is a `ValueError`, what happened is a `RuntimeError`.
+fn error(error: EnvError) -> PyErr {
+    let message = error.to_string();
+    let mut cause = &error;
+    while let EnvError::InEnv { source, .. } = cause {
+        cause = source;
+    }
+    match cause {
+        EnvError::UnknownTask { .. }
+        | EnvError::UnknownEmbodiment { .. }
+        | EnvError::Setting { .. }
+        | EnvError::NonFiniteAction { .. }
+        | EnvError::Length { .. }
+        | EnvError::NoSuchVariant { .. }
+        | EnvError::NoSuchLayout { .. }
+        | EnvError::NoVariants { .. } => PyValueError::new_err(message),
+        _ => PyRuntimeError::new_err(message),
+    }
+}
+
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::Core;
+    #[pymodule_export]
+    const ACTION_DIM: usize = envs::ACTION_DIM;
+    #[pymodule_export]
+    const IMAGE_CHANNELS: usize = envs::IMAGE_CHANNELS;
+    #[pymodule_export]
+    const VECTOR_DIM: usize = envs::VECTOR_DIM;
+
+    /// Names of the four groups, then of the sixteen tasks.
+    #[pyo3::pyfunction]
+    fn task_names() -> Vec<String> {
+        super::task::names()
+    }
+}

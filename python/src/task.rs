@@ -1,0 +1,51 @@
+//! Tasks by the names that Python gives them: `goal-reach`, `button-press-flip-x`.
+
+use envs::{Layout, TaskGroup, TaskRegistry};
+use pyo3::PyResult;
+use symmetry::D2;
+
+use crate::{error, value_error};
+
+/// Names of the groups, then of their variants.
+pub fn names() -> Vec<String> {
+    let groups = TaskGroup::STANDARD.map(|group| group.name().to_owned());
+    let variants = TaskGroup::STANDARD.map(|group| D2::ALL.map(|element| name(group, element)));
+    [&groups[..], variants.as_flattened()].concat()
+}
+
+/// The one group that `tasks` name, and the elements to draw its variants from: all of the layout
+/// where a group is named.
+pub fn parse(tasks: &[String], layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
+    let mut found: Option<(TaskGroup, Vec<D2>)> = None;
+    for task in tasks {
+        let (group, elements) = find(task, layout)?;
+        match &mut found {
+            None => found = Some((group, elements)),
+            Some((first, all)) if *first == group => all.extend(elements),
+            Some((first, _)) => return Err(value_error(mixed(*first, group))),
+        }
+    }
+    found.ok_or_else(|| value_error("no task is named: name at least one"))
+}
+
+fn mixed(first: TaskGroup, second: TaskGroup) -> String {
+    format!(
+        "the tasks are variants of {first} and of {second}: the environments of one vector are \
+         variants of one group, so make a vector for each group, or switch with `set_task`"
+    )
+}
+
+fn find(task: &str, layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
+    for group in TaskGroup::STANDARD {
+        let element = D2::ALL.into_iter().find(|&g| name(group, g) == task);
+        if let Some(element) = element {
+            return Ok((group, vec![element]));
+        }
+    }
+    let group = TaskRegistry::standard().get(task).map_err(error)?;
+    Ok((group, layout.elements().to_vec()))
+}
+
+fn name(group: TaskGroup, element: D2) -> String {
+    format!("{group}-{element}").replace(' ', "-")
+}

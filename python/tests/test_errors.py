@@ -1,0 +1,93 @@
+"""Bad input is refused by name, and changes nothing."""
+
+import numpy as np
+import pytest
+
+import covers_envs
+
+
+def make(task="goal-reach", n=2, **settings):
+    return covers_envs.make_vec(task, n, **{"image_size": 16, "seed": 0} | settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"task": "goal-reech"}, "unknown task `goal-reech`, did you mean `goal-reach`"),
+        ({"task": "button-press-flipx"}, "did you mean `button-press-flip-x`"),
+        ({"task": ["goal-reach", "drawer-close"]}, "variants of goal-reach and of drawer-close"),
+        ({"task": []}, "no task is named"),
+        ({"n": 0}, "setting `num_envs` is 0, expected at least 1"),
+        ({"n": -1}, "setting `num_envs` is -1"),
+        ({"threads": 0}, "setting `threads` is 0, expected 1 to 1024"),
+        ({"image_size": 15}, "is 15, expected an even number"),
+        ({"embodiment": "sawer"}, "unknown embodiment `sawer`: expected one of sawyer"),
+        ({"layout": "stock"}, "unknown layout `stock`: expected one of symmetric, metaworld"),
+        ({"layout": "metaworld", "task": "goal-reach-flip-x"}, "no variant under flip x"),
+        ({"horizon": 7}, "7 with action repeat 10, expected a positive multiple"),
+        ({"seed": -3}, "setting `seed` is -3"),
+        ({"seed": [1, 2]}, "`seed` is a list"),
+        ({"render_mode": "human"}, "render_mode is 'human'"),
+        ({"autoreset_mode": "never"}, "never"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        make(**settings)
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        (np.zeros((2, 3), np.float32), r"`actions` has the shape \(2, 3\), expected \(2, 4\)"),
+        (np.zeros(4, np.float32), r"`actions` has the shape \(4,\)"),
+        (np.zeros((2, 4), np.int64), "`actions` is of int64, expected float32"),
+        (np.full((2, 4), np.nan, np.float32), "environment 0: component 0 of the action is NaN"),
+        (np.full((2, 4), -np.inf), "component 0 of the action is -inf"),
+    ],
+)
+def test_bad_actions_are_refused_and_nothing_moves(actions, message):
+    env, untouched = make(), make()
+    for each in (env, untouched):
+        each.reset()
+    with pytest.raises(ValueError, match=message):
+        env.step(actions)
+    good = np.full((2, 4), 0.5)
+    assert (env.step(good)[0]["vector"] == untouched.step(good)[0]["vector"]).all()
+
+
+def test_an_environment_must_be_reset_and_open():
+    env, actions = make(), np.zeros((2, 4), np.float32)
+    with pytest.raises(RuntimeError, match="no episode is running: call `reset` first"):
+        env.step(actions)
+    with pytest.raises(RuntimeError, match="no episode is running"):
+        env.expert_actions()
+    env.reset()
+    env.close()
+    env.close()
+    for call in (lambda: env.step(actions), env.reset, env.expert_actions):
+        with pytest.raises(RuntimeError, match="the environment is closed: make a new one"):
+            call()
+
+
+@pytest.mark.parametrize("mask", [[True, False], np.ones(3, np.bool_), np.ones(2)])
+def test_a_reset_mask_is_an_array_of_booleans(mask):
+    env = make()
+    env.reset()
+    with pytest.raises(ValueError, match="expected an array of 2 booleans"):
+        env.reset(options={"reset_mask": mask})
+
+
+def test_a_seed_is_for_all():
+    env = make()
+    env.reset()
+    with pytest.raises(ValueError, match="`seed` is for all environments"):
+        env.reset(seed=1, options={"reset_mask": np.array([True, False])})
+
+
+def test_one_environment_must_be_reset_after_its_end():
+    env = covers_envs.make("goal-reach", image_size=16, horizon=10)
+    env.reset(seed=0)
+    assert env.step(env.expert_action())[3]
+    with pytest.raises(RuntimeError, match="no episode is running: call `reset` first"):
+        env.step(np.zeros(4, np.float32))

@@ -1,0 +1,97 @@
+"""Seeds, threads, memory, and the bytes that the Rust environments show."""
+
+import os
+import subprocess
+
+import numpy as np
+import pytest
+
+import covers_envs
+
+SETTINGS = {"image_size": 16, "horizon": 40}
+
+
+def trace(env, steps=6, seed=None):
+    """All bytes of a reset and so many steps."""
+    observation, _ = env.reset(seed=seed)
+    none = np.zeros(env.num_envs, np.bool_)
+    shown = [observation["image"], observation["vector"], np.zeros(env.num_envs, np.float32), none, none, none]
+    for step in range(steps):
+        n = env.num_envs * 4
+        actions = ((np.arange(n) * 7 + step * 3) % 5).astype(np.float32) / 2 - 1
+        observation, rewards, _, truncated, infos = env.step(actions.reshape(-1, 4))
+        flags = infos["success"], infos["success_at_end"], truncated
+        shown += [observation["image"], observation["vector"], rewards, *(array.copy() for array in flags)]
+    return b"".join(array.tobytes() for array in shown)
+
+
+def make(n=3, **settings):
+    return covers_envs.make_vec("drawer-close", n, **SETTINGS | settings)
+
+
+def test_the_bytes_are_those_of_the_rust_environments():
+    program = os.environ.get("COVERS_BYTES")
+    if program is None:
+        pytest.skip("COVERS_BYTES does not name the program of examples/bytes.rs")
+    rust = subprocess.run([program], capture_output=True, check=True).stdout
+    assert trace(make(seed=7)) == rust
+
+
+def test_equal_seeds_give_equal_episodes():
+    env, other = make(), make(seed=3)
+    first = trace(env, seed=3)
+    assert trace(env) != first
+    assert trace(env, seed=3) == first == trace(other)
+    assert trace(env, seed=4) != first
+    assert trace(make()) != trace(make()), "a seed is drawn where none is given"
+
+
+def test_threads_and_neighbours_change_nothing():
+    assert trace(make(threads=1, seed=3)) == trace(make(threads=2, seed=3))
+    few, many = make(n=1, seed=3), make(n=3, seed=3)
+    one, three = few.reset()[0], many.reset()[0]
+    assert (one["image"][0] == three["image"][0]).all()
+
+
+def test_arrays_belong_to_the_caller_unless_shared_ones_are_asked_for():
+    zeros = np.zeros((3, 4), np.float32)
+    env = make(seed=3)
+    first, _ = env.reset()
+    kept = {name: array.copy() for name, array in first.items()}
+    second = env.step(zeros + 1)[0]
+    assert all((first[name] == kept[name]).all() for name in kept)
+    assert not any(np.shares_memory(first[name], second[name]) for name in kept)
+    assert all(array.flags.writeable for array in second.values())
+    shared = make(seed=3, copy=False)
+    before, _ = shared.reset()
+    after = shared.step(zeros + 1)[0]
+    assert all(before[name] is after[name] for name in kept)
+    assert all((after[name] == second[name]).all() for name in kept)
+
+
+@pytest.mark.parametrize("task", covers_envs.TASKS[4:])
+def test_the_scripted_expert_solves_every_task(task):
+    env = covers_envs.make_vec(task, 2, image_size=16, embodiment="hand", seed=1)
+    env.reset()
+    succeeded = np.zeros(2, np.bool_)
+    for _ in range(env.decisions):
+        infos = env.step(env.expert_actions())[4]
+        succeeded |= infos["success"]
+    assert succeeded.all()
+
+
+def test_a_list_of_variants_draws_from_them():
+    env = covers_envs.make_vec(["goal-reach-flip-x", "goal-reach-half-turn"], 16, seed=0, **SETTINGS)
+    goals = env.reset()[0]["vector"][:, 4:6]
+    assert (goals[:, 0] < 0).all() and (goals[:, 1] < 0).any() and (goals[:, 1] > 0).any()
+
+
+def test_a_vector_switches_tasks():
+    env = make(seed=3)
+    env.reset()
+    env.set_task("goal-reach")
+    with pytest.raises(RuntimeError, match="no episode is running"):
+        env.step(np.zeros((3, 4), np.float32))
+    assert (env.reset(seed=9)[0]["vector"][:, 6] > 0).all()
+    fresh = covers_envs.make_vec("goal-reach", 3, seed=9, **SETTINGS)
+    assert trace(env, seed=9) == trace(fresh)
