@@ -1,4 +1,4 @@
-//! One colour for each group, everywhere.
+//! Colours by number: of groups in the order of a run's schedule, and of methods.
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on a
 /// light and on a dark page.

@@ -210,15 +210,24 @@ impl Description {
         let motion = found.and_then(|found| found.motion.as_mut());
         let free = motion.filter(|motion| matches!(motion.drive, Drive::Free { .. }));
         let own = free.and_then(|motion| motion.range.as_mut());
-        let within = own.filter(|own| own[0] <= low && low < high && high <= own[1]);
-        let Some(own) = within else {
-            return Err(DescriptionError::Number {
-                place,
-                what: "the lower end of its new range",
-                value: low,
-                expected: "the first of two rising positions within the range of a free joint",
-            });
+        let refused = |what, value, expected| DescriptionError::Number {
+            place,
+            what,
+            value,
+            expected,
         };
+        let Some(own) = own else {
+            let expected = "a position of a joint that has a range and follows no other";
+            return Err(refused("the lower end of its new range", low, expected));
+        };
+        if !(own[0] <= low && low < own[1]) {
+            let expected = "a position within its range";
+            return Err(refused("the lower end of its new range", low, expected));
+        }
+        if !(low < high && high <= own[1]) {
+            let expected = "a higher position within its range";
+            return Err(refused("the upper end of its new range", high, expected));
+        }
         *own = range;
         Ok(self)
     }

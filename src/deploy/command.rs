@@ -1,7 +1,7 @@
 //! `covers deploy`: trials of all variants on a robot.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, ValueEnum};
@@ -19,7 +19,7 @@ use super::rig::Trial;
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
 use super::strip::Strip;
-use super::sweep::{figure, rows};
+use super::sweep::Files;
 use super::table::{TrialScore, deployment_table};
 
 /// A robot that the command knows.
@@ -96,42 +96,25 @@ impl DeployOptions {
         };
         let settings = (settings, SightSettings::default());
         if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
-            return self.sweep(out, sweep, figures, |amount, out| {
-                let (mut rig, mut sight) = settings;
-                sweep.fault.set(amount, &mut rig, &mut sight);
-                self.trials(out, &folder, &groups, (rig, sight))
+            let steps = sweep.amounts.iter().map(|&amount| {
+                let settings = sweep.fault.set(amount, settings)?;
+                Ok((amount, settings))
             });
+            let steps = steps.collect::<Result<Vec<_>, CoversError>>()?;
+            let files = Files::create(figures, sweep.fault)?;
+            let mut swept = Vec::new();
+            for (amount, settings) in steps {
+                say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
+                swept.push((amount, self.trials(out, &folder, &groups, settings)?));
+                files.write(&groups, &swept)?;
+            }
+            return Ok(());
         }
         let scores = self.trials(out, &folder, &groups, settings)?;
         match self.json {
             true => say(out, &serde_json::json!(scores).to_string()),
             false => Ok(()),
         }
-    }
-
-    /// Runs the trials with each amount of a fault, and writes a table and a figure into a folder.
-    fn sweep<W: Write>(
-        &self,
-        out: &mut W,
-        sweep: &FaultSweep,
-        figures: &Path,
-        mut trials: impl FnMut(f64, &mut W) -> Result<Vec<TrialScore>, CoversError>,
-    ) -> Result<(), CoversError> {
-        let mut swept = Vec::new();
-        for &amount in &sweep.amounts {
-            say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
-            swept.push((amount, trials(amount, out)?));
-        }
-        let files = [
-            ("csv", rows(sweep.fault, &swept)),
-            ("svg", figure(sweep.fault, &swept)),
-        ];
-        let written = |error| CoversError::write(figures, error);
-        std::fs::create_dir_all(figures).map_err(written)?;
-        files.into_iter().try_for_each(|(ending, text)| {
-            let path = figures.join(format!("{}.{ending}", sweep.fault.name()));
-            replace(&LocalDisk, &path, text.as_bytes())
-        })
     }
 
     /// Runs the trials of all variants of `groups` and prints their table.

@@ -14,9 +14,9 @@ pub enum Fault {
     PositionError,
     /// How far it is turned from how its calibration has it (degrees).
     AngleError,
-    /// Age of a picture when it comes (ms).
+    /// Age of a picture when it comes (ms); it shows the last control step, of 12.5 ms, before.
     PictureLatency,
-    /// From a command to its effect (ms).
+    /// From a command to its effect (ms, in control steps of 12.5 ms).
     CommandLatency,
     /// How far the exposure wanders (%).
     ExposureDrift,
@@ -64,8 +64,15 @@ impl Fault {
         }
     }
 
-    /// Sets this much of it, in its unit. Amounts out of range are refused where settings are used.
-    pub fn set(self, amount: f64, rig: &mut SimulationSettings, sight: &mut SightSettings) {
+    /// The settings with this much of it, in its unit.
+    ///
+    /// # Errors
+    /// An amount out of range.
+    pub fn set(
+        self,
+        amount: f64,
+        (mut rig, mut sight): (SimulationSettings, SightSettings),
+    ) -> Result<(SimulationSettings, SightSettings), CoversError> {
         let camera = &mut rig.imperfections;
         match self {
             Self::PositionError => camera.position_error = amount / 1e3,
@@ -76,6 +83,23 @@ impl Fault {
             Self::BalanceDrift => camera.balance_drift = amount / 1e2,
             Self::MaskGrowth => sight.growth = amount / 1e3,
         }
+        camera.check()?;
+        let taken = match self {
+            // an older picture stops the arm
+            Self::PictureLatency => amount <= 400.0,
+            Self::CommandLatency => amount <= 1000.0 && amount % 12.5 == 0.0,
+            Self::MaskGrowth => amount <= 1000.0,
+            _ => true,
+        };
+        match taken {
+            true => Ok((rig, sight)),
+            false => Err(CoversError::Setting {
+                name: self.name(),
+                value: amount.to_string(),
+                expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
+                           steps of 12.5 ms up to 1000 ms, a mask-growth of at most 1000 mm",
+            }),
+        }
     }
 }
 
@@ -84,7 +108,7 @@ impl Fault {
 pub struct FaultSweep {
     /// What is wrong.
     pub fault: Fault,
-    /// Rising amounts, in its unit; at least one.
+    /// Rising amounts, in its unit; the last one is above 0.
     pub amounts: Vec<f64>,
 }
 
@@ -106,9 +130,9 @@ impl FromStr for FaultSweep {
             .iter()
             .all(|amount| *amount >= 0.0 && amount.is_finite());
         let rising = amounts.windows(2).all(|pair| pair[0] < pair[1]);
-        match from_zero && rising {
+        match from_zero && rising && amounts.last() > Some(&0.0) {
             true => Ok(Self { fault, amounts }),
-            false => Err(refused("rising amounts, none below 0")),
+            false => Err(refused("rising amounts, none below 0 and one above")),
         }
     }
 }
@@ -143,6 +167,7 @@ mod tests {
             ("angle-error=-1", "rising"),
             ("angle-error=inf", "rising"),
             ("angle-error=NaN", "rising"),
+            ("angle-error=0", "rising"),
         ] {
             let message = text.parse::<FaultSweep>().unwrap_err().to_string();
             assert!(
@@ -158,11 +183,30 @@ mod tests {
         let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
         let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
         for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
-            let (mut rig, mut sight) = nominal;
-            fault.set(0.0, &mut rig, &mut sight);
-            assert_ne!((rig, sight), nominal, "{}", fault.name());
-            fault.set(amount, &mut rig, &mut sight);
-            assert_eq!((rig, sight), nominal, "{}", fault.name());
+            let none = fault.set(0.0, nominal).unwrap();
+            assert_ne!(none, nominal, "{}", fault.name());
+            assert_eq!(
+                fault.set(amount, none).unwrap(),
+                nominal,
+                "{}",
+                fault.name()
+            );
+        }
+    }
+
+    #[test]
+    fn amounts_out_of_range_are_refused() {
+        let nominal = (SimulationSettings::NOMINAL, SightSettings::default());
+        for (fault, amount, says) in [
+            (Fault::PositionError, 101.0, "`position_error` is 0.101"),
+            (Fault::AngleError, 12.0, "`angle_error`"),
+            (Fault::PictureLatency, 450.0, "450"),
+            (Fault::CommandLatency, 20.0, "12.5"),
+            (Fault::ExposureDrift, 101.0, "`exposure_drift`"),
+            (Fault::MaskGrowth, 1001.0, "mask-growth"),
+        ] {
+            let message = fault.set(amount, nominal).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
         }
     }
 }

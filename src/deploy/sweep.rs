@@ -1,8 +1,12 @@
 //! Success against how much is wrong.
 
+use std::path::{Path, PathBuf};
+
 use envs::TaskGroup;
 
 use crate::colours::colour;
+use crate::disk::{LocalDisk, replace};
+use crate::error::CoversError;
 use crate::report::svg::Drawing;
 
 use super::faults::Fault;
@@ -11,8 +15,47 @@ use super::table::{TrialScore, wilson};
 /// What came of a sweep: each amount, and the trials with it.
 pub type Swept = Vec<(f64, Vec<TrialScore>)>;
 
+/// The table and the figure of a sweep, named after the fault.
+pub struct Files {
+    fault: Fault,
+    table: PathBuf,
+    figure: PathBuf,
+}
+
+impl Files {
+    /// In a folder, which is made where there is none.
+    ///
+    /// # Errors
+    /// [`CoversError::FileExists`] where one of them is there, and a folder that cannot be made.
+    pub fn create(folder: &Path, fault: Fault) -> Result<Self, CoversError> {
+        std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
+        let [table, figure] =
+            ["csv", "svg"].map(|ending| folder.join(format!("{}.{ending}", fault.name())));
+        for path in [&table, &figure] {
+            if path.exists() {
+                return Err(CoversError::FileExists { path: path.clone() });
+            }
+        }
+        Ok(Self {
+            fault,
+            table,
+            figure,
+        })
+    }
+
+    /// Writes what is known so far.
+    ///
+    /// # Errors
+    /// Files that cannot be written.
+    pub fn write(&self, groups: &[TaskGroup], swept: &Swept) -> Result<(), CoversError> {
+        replace(&LocalDisk, &self.table, rows(self.fault, swept).as_bytes())?;
+        let figure = figure(self.fault, groups, swept);
+        replace(&LocalDisk, &self.figure, figure.as_bytes())
+    }
+}
+
 /// A row a trial.
-pub fn rows(fault: Fault, swept: &Swept) -> String {
+fn rows(fault: Fault, swept: &Swept) -> String {
     let mut text = String::from(
         "fault,amount,group,variant,number,policy,fits,success,success_at_end,refused\n",
     );
@@ -35,17 +78,10 @@ pub fn rows(fault: Fault, swept: &Swept) -> String {
     text
 }
 
-/// Success of each group over the amount (SVG), with intervals of 95 % as bands.
-pub fn figure(fault: Fault, swept: &Swept) -> String {
+/// Success of each of `groups` over the amount (SVG), with intervals of 95 % as bands.
+fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = Drawing::half(end, fault.axis());
-    let scores = swept.iter().flat_map(|(_, scores)| scores);
-    let mut groups: Vec<TaskGroup> = Vec::new();
-    for score in scores {
-        if !groups.contains(&score.group) {
-            groups.push(score.group);
-        }
-    }
     for (number, group) in groups.iter().enumerate() {
         drawing.legend(group.name(), colour(number));
     }
@@ -104,8 +140,10 @@ mod tests {
         }
     }
 
+    const GROUPS: [TaskGroup; 2] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
+
     fn swept() -> Swept {
-        let [reach, press] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
+        let [reach, press] = GROUPS;
         let trials = |successes| (0..4).map(move |n| score(press, n < successes));
         vec![
             (0.0, trials(4).chain([score(reach, true)]).collect()),
@@ -128,7 +166,7 @@ mod tests {
     /// -0.03 to 1.03.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
-        let text = figure(Fault::MaskGrowth, &swept());
+        let text = figure(Fault::MaskGrowth, &GROUPS, &swept());
         let y = |share: f64| 34.0 + 220.0 * (1.0 - (share + 0.03) / 1.06);
         let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
         assert!(text.contains(&line), "{line}: {text}");

@@ -1,4 +1,4 @@
-//! Drawings of curves over decisions, as SVG 1.1 without scripts or fonts of their own.
+//! Drawings of curves over decisions or amounts, as SVG 1.1 without scripts or fonts of their own.
 
 use std::fmt::Write;
 
@@ -180,14 +180,19 @@ const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
 /// Round numbers from 0 to `end`, at most eight.
 fn ticks(end: f64) -> Vec<f64> {
     let rough = end / 7.0;
-    let power = 10_f64.powf(rough.log10().floor());
-    let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * power);
-    let step = steps
-        .into_iter()
-        .find(|&step| step >= rough)
-        .unwrap_or(rough);
-    let count = (end / step).floor() as usize;
-    (0..=count).map(|n| n as f64 * step).collect()
+    let exponent = rough.log10().floor() as i32;
+    // a quotient of whole numbers is the nearest number to a decimal, a product need not be
+    let multiple = |n: f64| match exponent {
+        0.. => n * 10_f64.powi(exponent),
+        _ => n / 10_f64.powi(-exponent),
+    };
+    let steps = [1.0, 2.0, 5.0, 10.0];
+    let step = steps.into_iter().find(|&step| multiple(step) >= rough);
+    let step = step.unwrap_or(10.0);
+    let ticks = (0..=7).map(|n| multiple(f64::from(n) * step));
+    ticks
+        .take_while(|&tick| tick <= end * (1.0 + 1e-9))
+        .collect()
 }
 
 /// Text with the signs of XML and HTML escaped.
@@ -207,9 +212,13 @@ mod tests {
             (0..=6).map(|n| 5e4 * f64::from(n)).collect::<Vec<_>>()
         );
         assert_eq!(ticks(4.0), [0.0, 1.0, 2.0, 3.0, 4.0]);
-        for end in [1.0, 7.0, 80.0, 999.0, 68_000.0, 1e6] {
-            assert!((2..=8).contains(&ticks(end).len()), "{end}");
+        for end in [0.3, 0.5, 1.0, 7.0, 80.0, 999.0, 68_000.0, 1e6] {
+            let ticks = ticks(end);
+            assert!((2..=8).contains(&ticks.len()), "{end}");
+            let labels = ticks.iter().map(f64::to_string);
+            assert!(labels.clone().all(|label| label.len() <= 7), "{ticks:?}");
         }
+        assert_eq!(ticks(0.3).last(), Some(&0.3));
     }
 
     #[test]
