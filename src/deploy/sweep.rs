@@ -173,4 +173,18 @@ mod tests {
         assert!(text.contains("button-press at 10: 1 of 4"));
         assert!(text.contains("growth of the mask (mm)"));
     }
+
+    #[test]
+    fn what_another_sweep_wrote_is_kept() {
+        let folder = std::env::temp_dir().join(format!("covers-sweep-{}", std::process::id()));
+        let files = Files::create(&folder, Fault::MaskGrowth).unwrap();
+        files.write(&GROUPS, &swept()).unwrap();
+        files.write(&GROUPS, &swept()).unwrap();
+        let refused = Files::create(&folder, Fault::MaskGrowth).err().unwrap();
+        assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
+        Files::create(&folder, Fault::AngleError).unwrap();
+        let table = std::fs::read_to_string(folder.join("mask-growth.csv")).unwrap();
+        assert_eq!(table, rows(Fault::MaskGrowth, &swept()));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }
