@@ -63,13 +63,17 @@ impl ExportOptions {
             &path("golden.safetensors"),
         )?;
         create_dir_all(&self.out).map_err(|error| CoversError::write(&self.out, error))?;
-        for (name, bytes) in [
+        let files = [
             ("policy.onnx", model(&policy, &about.to_string())),
             ("policy.safetensors", weights),
             ("policy.json", format!("{about:#}\n").into_bytes()),
             ("golden.safetensors", golden),
-        ] {
-            replace(&LocalDisk, &path(name), &bytes)?;
+        ];
+        for (name, bytes) in &files {
+            replace(&LocalDisk, &path(name), bytes)?;
+        }
+        // once all are there, so that a closed pipe loses none
+        for (name, bytes) in &files {
             say(
                 out,
                 &format!("{}: {} bytes", path(name).display(), bytes.len()),
