@@ -246,3 +246,27 @@ fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
     };
     (0..order * both).map(place).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use equivariant::{AveragePool, FieldType};
+
+    use super::*;
+
+    #[test]
+    fn layers_without_weights_are_told_apart() {
+        let shape = Shape {
+            height: 4,
+            width: 4,
+            fields: FieldType::new(Group::D2, [2; 4]),
+        };
+        let plain = |layer: &dyn Signature| weightless(layer).ok();
+        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
+        assert_eq!(plain(&relu), Some(PlainLayer::Relu));
+        assert_eq!(plain(&pool.unwrap()), Some(PlainLayer::MaxPool(POOLING)));
+        let halving = AveragePool::new(shape, POOLING).unwrap();
+        assert_eq!(plain(&halving), None);
+        let wide = Kernel { size: 4, ..POOLING };
+        assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
+    }
+}
