@@ -54,7 +54,7 @@ impl ExportOptions {
         let observations = observations(&run)?;
         let (policy, answers) = learner.export(self.policy, &observations)?;
         let about = description(&policy, self.policy, &run);
-        let path = |name| self.out.join(name);
+        let path = |name: &str| self.out.join(name);
         let weights = weights(&policy, &path("policy.safetensors"))?;
         let golden = golden(
             &policy,
