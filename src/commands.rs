@@ -308,11 +308,9 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
 
 fn report(options: &ReportOptions, out: &mut impl Write) -> Result<(), CoversError> {
     if let Some(folder) = &options.tensorboard {
-        let mut runs = options.runs.iter();
-        return runs.try_for_each(|run| {
-            let path = write_events(run, folder)?;
-            say(out, &path.display().to_string())
-        });
+        let written = write_events(&options.runs, folder)?;
+        let mut paths = written.iter().map(|path| path.display().to_string());
+        return paths.try_for_each(|path| say(out, &path));
     }
     let runs = options.runs.iter().map(|run| RunData::read(run));
     let report = Report::new(runs.collect::<Result<_, _>>()?)?;

@@ -242,6 +242,18 @@ pub enum CoversError {
          with `covers resume`"
     )]
     Broken,
+    /// Runs whose events would go to one folder.
+    #[error(
+        "{} and {} have one name, and their events would go to one folder: give one of the runs \
+         another name, or call the command for each with a folder of its own",
+        first.display(), second.display()
+    )]
+    SameName {
+        /// The folder of a run.
+        first: PathBuf,
+        /// The folder of another one.
+        second: PathBuf,
+    },
     /// Jobs of a sweep that failed.
     #[error("these jobs failed, each for the reason told above: {}", failed.join(", "))]
     Jobs {

@@ -163,7 +163,7 @@ impl Schedule {
         match groups.contains(&chosen) {
             true => Ok(vec![chosen]),
             false => Err(CoversError::Setting {
-                name: "task",
+                name: "group",
                 value: name.to_owned(),
                 expected: "a group that the run has learnt",
             }),

@@ -63,12 +63,19 @@ fn difference(folder: &Path) -> f64 {
     };
     let inputs = ["image", "vector"].map(|name| (name, named(name).unwrap()));
     let outputs = run(&model, &inputs);
+    let mut names: Vec<&str> = outputs.keys().map(String::as_str).collect();
+    names.extend(["image", "vector"]);
+    names.sort_unstable();
+    let mut expected: Vec<&str> = golden.iter().map(|(name, _)| name.as_str()).collect();
+    expected.sort_unstable();
+    assert_eq!(names, expected);
     let mut largest: f64 = 0.0;
     for (name, tensor) in &outputs {
         let golden = named(name).unwrap();
         assert_eq!(tensor.shape, golden.shape, "{name}");
         assert!(golden.values.iter().any(|&value| value != 0.0), "{name}");
         for (got, expected) in tensor.values.iter().zip(&golden.values) {
+            assert!(got.is_finite() && expected.is_finite(), "{name}");
             largest = largest.max((got - expected).abs() / expected.abs().max(1.0));
         }
     }

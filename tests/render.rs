@@ -116,4 +116,12 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     }
     assert_eq!(fs::read(&there).unwrap(), b"a film");
     assert_eq!(fs::read_dir(&scratch.0).unwrap().count(), 2);
+    let partial = scratch.0.join("film.gif.partial");
+    fs::write(&partial, "a part").unwrap();
+    let message = render(&run, &film, &[]).unwrap_err().to_string();
+    assert!(message.contains("film.gif.partial exists"), "{message}");
+    assert_eq!(fs::read(&partial).unwrap(), b"a part");
+    let folder = scratch.0.join("new");
+    assert!(render(&scratch.0, &folder.join("film.gif"), &[]).is_err());
+    assert!(!folder.exists());
 }

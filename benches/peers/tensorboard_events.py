@@ -44,12 +44,20 @@ def rows(name):
 
 
 metrics = rows("metrics.csv")
-after = [0] + [int(row["decisions"]) for row in metrics]
+# decisions after so many rollouts, which rows count from 0
+after = {0: 0} | {int(row["rollout"]) + 1: int(row["decisions"]) for row in metrics}
+PER_POLICY = {"distances", "null_means", "null_maxima", "scores", "p_values", "tail_p_values", "heirs"}
+
+
+def moment(rollouts):
+    return after[max(known for known in after if known <= rollouts)]
+
+
 for table, prefix in (("metrics.csv", ""), ("timings.csv", "seconds/")):
     for column in set(metrics[0] if not prefix else rows(table)[0]) - {"rollout", "rollouts", "decisions"}:
-        cells = [(after[i + 1], row[column]) for i, row in enumerate(rows(table))]
+        cells = [(moment(int(row["rollout"]) + 1), row[column]) for row in rows(table)]
         # a column with several numbers in a cell has one a policy
-        if not any(";" in cell for _, cell in cells):
+        if column not in PER_POLICY and not any(";" in cell for _, cell in cells):
             points = [(step, number(cell)) for step, cell in cells]
             compare(prefix + column, [p for p in points if p[1] is not None])
             continue
@@ -63,7 +71,7 @@ for group in {row["group"] for row in scores}:
         by_time = {}
         for row in scores:
             if row["group"] == group:
-                by_time.setdefault(after[int(row["rollouts"])], []).append(float(row[figure]))
+                by_time.setdefault(moment(int(row["rollouts"])), []).append(float(row[figure]))
         compare(f"evaluation/{group}/{figure}", [(step, sum(v) / len(v)) for step, v in by_time.items()])
 [image] = events.Images("variants")
 assert image.encoded_image_string == (run / "contact_sheet.png").read_bytes()

@@ -204,15 +204,15 @@ impl Plain for ActorCriticPolicy {
         let to = |order| [trunk.joined, End::Natural(order)];
         let pooled = matches!(settings.critic, Critic::Pooled { .. });
         let critic = match pooled {
-            false => chain(group, &network.critic, critic, to(&[0])),
+            false => chain(group, &network.critic, critic, to(&[0]))?,
             // invariant channels stay as they are
-            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2]),
+            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2])?,
         };
         let actor = &params[parts.actor];
         Ok(PlainPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, to(&network.action_order)),
+            actor: chain(group, &network.actor, actor, to(&network.action_order))?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::Gaussian {

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use equivariant::{Dense, Kernel, Layer, Sequential, Shape, Signature, hadamard};
+use equivariant::{
+    Dense, Kernel, Layer, LayerError, MaxPool, Relu, Sequential, Shape, Signature, hadamard,
+};
 use symmetry::Group;
 
 use crate::encoder::{Encoder, POOLING};
@@ -132,6 +134,7 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, Rl
     let image = parts
         .sight
         .map(|(encoder, _)| chain(group, encoder, &params[trunk.encoder()], ends(&channels)));
+    let image = image.transpose()?;
     let own = &params[trunk.encoder().end..trunk.num_params()];
     let fields = |shape: Shape| shape.len() / group.order();
     let joined = match parts.sight {
@@ -140,18 +143,21 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, Rl
     };
     Ok(PlainTrunk {
         image,
-        vector: chain(group, parts.vector, own, ends(parts.vector_order)),
+        vector: chain(group, parts.vector, own, ends(parts.vector_order))?,
         joined: End::Joined(joined),
     })
 }
 
 /// A chain of layers; the ends of chains are vectors, or a picture.
+///
+/// # Errors
+/// [`RlError::NotPlain`].
 pub(crate) fn chain(
     group: Group,
     layers: &Sequential<f32>,
     params: &[f32],
     [input, output]: [End<'_>; 2],
-) -> Vec<PlainLayer> {
+) -> Result<Vec<PlainLayer>, RlError> {
     let all = Layer::layers(layers);
     let mut start = 0;
     let mut plain = Vec::new();
@@ -168,12 +174,24 @@ pub(crate) fn chain(
         ];
         plain.push(match layer.as_dense() {
             Some(dense) => linear(group, &dense, &params[own], ends),
-            // what has no weights in a network without keypoints
-            None if layer.in_shape() == layer.out_shape() => PlainLayer::Relu,
-            None => PlainLayer::MaxPool(POOLING),
+            None => weightless(layer.as_ref())?,
         });
     }
-    plain
+    Ok(plain)
+}
+
+/// A layer without weights, by the line that tells layers apart.
+fn weightless(layer: &(impl Signature + ?Sized)) -> Result<PlainLayer, RlError> {
+    let (shape, own) = (layer.in_shape(), layer.description());
+    let is = |other: Result<String, LayerError>| other.is_ok_and(|other| other == own);
+    if is(Relu::new(shape).map(|relu| relu.description())) {
+        Ok(PlainLayer::Relu)
+    } else if is(MaxPool::new(shape, POOLING).map(|pool| pool.description())) {
+        Ok(PlainLayer::MaxPool(POOLING))
+    } else {
+        let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
+        Err(RlError::NotPlain { part })
+    }
 }
 
 fn linear(group: Group, dense: &Dense<'_>, params: &[f32], ends: [End<'_>; 2]) -> PlainLayer {
@@ -227,4 +245,28 @@ fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
         }
     };
     (0..order * both).map(place).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use equivariant::{AveragePool, FieldType};
+
+    use super::*;
+
+    #[test]
+    fn layers_without_weights_are_told_apart() {
+        let shape = Shape {
+            height: 4,
+            width: 4,
+            fields: FieldType::new(Group::D2, [2; 4]),
+        };
+        let plain = |layer: &dyn Signature| weightless(layer).ok();
+        let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
+        assert_eq!(plain(&relu), Some(PlainLayer::Relu));
+        assert_eq!(plain(&pool.unwrap()), Some(PlainLayer::MaxPool(POOLING)));
+        let halving = AveragePool::new(shape, POOLING).unwrap();
+        assert_eq!(plain(&halving), None);
+        let wide = Kernel { size: 4, ..POOLING };
+        assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
+    }
 }

@@ -1,6 +1,7 @@
 //! The tables of a run as events.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::ffi::OsString;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -18,23 +19,55 @@ use super::summary::{EventFile, Moment};
 const FILE: &str = "events.out.tfevents.0.covers";
 /// Columns that say when a row was, and no figures.
 const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
+/// Columns with one number for each policy, also while there is one policy only.
+const PER_POLICY: [&str; 7] = [
+    "distances",
+    "null_means",
+    "null_maxima",
+    "scores",
+    "p_values",
+    "tail_p_values",
+    "heirs",
+];
+/// Before the first rollout.
+const START: Moment = Moment {
+    step: 0,
+    seconds: 0.0,
+};
 
-/// Writes the event file of a run, finished or not, to a folder of the run's name in `folder`; one
-/// that is there is replaced. Returns where it is.
+/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`; one
+/// that is there is replaced. Returns where they are.
 ///
 /// # Errors
-/// [`CoversError::NoRun`], [`CoversError::Read`], [`CoversError::Write`].
-pub fn write_events(run: &Path, folder: &Path) -> Result<PathBuf, CoversError> {
-    let source = RunFolder::open(run);
-    if !source.holds_run() {
+/// [`CoversError::NoRun`], [`CoversError::SameName`], [`CoversError::Read`],
+/// [`CoversError::Write`].
+pub fn write_events(runs: &[PathBuf], folder: &Path) -> Result<Vec<PathBuf>, CoversError> {
+    let mut named: BTreeMap<OsString, &PathBuf> = BTreeMap::new();
+    for run in runs {
+        if let Some(other) = named.insert(name(run)?, run) {
+            let (first, second) = (other.clone(), run.clone());
+            return Err(CoversError::SameName { first, second });
+        }
+    }
+    let runs = runs.iter();
+    runs.map(|run| write(run, &folder.join(name(run)?)))
+        .collect()
+}
+
+/// The name of a run's folder.
+fn name(run: &Path) -> Result<OsString, CoversError> {
+    if !RunFolder::open(run).holds_run() {
         let folder = run.to_owned();
         return Err(CoversError::NoRun { folder });
     }
     let whole = run.canonicalize();
     let whole = whole.map_err(|error| CoversError::read(run, error))?;
-    let own = folder.join(whole.file_name().unwrap_or(whole.as_os_str()));
-    let bytes = events(&source)?;
-    fs::create_dir_all(&own).map_err(|error| CoversError::write(&own, error))?;
+    Ok(whole.file_name().unwrap_or(whole.as_os_str()).to_owned())
+}
+
+fn write(run: &Path, own: &Path) -> Result<PathBuf, CoversError> {
+    let bytes = events(&RunFolder::open(run))?;
+    fs::create_dir_all(own).map_err(|error| CoversError::write(own, error))?;
     let path = own.join(FILE);
     replace(&LocalDisk, &path, &bytes)?;
     Ok(path)
@@ -46,8 +79,8 @@ fn events(run: &RunFolder) -> Result<Vec<u8>, CoversError> {
     let clock = Clock::of(&metrics, &timings);
     let mut file = EventFile::new();
     picture(run, &mut file)?;
-    for (number, row) in metrics.rows.iter().enumerate() {
-        let moment = clock.after(number + 1);
+    for row in &metrics.rows {
+        let moment = clock.after(metrics.rollouts(row));
         for (name, cell) in metrics.figures(row) {
             match metrics.lists.contains(name) {
                 true => by_policy(&mut file, moment, name, cell),
@@ -55,8 +88,8 @@ fn events(run: &RunFolder) -> Result<Vec<u8>, CoversError> {
             }
         }
     }
-    for (number, row) in timings.rows.iter().enumerate() {
-        let moment = clock.after(number + 1);
+    for row in &timings.rows {
+        let moment = clock.after(timings.rollouts(row));
         for (name, cell) in timings.figures(row) {
             figure(&mut file, moment, &format!("seconds/{name}"), cell);
         }
@@ -123,37 +156,36 @@ fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), CoversError> {
     let reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info();
     let reader = reader.map_err(|error| CoversError::read(&path, error))?;
     let sides = [reader.info().height, reader.info().width];
-    let start = Moment {
-        step: 0,
-        seconds: 0.0,
-    };
-    file.image(start, "variants", sides, &png);
+    file.image(START, "variants", sides, &png);
     Ok(())
 }
 
-/// Decisions and seconds after so many rollouts.
-struct Clock(Vec<Moment>);
+/// Decisions and seconds after so many rollouts, for those that the metrics hold.
+struct Clock(BTreeMap<usize, Moment>);
 
 impl Clock {
+    /// Rows belong together by their rollouts: either table may have gaps or begin later.
     fn of(metrics: &Rows, timings: &Rows) -> Self {
-        let mut now = Moment {
-            step: 0,
-            seconds: 0.0,
-        };
-        let mut moments = vec![now];
-        for (number, row) in metrics.rows.iter().enumerate() {
+        let seconds = timings.rows.iter().filter_map(|row| {
+            let seconds = number(timings.cell(row, "total"))?;
+            Some((timings.rollouts(row), seconds))
+        });
+        let seconds: HashMap<usize, f64> = seconds.collect();
+        let mut now = START;
+        let mut moments = BTreeMap::new();
+        for row in &metrics.rows {
+            let rollouts = metrics.rollouts(row);
             now.step = metrics.cell(row, "decisions").parse().unwrap_or(now.step);
-            let timing = timings.rows.get(number);
-            let seconds = timing.and_then(|row| self::number(timings.cell(row, "total")));
-            now.seconds += seconds.unwrap_or(0.0);
-            moments.push(now);
+            now.seconds += seconds.get(&rollouts).unwrap_or(&0.0);
+            moments.insert(rollouts, now);
         }
         Self(moments)
     }
 
-    /// The last known moment, if there were not so many.
+    /// The last moment that is known until then.
     fn after(&self, rollouts: usize) -> Moment {
-        self.0[rollouts.min(self.0.len() - 1)]
+        let known = self.0.range(..=rollouts).next_back();
+        known.map_or(START, |(_, &moment)| moment)
     }
 }
 
@@ -179,7 +211,8 @@ impl Rows {
         rows.retain(|row| row.len() == names.len());
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
         let lists = cells.filter(|(_, cell)| cell.contains(';'));
-        let lists = lists.map(|(name, _)| name.to_owned()).collect();
+        let lists = lists.map(|(name, _)| name).chain(PER_POLICY);
+        let lists = lists.map(str::to_owned).collect();
         Ok(Self { names, lists, rows })
     }
 
@@ -187,6 +220,12 @@ impl Rows {
     fn cell<'a>(&self, row: &'a StringRecord, name: &str) -> &'a str {
         let column = self.names.iter().position(|column| column == name);
         column.and_then(|column| row.get(column)).unwrap_or("")
+    }
+
+    /// How many rollouts there are with that of a row, which are counted from 0.
+    fn rollouts(&self, row: &StringRecord) -> usize {
+        let rollout = self.cell(row, "rollout").parse::<usize>();
+        rollout.map_or(0, |rollout| rollout.saturating_add(1))
     }
 
     /// The cells of a row with their names, but for those that say when it was.

@@ -54,7 +54,7 @@ impl ExportOptions {
         let observations = observations(&run)?;
         let (policy, answers) = learner.export(self.policy, &observations)?;
         let about = description(&policy, self.policy, &run);
-        let path = |name| self.out.join(name);
+        let path = |name: &str| self.out.join(name);
         let weights = weights(&policy, &path("policy.safetensors"))?;
         let golden = golden(
             &policy,
@@ -63,13 +63,17 @@ impl ExportOptions {
             &path("golden.safetensors"),
         )?;
         create_dir_all(&self.out).map_err(|error| CoversError::write(&self.out, error))?;
-        for (name, bytes) in [
+        let files = [
             ("policy.onnx", model(&policy, &about.to_string())),
             ("policy.safetensors", weights),
             ("policy.json", format!("{about:#}\n").into_bytes()),
             ("golden.safetensors", golden),
-        ] {
-            replace(&LocalDisk, &path(name), &bytes)?;
+        ];
+        for (name, bytes) in &files {
+            replace(&LocalDisk, &path(name), bytes)?;
+        }
+        // once all are there, so that a closed pipe loses none
+        for (name, bytes) in &files {
             say(
                 out,
                 &format!("{}: {} bytes", path(name).display(), bytes.len()),

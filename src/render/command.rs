@@ -35,7 +35,8 @@ pub struct RenderOptions {
     /// Below each row, show its pictures mirrored back: four times the same.
     #[arg(long)]
     pub twins: bool,
-    /// End the film after so many decisions (default: with the episode).
+    /// End the film after so many decisions (default: with the episode); whether a variant was
+    /// solved is said of the whole episode.
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub decisions: Option<usize>,
     /// Seed of the placements, which the variants of a group share.
@@ -59,6 +60,7 @@ impl RenderOptions {
         let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
         let threads = self.threads.count();
         let mut show = Show::load(&folder, threads)?;
+        target.prepare()?;
         let shot = Shot {
             groups: &groups,
             views: &self.views,
@@ -67,15 +69,16 @@ impl RenderOptions {
             seed: self.seed,
         };
         let played = thread_pool(threads)?.install(|| show.play(&shot))?;
-        for played in &played {
-            say(out, &line(played))?;
-        }
         let names = D2::ALL.map(|element| element.to_string());
         let film = mosaic(
             &names.each_ref().map(String::as_str),
             &show.rows(&shot, &played),
         );
+        // a closed pipe loses no film
         target.write(&film)?;
+        for played in &played {
+            say(out, &line(played))?;
+        }
         let (frames, path) = (film.frames.len(), target.path().display());
         let (width, height) = (film.width, film.height);
         say(

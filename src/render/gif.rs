@@ -16,8 +16,11 @@ pub(crate) fn encode(film: &Film) -> Result<Vec<u8>, EncodingError> {
     let side = |side: usize| u16::try_from(side).map_err(std::io::Error::other);
     let (width, height) = (side(film.width)?, side(film.height)?);
     let palette = Palette::of(film.frames.iter().map(Vec::as_slice));
+    let mut colours = palette.bytes();
+    // a smaller palette would not hold the index of what stays
+    colours.resize(3 * (Palette::MOST + 1), 0);
     let mut bytes = Vec::new();
-    let mut encoder = Encoder::new(&mut bytes, width, height, &palette.bytes())?;
+    let mut encoder = Encoder::new(&mut bytes, width, height, &colours)?;
     encoder.set_repeat(Repeat::Infinite)?;
     let mut before = Vec::new();
     for (number, picture) in film.frames.iter().enumerate() {
@@ -88,6 +91,8 @@ mod tests {
         let mut options = DecodeOptions::new();
         options.set_color_output(ColorOutput::RGBA);
         let mut decoder = options.read_info(bytes).unwrap();
+        let colours = decoder.global_palette().unwrap().len() / 3;
+        assert!(colours > usize::from(UNCHANGED), "{colours}");
         let (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
         let mut screen = vec![0; width * height * 3];
         let mut pictures = Vec::new();

@@ -1,6 +1,6 @@
 //! Films as mp4 files, which `ffmpeg` makes.
 
-use std::ffi::OsStr;
+use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -45,6 +45,9 @@ impl Ffmpeg {
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {
         let size = format!("{}x{}", film.width, film.height);
         let rate = format!("100/{DELAY}");
+        // a name with a colon or a dash is no protocol and no option
+        let mut file = OsString::from("file:");
+        file.push(to);
         let mut ffmpeg = Command::new(&self.0)
             .args([
                 "-loglevel",
@@ -59,6 +62,8 @@ impl Ffmpeg {
             // H.264 takes even sides
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"])
             .args([
+                "-c:v",
+                "libx264",
                 "-pix_fmt",
                 "yuv420p",
                 "-movflags",
@@ -66,7 +71,7 @@ impl Ffmpeg {
                 "-f",
                 "mp4",
             ])
-            .arg(to)
+            .arg(file)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -129,9 +134,13 @@ mod tests {
         found
     }
 
+    /// Copies what it is fed, where it is asked for H.264 in a file.
+    const SCRIPT: &str = "for last; do :; done
+        case \"$*\" in *'-c:v libx264 '*' file:'*) cat > \"${last#file:}\";; *) exit 1;; esac";
+
     #[test]
     fn the_program_is_fed_all_pictures_and_the_last_one_for_longer() {
-        let folder = folder("ffmpeg", "for last; do :; done; cat > \"$last\"");
+        let folder = folder("ffmpeg", SCRIPT);
         let expected = [[1; 6].to_vec(), [2; 6 * HOLD as usize].to_vec()].concat();
         assert_eq!(encoded(&folder).unwrap(), expected);
     }

@@ -1,6 +1,7 @@
 //! The file that a film goes to.
 
 use std::fs::{self, File};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::disk::{LocalDisk, PARTIAL, folder_of, replace};
@@ -18,11 +19,10 @@ pub(super) struct Target {
 }
 
 impl Target {
-    /// Checks all that can be checked before there is a film.
+    /// Checks all that can be checked without writing.
     ///
     /// # Errors
-    /// [`CoversError::FilmFormat`], [`CoversError::FileExists`], [`CoversError::NoFfmpeg`], and
-    /// [`CoversError::Write`] for a folder that nothing can be written to.
+    /// [`CoversError::FilmFormat`], [`CoversError::FileExists`], [`CoversError::NoFfmpeg`].
     pub fn new(path: &Path) -> Result<Self, CoversError> {
         let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
         let ffmpeg = match ending.as_deref().and_then(|ending| ending.to_str()) {
@@ -40,12 +40,24 @@ impl Target {
         if path.exists() {
             return Err(CoversError::FileExists { path });
         }
-        let write = |error| CoversError::write(&path, error);
-        fs::create_dir_all(folder_of(&path)).map_err(write)?;
-        let partial = path.with_added_extension(PARTIAL);
-        File::create(&partial).map_err(write)?;
-        fs::remove_file(&partial).map_err(write)?;
         Ok(Self { path, ffmpeg })
+    }
+
+    /// Makes the file's folder, and tries whether it can be written to.
+    ///
+    /// # Errors
+    /// [`CoversError::Write`]; [`CoversError::FileExists`] for a part of a film, which a render of
+    /// this name writes or left behind.
+    pub fn prepare(&self) -> Result<(), CoversError> {
+        let write = |error| CoversError::write(&self.path, error);
+        fs::create_dir_all(folder_of(&self.path)).map_err(write)?;
+        let path = self.path.with_added_extension(PARTIAL);
+        match File::create_new(&path) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                Err(CoversError::FileExists { path })
+            }
+            made => made.and_then(|_| fs::remove_file(&path)).map_err(write),
+        }
     }
 
     /// Writes the film; the file appears whole or not at all.

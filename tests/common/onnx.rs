@@ -85,7 +85,11 @@ impl Node<'_> {
     fn run(&self, inputs: &[&Tensor]) -> Tensor {
         let x = inputs[0];
         match self.0.text(4) {
-            "Identity" | "Cast" => x.clone(),
+            "Identity" => x.clone(),
+            "Cast" => {
+                assert_eq!(self.int("to"), Some(1), "f32");
+                x.clone()
+            }
             "Relu" => x.map(|x| x.max(0.0)),
             "Tanh" => x.map(f64::tanh),
             "Mul" => x.with(inputs[1], |a, b| a * b),
@@ -127,11 +131,13 @@ impl Node<'_> {
     /// Pixels under the window at each place of the output: `[row, column]`s of the input, or
     /// nothing in the padding.
     fn windows(&self, x: &Tensor) -> ([usize; 2], impl Fn(usize, usize) -> Pixels) {
-        let (size, stride, pad) = (
-            self.ints("kernel_shape")[0],
-            self.ints("strides")[0],
-            self.ints("pads")[0],
-        );
+        // one number for all axes and ends
+        let same = |name: &str, numbers: usize| {
+            let values = self.ints(name);
+            assert_eq!(values, vec![values[0]; numbers], "{name}");
+            values[0]
+        };
+        let (size, stride, pad) = (same("kernel_shape", 2), same("strides", 2), same("pads", 4));
         let sides = [x.shape[2], x.shape[3]];
         let out = sides.map(|side| (side + 2 * pad - size) / stride + 1);
         let at = move |row: usize, column: usize| {
@@ -265,9 +271,23 @@ fn gemm(x: &Tensor, weight: &Tensor, bias: &Tensor) -> Tensor {
     Tensor::new(&[x.shape[0], outputs], values)
 }
 
+/// Asserts that a tensor is what the model declares: its batch is free, other sides are numbers.
+fn assert_declared(value: &Message<'_>, tensor: &Tensor, kind: i64) {
+    let name = value.text(1);
+    let declared = value.message(2).unwrap().message(1).unwrap();
+    assert_eq!(declared.int(1), kind, "{name}");
+    let sides: Vec<Message<'_>> = declared.message(2).unwrap().messages(1).collect();
+    assert_eq!(sides[0].text(2), "B", "{name}");
+    let sides: Vec<i64> = sides[1..].iter().map(|side| side.int(1)).collect();
+    let shape: Vec<i64> = tensor.shape[1..].iter().map(|&side| side as i64).collect();
+    assert_eq!(sides, shape, "{name}");
+}
+
 /// The outputs of a model by name.
 pub fn run(model: &[u8], inputs: &[(&str, Tensor)]) -> HashMap<String, Tensor> {
     let model = Message::parse(model);
+    let opset = model.message(8).unwrap();
+    assert_eq!((opset.text(1), opset.int(2)), ("", 17));
     let graph = model.message(7).unwrap();
     let constants = graph.messages(5);
     let constants = constants.map(|tensor| (tensor.text(8).to_owned(), Tensor::constant(&tensor)));
@@ -275,6 +295,8 @@ pub fn run(model: &[u8], inputs: &[(&str, Tensor)]) -> HashMap<String, Tensor> {
     for input in graph.messages(11) {
         let given = inputs.iter().find(|(name, _)| *name == input.text(1));
         let (name, tensor) = given.unwrap();
+        let bytes = *name == "image";
+        assert_declared(&input, tensor, if bytes { 2 } else { 1 });
         known.insert((*name).to_owned(), tensor.clone());
     }
     for node in graph.messages(1).map(Node) {
@@ -285,10 +307,12 @@ pub fn run(model: &[u8], inputs: &[(&str, Tensor)]) -> HashMap<String, Tensor> {
         let output = node.run(&inputs.collect::<Vec<_>>());
         known.insert(node.0.text(2).to_owned(), output);
     }
-    let outputs = graph.messages(12).map(|output| output.text(1).to_owned());
-    outputs
-        .map(|name| (name.clone(), known[&name].clone()))
-        .collect()
+    let outputs = graph.messages(12).map(|output| {
+        let tensor = &known[output.text(1)];
+        assert_declared(&output, tensor, 1);
+        (output.text(1).to_owned(), tensor.clone())
+    });
+    outputs.collect()
 }
 
 /// The names and shapes of a model's weights.

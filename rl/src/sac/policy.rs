@@ -226,7 +226,7 @@ impl Plain for SacPolicy {
         Ok(PlainPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, ends),
+            actor: chain(group, &network.actor, actor, ends)?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
