@@ -27,7 +27,7 @@ pub(super) fn average_pool(plan: &mut Plan, kernel: Kernel, x: &Tensor, y: &Tens
     let step = |(label, at_tap), pixels, [from, to]: [Slot; 2]| {
         let step = each_field(label, &channels, pixels).number("SCALE", weight);
         let step = sum_over_taps(windows(step, kernel, [x.shape, y.shape]), at_tap);
-        let step = channels.write(channels.read(step, "from", from), "sum", to);
+        let step = channels.write(channels.read(step, "source", from), "sum", to);
         step.text(include_str!("../wgsl/average_pool.wgsl"))
     };
     let [forward, backward] = [

@@ -3,5 +3,5 @@
 alias Term = Field;
 
 fn term(place: u32, tap: u32, found: u32, field: u32) -> Term {
-    return load_from(found, field) * SCALE;
+    return load_source(found, field) * SCALE;
 }
