@@ -162,8 +162,7 @@ fn painting_the_arm_out_equals_not_drawing_it() {
             );
             let most = match group.name() {
                 "goal-reach" => 0.0,
-                "plate-slide" => 0.005,
-                "button-press" => 0.01,
+                "plate-slide" | "button-press" => 0.01,
                 _ => 0.015,
             };
             assert!(late <= most, "{group} {element}: {tally:?}");
