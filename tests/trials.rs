@@ -59,8 +59,8 @@ impl Grouping for Script {
         Ok(said(self.decisions[self.turns - 1]))
     }
 
-    fn is_cut(&self) -> bool {
-        self.cuts[usize::from(self.settled.get())]
+    fn cut(&self) -> Option<usize> {
+        self.cuts[usize::from(self.settled.get())].then_some(0)
     }
 
     fn is_unproven(&self) -> bool {

@@ -2,6 +2,8 @@
 
 use rand::Rng;
 
+use crate::change::{change_places, change_test};
+use crate::check::within;
 use crate::error::{ClusterError, Result};
 use crate::frames::Candidate;
 use crate::permutation::{PermutationTest, permutation_test};
@@ -170,6 +172,51 @@ impl Assigner {
     pub fn settle(&self, candidates: &[Candidate], rng: &mut impl Rng) -> Result<Assignment> {
         self.check_rollouts(candidates)?;
         self.look(Look::Second, candidates, rng)
+    }
+
+    /// When the later group began, if the rollouts of the candidates show two: the `began` of its
+    /// first episode, which is when each episode of the rollout began, in any unit. The episodes
+    /// before it ([`Frames::select`](crate::Frames::select)) are best left out of a decision:
+    /// together they would look like a third group.
+    ///
+    /// All candidates' features are tested together for a change at any place that leaves
+    /// `min_episodes` on either side ([`change_test`]), at the level `doubt`, with the permutations
+    /// of a second look. Only the latest episodes are looked at, as many as a second look takes.
+    /// [`Rule::Fixed`] knows no tests and finds nothing.
+    ///
+    /// # Errors
+    /// Another number of episodes than `began` has, or clouds that cannot be compared.
+    pub fn cut<R: Rng + ?Sized>(
+        &self,
+        candidates: &[Candidate],
+        began: &[usize],
+        rng: &mut R,
+    ) -> Result<Option<usize>> {
+        for candidate in candidates {
+            let (expected, got) = (candidate.rollout.episodes(), began.len());
+            within(
+                "began",
+                got as f64,
+                got == expected,
+                "a time for each episode",
+            )?;
+        }
+        let Rule::Calibrated(settings) = &self.settings.rule else {
+            return Ok(None);
+        };
+        let size = settings.second_look();
+        let mut order: Vec<usize> = (0..began.len()).collect();
+        order.sort_by_key(|&episode| began[episode]);
+        let latest = &order[order.len().saturating_sub(size.rollout)..];
+        let times: Vec<_> = latest.iter().map(|&episode| began[episode]).collect();
+        let places = change_places(&times, settings.min_episodes);
+        if places.is_empty() || candidates.is_empty() {
+            return Ok(None);
+        }
+        let sources = candidates.iter().map(|c| c.rollout.select(latest));
+        let sources = sources.collect::<Result<Vec<_>>>()?;
+        let test = change_test(&sources, &places, size.permutations, rng)?;
+        Ok((test.p_value <= settings.doubt).then_some(times[test.cut]))
     }
 
     /// Refuses rollouts that are too small for the rule's error rates.

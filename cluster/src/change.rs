@@ -65,6 +65,17 @@ pub fn change_test<R: Rng + ?Sized>(
     Ok(judge(&scans, cuts, permutations))
 }
 
+/// Where a sequence of episodes may be cut: numbers of episodes before the change, at least `least`
+/// on either side. `began` says when each episode began, in their order; those that began together
+/// stay together.
+pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
+    let least = least.max(1);
+    let last = (began.len() + 1).saturating_sub(least);
+    (least..last)
+        .filter(|&at| began[at] != began[at - 1])
+        .collect()
+}
+
 /// The number of episodes, which all sources must share.
 fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
@@ -218,6 +229,15 @@ mod tests {
     use crate::fixtures::draw;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
+
+    #[test]
+    fn both_sides_of_a_place_show_enough_episodes() {
+        let places = |began: Vec<usize>| change_places(&began, 4);
+        assert_eq!(places((0..9).collect()), [4, 5]);
+        assert_eq!(places((0..20).map(|i| i / 5).collect()), [5, 10, 15]);
+        assert!(places((0..9).map(|i| i / 3).collect()).is_empty());
+        assert!(places((0..3).collect()).is_empty() && places(Vec::new()).is_empty());
+    }
 
     #[test]
     fn a_change_is_found_where_it_is() {

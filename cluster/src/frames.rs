@@ -80,6 +80,22 @@ impl Frames {
         Ok(Self { features, ..*self })
     }
 
+    /// Returns the episodes of these indices, in this order.
+    ///
+    /// # Errors
+    /// No index.
+    ///
+    /// # Panics
+    /// If an index is not below [`episodes`](Self::episodes).
+    pub fn select(&self, indices: &[usize]) -> Result<Self> {
+        let features: Vec<_> = indices.iter().flat_map(|&i| self.episode(i)).collect();
+        Self::new(
+            features.into_iter().copied().collect(),
+            self.frames_per_episode,
+            self.dim,
+        )
+    }
+
     /// The sizes that comparable frames share: name, ours, theirs.
     fn sizes(&self, other: &Self) -> [(&'static str, usize, usize); 2] {
         let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);

@@ -82,7 +82,7 @@ mod transport;
 mod wasserstein;
 
 pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
-pub use change::{ChangeTest, change_test};
+pub use change::{ChangeTest, change_places, change_test};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};

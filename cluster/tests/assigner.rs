@@ -370,3 +370,60 @@ fn rollouts_and_candidates_that_cannot_be_compared_are_refused() {
     let expected = "frames_per_episode is 2 in one rollout and 3 in the other, expected the same";
     assert_eq!(error, expected);
 }
+
+/// When each of 20 episodes began: ten environments show one after the other, environment by
+/// environment.
+fn two_rounds() -> Vec<usize> {
+    (0..20).map(|episode| 500 * (episode % 2)).collect()
+}
+
+/// Episodes of two groups in turns, as two rounds of ten environments show them.
+fn straddling(rng: &mut ChaCha8Rng, shift: f32) -> Candidate {
+    let groups = [0.0, shift].map(|shift| frames(rng, 10, shift));
+    let both = groups[0].joined(&groups[1]).unwrap();
+    let turns: Vec<usize> = (0..20)
+        .map(|episode| episode / 2 + 10 * (episode % 2))
+        .collect();
+    Candidate {
+        buffer: frames(rng, 20, 0.0),
+        rollout: both.select(&turns).unwrap(),
+    }
+}
+
+fn cut(candidates: &[Candidate], began: &[usize], seed: u64) -> Option<usize> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    Assigner::default()
+        .cut(candidates, began, &mut rng)
+        .expect("comparable candidates")
+}
+
+#[test]
+fn rollouts_of_two_groups_are_cut_where_the_second_begins() {
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    for seed in 0..4 {
+        let both = [straddling(&mut rng, 1.0), straddling(&mut rng, 0.0)];
+        assert_eq!(cut(&both, &two_rounds(), seed), Some(500));
+        // what began together cannot be told apart
+        assert_eq!(cut(&both, &[500; 20], seed), None);
+    }
+}
+
+#[test]
+fn one_group_is_cut_as_seldom_as_it_is_doubted() {
+    let mut rng = ChaCha8Rng::seed_from_u64(13);
+    let one = |rng: &mut ChaCha8Rng| [straddling(rng, 0.0)];
+    let cuts = (0..300).filter(|&seed| cut(&one(&mut rng), &two_rounds(), seed).is_some());
+    let cuts = cuts.count();
+    assert!((1..=16).contains(&cuts), "{cuts} of 6 expected");
+}
+
+#[test]
+fn a_cut_needs_a_time_for_each_episode_and_a_test() {
+    let mut rng = ChaCha8Rng::seed_from_u64(14);
+    let both = [straddling(&mut rng, 1.0)];
+    let short = Assigner::default().cut(&both, &[0; 19], &mut rng);
+    let message = short.unwrap_err().to_string();
+    assert!(message.contains("`began` is 19"), "{message}");
+    let paper = fixed(1.0).unwrap().cut(&both, &two_rounds(), &mut rng);
+    assert_eq!(paper.unwrap(), None);
+}

@@ -1,6 +1,6 @@
 //! A rollout that straddles a switch is cut between two episodes.
 
-use cluster::change_test;
+use cluster::{change_places, change_test};
 use rand::Rng;
 
 use crate::account::Account;
@@ -25,7 +25,8 @@ pub(crate) fn find_cut<R: Rng + ?Sized>(
         Some(seen) => (Kind::ALL.to_vec(), seen),
         None => (Kind::LOOKS.to_vec(), latest.to_vec()),
     };
-    let cuts = places(&seen, settings.min_episodes);
+    let began: Vec<_> = seen.iter().map(|account| account.began).collect();
+    let cuts = change_places(&began, settings.min_episodes);
     if cuts.is_empty() {
         return Ok(None);
     }
@@ -35,41 +36,4 @@ pub(crate) fn find_cut<R: Rng + ?Sized>(
     let began = seen[test.cut].began;
     let cut = accounts.partition_point(|account| account.began < began);
     Ok((test.p_value <= settings.cut).then_some(cut))
-}
-
-/// Where these accounts may be cut, with at least `least` on either side.
-fn places(accounts: &[&Account], least: usize) -> Vec<usize> {
-    let begins = |at: &usize| accounts[*at].began != accounts[*at - 1].began;
-    let last = (accounts.len() + 1).saturating_sub(least);
-    (least.max(1)..last).filter(begins).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn accounts(began: impl Iterator<Item = usize>) -> Vec<Account> {
-        let account = |began| Account {
-            began,
-            picture: vec![0.0],
-            vector: vec![0.0],
-            motion: None,
-            slope: None,
-            earned: None,
-        };
-        began.map(account).collect()
-    }
-
-    fn places_of(began: impl Iterator<Item = usize>) -> Vec<usize> {
-        let accounts = accounts(began);
-        places(&accounts.iter().collect::<Vec<_>>(), 4)
-    }
-
-    #[test]
-    fn both_sides_of_a_place_show_enough_episodes() {
-        assert_eq!(places_of(0..9), [4, 5]);
-        assert_eq!(places_of((0..20).map(|i| i / 5)), [5, 10, 15]);
-        assert!(places_of((0..9).map(|i| i / 3)).is_empty());
-        assert!(places_of(0..3).is_empty() && places_of(0..0).is_empty());
-    }
 }

@@ -112,9 +112,8 @@ impl Grouping for Evident {
             .map_or_else(Vec::new, |finding| finding.refused.clone())
     }
 
-    fn is_cut(&self) -> bool {
-        let last = self.last.borrow();
-        last.as_ref().is_some_and(|finding| finding.cut.is_some())
+    fn cut(&self) -> Option<usize> {
+        self.last.borrow().as_ref()?.cut
     }
 
     fn is_unproven(&self) -> bool {

@@ -20,6 +20,10 @@ pub trait Candidates {
     /// What a network says.
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
 
+    /// When each of the rollout's episodes began whose frames these are: decisions of all
+    /// environments before it.
+    fn began(&self) -> Vec<usize>;
+
     /// The episodes of the rollout as they ran.
     fn episodes(&self) -> Episodes<'_>;
 }
@@ -72,9 +76,10 @@ pub trait Grouping: Send {
         Vec::new()
     }
 
-    /// Whether the last decision rests on a part of the episodes alone, since they show two groups.
-    fn is_cut(&self) -> bool {
-        false
+    /// Where the last decision rests on a part of the episodes alone, since they show two groups:
+    /// the decisions before that part began.
+    fn cut(&self) -> Option<usize> {
+        None
     }
 
     /// Whether what the last decision saw speaks against the policy that it named, which must show

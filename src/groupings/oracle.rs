@@ -112,6 +112,10 @@ mod tests {
             panic!("an oracle does not compare")
         }
 
+        fn began(&self) -> Vec<usize> {
+            panic!("an oracle does not order")
+        }
+
         fn episodes(&self) -> Episodes<'_> {
             panic!("an oracle does not look")
         }

@@ -37,7 +37,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         let collector = self.current;
         let mut stats = self.roll_out(env)?;
         let mut decisions = stats.decisions;
-        let mut frames = self.first_frames()?;
+        let mut frames = self.first_frames(0)?;
         let mut courses = courses(&self.rollout, 0);
         let mut assignment = self.assign(&frames, &courses)?;
         let mut first_look = None;
@@ -45,13 +45,15 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         if assignment.decision == Decision::Undecided {
             self.keep_if_cut(0);
             stats = self.roll_out(env)?;
-            frames.extend(self.first_frames()?);
+            frames.extend(self.first_frames(decisions)?);
             courses.extend(self::courses(&self.rollout, decisions));
             decisions += stats.decisions;
             first_look = Some(assignment.evidence);
             assignment = self.settle(&frames, &courses)?;
             self.keep_if_cut(1);
         }
+        // the rest is of the group before
+        frames.retain(|episode| Some(episode.began()) >= self.grouping.cut());
         let mut created = self.adopt(&assignment, frames)?;
         let mut actor = collector;
         // the paper does not say that a rollout that changes hands is off-policy
@@ -189,7 +191,7 @@ impl<S: CollectionSettings> Collection<S> {
             let policy = &mut self.members[self.current].policy;
             let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut glimpse, &mut state, rng)?;
-            let seen = first_frames(&glimpse, k);
+            let seen = first_frames(&glimpse, 0, k);
             if seen.is_empty() {
                 self.check_episodes(0)?;
             }
@@ -212,9 +214,9 @@ impl<S: CollectionSettings> Collection<S> {
         }
     }
 
-    /// The first frames of the rollout's episodes.
-    pub(super) fn first_frames(&self) -> Result<Vec<FirstFrames>, CoversError> {
-        let frames = first_frames(&self.rollout, self.settings.first_frames());
+    /// The first frames of the rollout's episodes, which `before` decisions came before.
+    pub(super) fn first_frames(&self, before: usize) -> Result<Vec<FirstFrames>, CoversError> {
+        let frames = first_frames(&self.rollout, before, self.settings.first_frames());
         self.check_episodes(frames.len())?;
         Ok(frames)
     }

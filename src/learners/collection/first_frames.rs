@@ -7,6 +7,8 @@ use crate::error::CoversError;
 
 /// The first observations of one episode.
 pub(super) struct FirstFrames {
+    /// Decisions of all environments before it, since the look began that it is of.
+    began: usize,
     count: usize,
     observations: Observations,
     /// Features `[k, F]` at arrival, where the settings say that they are kept.
@@ -17,10 +19,16 @@ impl FirstFrames {
     /// The first `count` observations of an episode.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self {
+            began: 0,
             count,
             observations,
             features: None,
         }
+    }
+
+    /// Decisions of all environments before it, since the look began that it is of.
+    pub(super) fn began(&self) -> usize {
+        self.began
     }
 
     /// Keeps features `[k, F]` with the observations.
@@ -108,14 +116,18 @@ impl Rollout for RolloutBuffer {
 }
 
 /// Takes the first `k` observations of every episode that begins in `rollout`, which must begin
-/// with a reset.
-pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
+/// with a reset after `before` decisions.
+pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> Vec<FirstFrames> {
     let mut episodes = Vec::new();
-    for env in 0..rollout.spec().num_envs {
+    let envs = rollout.spec().num_envs;
+    for env in 0..envs {
         for start in 0..rollout.shown() {
             let begins = start == 0 || rollout.outcome(start - 1, env).ended();
             if begins && complete(rollout, env, start, k) {
-                episodes.push(copy(rollout, env, start..start + k));
+                episodes.push(FirstFrames {
+                    began: before + start * envs,
+                    ..copy(rollout, env, start..start + k)
+                });
             }
         }
     }

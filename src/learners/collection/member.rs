@@ -36,6 +36,10 @@ impl<S: CollectionSettings> Candidates for Clouds<'_, S> {
         clouds.collect()
     }
 
+    fn began(&self) -> Vec<usize> {
+        self.rollout.iter().map(FirstFrames::began).collect()
+    }
+
     fn episodes(&self) -> Episodes<'_> {
         self.episodes
     }

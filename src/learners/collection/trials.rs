@@ -31,14 +31,14 @@ impl<S: CollectionSettings> Collection<S> {
     /// not know rollouts of two groups, nor policies that must act before they are believed.
     pub(super) fn may_reuse(&self) -> bool {
         self.settings.handover() == Handover::Reuse
-            && !self.grouping.is_cut()
+            && self.grouping.cut().is_none()
             && !self.grouping.is_unproven()
     }
 
     /// Where the last look showed two groups, leaves the latest `collections` for a replay, which
     /// would take all of them.
     pub(super) fn keep_if_cut(&mut self, collections: usize) {
-        if self.grouping.is_cut() {
+        if self.grouping.cut().is_some() {
             self.rollout.keep(collections);
         }
     }
@@ -61,7 +61,10 @@ impl<S: CollectionSettings> Collection<S> {
                 && let Some(heard) = self.hear(env, &mut decisions)?
                 && let Some(other) = self.review(&heard, &mut refused)?
             {
-                created = self.adopt(&other, first_frames(&heard, self.settings.first_frames()))?;
+                created = self.adopt(
+                    &other,
+                    first_frames(&heard, 0, self.settings.first_frames()),
+                )?;
                 assignment = other;
                 continue;
             }
@@ -79,7 +82,7 @@ impl<S: CollectionSettings> Collection<S> {
                     created,
                 });
             };
-            created = self.adopt(&other, self.first_frames()?)?;
+            created = self.adopt(&other, self.first_frames(0)?)?;
             assignment = other;
         }
     }
@@ -159,7 +162,7 @@ impl<S: CollectionSettings> Collection<S> {
         rollout: &RolloutOf<S>,
         refused: &mut Vec<usize>,
     ) -> Result<Option<Assignment>, CoversError> {
-        let frames = first_frames(rollout, self.settings.first_frames());
+        let frames = first_frames(rollout, 0, self.settings.first_frames());
         let courses = courses(rollout, 0);
         self.ask(&frames, &courses, |grouping, clouds, rng| {
             grouping.review(clouds, refused, rng)
@@ -171,7 +174,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         refused: &mut Vec<usize>,
     ) -> Result<Option<Assignment>, CoversError> {
-        let (frames, courses) = (self.first_frames()?, courses(&self.rollout, 0));
+        let (frames, courses) = (self.first_frames(0)?, courses(&self.rollout, 0));
         self.ask(&frames, &courses, |grouping, clouds, rng| {
             grouping.review(clouds, refused, rng)
         })
