@@ -17,16 +17,8 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 const SAMPLES: usize = 16;
 
 fn encoder() -> Result<Sequential<f32>, LayerError> {
-    let halve = Kernel {
-        size: 4,
-        stride: 2,
-        padding: 1,
-    };
-    let last = Kernel {
-        size: 3,
-        stride: 1,
-        padding: 0,
-    };
+    let halve = Kernel::new(4, 2, 1);
+    let last = Kernel::new(3, 1, 0);
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let (mut fields, mut size) = (Group::D2.trivial(6), 48);
     for (n, kernel) in [(4, halve), (8, halve), (16, halve), (16, halve), (32, last)] {

@@ -30,12 +30,7 @@ fn perception() -> Perception {
             .collect(),
         growth: 0.015,
         correction: ColorCorrection::GreyWorld,
-        mark: Mark {
-            radius: 0.03,
-            hole: 0.0,
-            color: [0, 0, 255],
-            depth: 1.5,
-        },
+        mark: Mark::disc(0.03, [0, 0, 255], 1.5),
     };
     Perception::new(settings, &[100; 3 * SIZE * SIZE]).unwrap_or_else(|error| panic!("{error}"))
 }

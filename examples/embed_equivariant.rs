@@ -24,11 +24,7 @@ const CHUNK: usize = 16;
 /// Two halving convolutions and one that flattens, each with a ReLU; then invariants and class
 /// scores.
 fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
-    let halving = Kernel {
-        size: 4,
-        stride: 2,
-        padding: 1,
-    };
+    let halving = Kernel::new(4, 2, 1);
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let mut shape = Shape::image(SIDE, SIDE, group.trivial(1));
     for channels in [16, 32, 64] {

@@ -29,3 +29,5 @@ mod variants;
 mod guess;
 #[path = "../fuzz/src/targets/mod.rs"]
 mod targets;
+#[path = "../rl/tests/common/toy.rs"]
+mod toy;

@@ -133,10 +133,10 @@ def measures(ours, task):
     }
 
 
-def rounds(ours, task, count):
-    columns = measures(ours, task)
+def medians(columns, rounds):
+    """Asks every column's measure once a round."""
     figures = {name: [] for name in columns}
-    for _ in range(count):
+    for _ in range(rounds):
         for name, measure in columns.items():
             figures[name].append(measure())
     return {name: median(values) for name, values in figures.items()}
@@ -148,7 +148,7 @@ def number(value):
 
 def main():
     ours, count = Ours(sys.argv[1], sys.argv[2]), int(sys.argv[3])
-    columns = {task: rounds(ours, task, count) for task in TASKS}
+    columns = {task: medians(measures(ours, task), count) for task in TASKS}
     print(f"ours: {sys.argv[2]}; medians of {count} rounds; control steps per second unless it says ms")
     print("".join(f"{name:>14}" for name in ["", *TASKS]))
     for name in next(iter(columns.values())):

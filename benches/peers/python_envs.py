@@ -8,11 +8,10 @@ programs disturb the clock on the wall.
 
 import sys
 import time
-from statistics import median
 
 import covers_envs
 import numpy as np
-from envs import ENVS, SIZE, TASKS, MetaWorld, Ours, image, rate
+from envs import ENVS, SIZE, TASKS, MetaWorld, Ours, image, medians, rate
 
 
 class Python:
@@ -55,18 +54,9 @@ def measures(driver, task):
     return columns
 
 
-def medians(driver, task, rounds):
-    columns = measures(driver, task)
-    figures = {name: [] for name in columns}
-    for _ in range(rounds):
-        for name, measure in columns.items():
-            figures[name].append(measure())
-    return {name: median(values) for name, values in figures.items()}
-
-
 def main():
     driver, rounds = sys.argv[1], int(sys.argv[2])
-    columns = {task: medians(driver, task, rounds) for task in TASKS}
+    columns = {task: medians(measures(driver, task), rounds) for task in TASKS}
     print(f"medians of {rounds} rounds; control steps with a picture each, per second")
     print(" " * 22 + "".join(f"{name:>14}" for name in TASKS))
     for name in columns["goal-reach"]:

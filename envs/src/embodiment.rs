@@ -138,8 +138,7 @@ mod tests {
     use super::*;
     use crate::carrier::CarrierParts;
     use crate::drive::Posture;
-
-    struct Named(&'static str);
+    use crate::identity::Named;
 
     impl Carrier for Named {
         fn name(&self) -> &str {

@@ -19,6 +19,10 @@ impl Identity {
     }
 }
 
+/// A thing that has a name alone, for tests of what stands for it.
+#[cfg(test)]
+pub(crate) struct Named(pub &'static str);
+
 /// Compares, orders, hashes, prints and serialises a handle by its `name()`.
 macro_rules! stands_for_its_name {
     ($handle:ident) => {

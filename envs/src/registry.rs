@@ -106,10 +106,9 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::identity::Named;
     use crate::task::{EpisodeStart, ExpertCommand, Measurement, Parts, Placement};
     use crate::task::{StepReward, Task};
-
-    struct Named(&'static str);
 
     impl Task for Named {
         fn name(&self) -> &str {

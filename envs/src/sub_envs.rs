@@ -270,10 +270,7 @@ mod tests {
 
     #[test]
     fn a_group_that_comes_back_finds_its_simulations_without_episodes() {
-        let settings = VecEnvSettings {
-            num_envs: 2,
-            ..VecEnvSettings::default()
-        };
+        let settings = VecEnvSettings::default();
         let [reach, drawer] = [TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE].map(|group| {
             let (embodiment, camera) = (settings.embodiment, settings.camera);
             let scene = Scene::in_layout(settings.layout, group, embodiment, camera);

@@ -16,7 +16,6 @@ mod rewards;
 mod scenes;
 mod simulated_arm;
 mod tasks;
-mod turns;
 mod vec_env;
 
 #[path = "../examples/inpainting/arm.rs"]

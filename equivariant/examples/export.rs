@@ -14,21 +14,9 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use safetensors::{Dtype, tensor::TensorView};
 
 const SAMPLES: usize = 8;
-const HALVING: Kernel = Kernel {
-    size: 4,
-    stride: 2,
-    padding: 1,
-};
-const SAME: Kernel = Kernel {
-    size: 3,
-    stride: 1,
-    padding: 1,
-};
-const POOL: Kernel = Kernel {
-    size: 2,
-    stride: 2,
-    padding: 0,
-};
+const HALVING: Kernel = Kernel::new(4, 2, 1);
+const SAME: Kernel = Kernel::new(3, 1, 1);
+const POOL: Kernel = Kernel::new(2, 2, 0);
 
 type Layers = Vec<Box<dyn Layer<f32>>>;
 

@@ -73,11 +73,7 @@ fn step(device: &Device, samples: usize) -> Result<(usize, Duration), GpuError> 
 }
 
 fn network() -> Result<Sequential<f32>, LayerError> {
-    let kernel = Kernel {
-        size: 4,
-        stride: 2,
-        padding: 1,
-    };
+    let kernel = Kernel::new(4, 2, 1);
     let mut shape = Shape::image(64, 64, Group::D2.trivial(6));
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     for fields in [8, 16, 32, 32] {

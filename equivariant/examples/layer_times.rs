@@ -53,15 +53,10 @@ const SPECS: [Spec; 3] = [
 
 impl Spec {
     fn build(&self) -> Result<Sequential<f32>, LayerError> {
-        let window = |size, stride, padding| Kernel {
-            size,
-            stride,
-            padding,
-        };
         let kernel = if self.pooled {
-            window(3, 1, 1)
+            Kernel::new(3, 1, 1)
         } else {
-            window(4, 2, 1)
+            Kernel::new(4, 2, 1)
         };
         let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
         let (mut fields, mut size) = (Group::D2.trivial(6), self.size);
@@ -71,7 +66,7 @@ impl Spec {
             layers.push(Box::new(conv));
             layers.push(Box::new(Relu::new(shape)?));
             if self.pooled {
-                let pool = MaxPool::new(shape, window(2, 2, 0))?;
+                let pool = MaxPool::new(shape, Kernel::new(2, 2, 0))?;
                 shape = pool.out_shape();
                 layers.push(Box::new(pool));
             }

@@ -16,6 +16,7 @@ pub(crate) mod linear;
 pub(crate) mod max_pool;
 mod parameterless;
 pub(crate) mod r2_conv;
+mod regular_pool;
 pub(crate) mod relu;
 pub(crate) mod scalar;
 pub(crate) mod sequential;

@@ -18,6 +18,17 @@ pub struct Kernel {
     pub padding: usize,
 }
 
+impl Kernel {
+    /// A window of this side, step and padding.
+    pub const fn new(size: usize, stride: usize, padding: usize) -> Kernel {
+        Kernel {
+            size,
+            stride,
+            padding,
+        }
+    }
+}
+
 impl fmt::Display for Kernel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (size, step, padding) = (self.size, self.stride, self.padding);

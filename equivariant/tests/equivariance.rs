@@ -5,7 +5,7 @@ use equivariant::{
     equivariance_error_of,
 };
 
-use crate::common::{boxed, conv, exact_layers_of, layers, params, rng};
+use crate::common::{boxed, concat, conv, exact_layers_of, layers, params, rng};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {
@@ -31,6 +31,26 @@ fn layers_that_only_permute_and_compare_are_exact() {
         for (name, layer) in exact_layers_of::<f32>(group) {
             let error = equivariance_error(layer.as_ref(), &[], 5, &mut rng(5));
             assert_eq!(error, 0.0, "{name} of {group}");
+        }
+    }
+}
+
+#[test]
+fn sums_of_maps_commute_with_every_group() {
+    for group in Group::ALL {
+        let concat = concat(group);
+        let sum = |x: &[f32], y: &[f32]| {
+            let mut sum = vec![0.0; concat.out_shape().len()];
+            concat.forward(x, y, &mut sum);
+            sum
+        };
+        let [a, b] = concat.in_shapes();
+        let x: Vec<f32> = (0..a.len()).map(|i| (i as f32).sin()).collect();
+        let y: Vec<f32> = (0..b.len()).map(|i| (i as f32).cos()).collect();
+        for &g in group.elements() {
+            let of_moved = sum(&a.act(g, &x), &b.act(g, &y));
+            let moved = concat.out_shape().act(g, &sum(&x, &y));
+            assert_eq!(of_moved, moved, "{group} {g}");
         }
     }
 }

@@ -2,11 +2,9 @@
 //! expected.
 
 use equivariant::{
-    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, LayerError,
-    Linear, MaxPool, R2Conv, Relu, Shape, SpatialSoftArgmax, Statistics,
+    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel,
+    LayerError, Linear, MaxPool, R2Conv, Relu, Shape, SpatialSoftArgmax, Statistics,
 };
-
-use crate::common::kernel;
 
 fn message<L>(refused: Result<L, LayerError>) -> String {
     refused.err().unwrap().to_string()
@@ -23,7 +21,7 @@ fn assert_refused<const N: usize>(reason: &str, refused: [(&str, String); N]) {
 #[test]
 fn types_that_a_layer_does_not_take_are_refused() {
     let mixed = Shape::image(4, 4, FieldType::new(Group::D2, [8, 10, 8, 8]));
-    let pool = MaxPool::new(mixed, kernel([2, 2, 0]));
+    let pool = MaxPool::new(mixed, Kernel::new(2, 2, 0));
     let keypoints = SpatialSoftArgmax::new(mixed, 1.0);
     let refused = [
         ("Relu", message(Relu::new(mixed))),
@@ -41,7 +39,7 @@ fn types_that_a_layer_does_not_take_are_refused() {
 #[test]
 fn types_of_two_groups_are_refused() {
     let (d2, c2) = (Group::D2.regular(2), Group::C2.regular(2));
-    let conv = R2Conv::new(d2, c2, kernel([2, 2, 0]), [4, 4]);
+    let conv = R2Conv::new(d2, c2, Kernel::new(2, 2, 0), [4, 4]);
     let concat = Concat::new(Shape::vector(d2), Shape::vector(c2));
     let refused = [
         ("R2Conv", message(conv)),
@@ -70,8 +68,8 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
                    remainder there: got (5 + 2 * 0 - 2) mod 2 = 1, expected 0";
     let too_large = "got a window of 7 pixels, stride 1 and padding 0 on the height of 5, \
                      expected 1 <= 7 <= 5 + 2 * 0";
-    assert_refused(inexact, refused(kernel([2, 2, 0])));
-    assert_refused(too_large, refused(kernel([7, 1, 0])));
+    assert_refused(inexact, refused(Kernel::new(2, 2, 0)));
+    assert_refused(too_large, refused(Kernel::new(7, 1, 0)));
 }
 
 #[test]
@@ -95,20 +93,20 @@ fn maps_and_settings_that_do_not_fit_are_refused() {
 fn maps_without_values_are_refused() {
     let none = Group::D2.trivial(0);
     let some = Group::D2.regular(2);
-    let one = kernel([1, 1, 0]);
+    let one = Kernel::new(1, 1, 0);
     let refused = |shape: Shape| {
         [
             message(Relu::new(shape)),
             message(GroupMaxPool::new(shape)),
             message(GroupMeanPool::new(shape)),
             message(MaxPool::new(shape, one)),
-            message(AveragePool::new(shape, kernel([2, 1, 1]))),
+            message(AveragePool::new(shape, Kernel::new(2, 1, 1))),
             message(SpatialSoftArgmax::new(shape, 1.0)),
             message(FieldNorm::new(shape, Statistics::Batch)),
             message(R2Conv::new(
                 shape.fields,
                 some,
-                kernel([2, 1, 1]),
+                Kernel::new(2, 1, 1),
                 [shape.height, shape.width],
             )),
             message(Concat::new(shape, shape)),
@@ -155,12 +153,12 @@ fn more_output_channels_than_a_type_holds_are_refused() {
 fn sizes_that_no_memory_holds_are_refused() {
     let large = 1 << 40;
     let (many, one) = (Group::C1.trivial(FieldType::MAX_DIM), Group::C1.trivial(1));
-    let window = kernel([3, 1, 1]);
-    let padded = kernel([3, 1, usize::MAX / 2 + 1]);
+    let window = Kernel::new(3, 1, 1);
+    let padded = Kernel::new(3, 1, usize::MAX / 2 + 1);
     let wide = Shape::image(2, large, one);
     for message in [
         message(R2Conv::new(one, one, window, [large, large])),
-        message(R2Conv::new(one, one, kernel([3, 1, large]), [5, 7])),
+        message(R2Conv::new(one, one, Kernel::new(3, 1, large), [5, 7])),
         message(R2Conv::new(many, many, window, [5, 7])),
         message(R2Conv::new(
             Group::C1.trivial(1 << 20),
@@ -178,7 +176,7 @@ fn sizes_that_no_memory_holds_are_refused() {
         message(AveragePool::new(wide, window)),
         message(AveragePool::new(
             Shape::image(2, 3, one),
-            kernel([large, 1, large / 2]),
+            Kernel::new(large, 1, large / 2),
         )),
         message(GroupMaxPool::new(wide)),
         message(FieldNorm::new(wide, Statistics::Sample)),

@@ -7,7 +7,7 @@ use equivariant::{
 };
 use safetensors::SafeTensors;
 
-use crate::common::{kernel, largest_deviation, run};
+use crate::common::{largest_deviation, run};
 
 const LAYERS: &[u8] = include_bytes!("golden/layers.safetensors");
 const ESCNN: &[u8] = include_bytes!("golden/escnn.safetensors");
@@ -59,13 +59,13 @@ fn input(group: Group) -> Shape {
     Shape::image(SIZE[0], SIZE[1], group.regular(8 / group.order()))
 }
 
-const WINDOW: [usize; 3] = [3, 2, 1];
+const WINDOW: Kernel = Kernel::new(3, 2, 1);
 
 #[test]
 fn layers_of_the_regular_basis_are_those_of_pytorch_for_every_group() {
     for group in Group::ALL {
         let shape = input(group);
-        let window = kernel(WINDOW);
+        let window = WINDOW;
         check("relu", &Relu::new(shape).unwrap(), &[]);
         check("max_pool", &MaxPool::new(shape, window).unwrap(), &[]);
         let average = AveragePool::new(shape, window).unwrap();
@@ -102,7 +102,7 @@ fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
 
 fn conv(group: Group) -> R2Conv {
     let fields = |channels: usize| group.regular(channels / group.order());
-    R2Conv::new(fields(8), fields(4), kernel(WINDOW), SIZE).unwrap()
+    R2Conv::new(fields(8), fields(4), WINDOW, SIZE).unwrap()
 }
 
 #[test]
@@ -152,18 +152,13 @@ fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
 #[test]
 fn filters_of_escnn_lie_in_the_space_of_steerable_kernels() {
     let regular = |n| Group::D2.regular(n);
-    let window = |size| Kernel {
-        size,
-        stride: 1,
-        padding: 0,
-    };
     let cases = [
         ("lift", Group::D2.trivial(3), regular(2), 5),
         ("hidden", regular(2), regular(3), 5),
         ("even", regular(2), regular(2), 4),
     ];
     for (name, in_type, out_type, size) in cases {
-        let layer = R2Conv::new(in_type, out_type, window(size), [size; 2]).unwrap();
+        let layer = R2Conv::new(in_type, out_type, Kernel::new(size, 1, 0), [size; 2]).unwrap();
         let residual = escnn_residual(name, &layer, [0, 1, 2, 3]);
         assert!(residual < 1e-6, "{name}: {residual}");
         // escnn's own order of the elements: the half turn second

@@ -49,11 +49,7 @@ fn convolutions() -> Vec<R2Conv> {
         ];
         for (from, to) in types {
             for (size, stride) in [(4, 2), (3, 1)] {
-                let kernel = Kernel {
-                    size,
-                    stride,
-                    padding: 1,
-                };
+                let kernel = Kernel::new(size, stride, 1);
                 convolutions.push(R2Conv::new(from, to, kernel, [18, 22]).unwrap());
             }
         }

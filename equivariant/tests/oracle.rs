@@ -61,7 +61,7 @@ proptest! {
         width in 1usize..9,
         seed in 0u64..1000,
     ) {
-        let window = Kernel { size, stride, padding };
+        let window = Kernel::new(size, stride, padding);
         let in_type = FieldType::new(group, in_multiplicities);
         let out_type = FieldType::new(group, out_multiplicities);
         let layer = R2Conv::new(in_type, out_type, window, [height, width]);
@@ -98,11 +98,7 @@ fn one_poisoned_value_fails_the_comparison() {
 }
 
 fn regular_layer() -> (R2Conv, Kernel) {
-    let window = Kernel {
-        size: 4,
-        stride: 2,
-        padding: 1,
-    };
+    let window = Kernel::new(4, 2, 1);
     let layer = R2Conv::new(Group::D2.regular(2), Group::D2.regular(3), window, [6, 4]).unwrap();
     (layer, window)
 }

@@ -10,14 +10,9 @@ use crate::common::forward;
 
 /// A convolution that sees a whole map of 4 x 4 pixels or halves it, and what follows it.
 fn chain(group: Group) -> Sequential<f64> {
-    let window = |size, stride, padding| Kernel {
-        size,
-        stride,
-        padding,
-    };
     let fields = |n| group.regular(n);
-    let first = R2Conv::new(group.trivial(2), fields(3), window(4, 2, 1), [4, 4]).unwrap();
-    let second = R2Conv::new(fields(3), fields(2), window(2, 1, 0), [2, 2]).unwrap();
+    let first = R2Conv::new(group.trivial(2), fields(3), Kernel::new(4, 2, 1), [4, 4]).unwrap();
+    let second = R2Conv::new(fields(3), fields(2), Kernel::new(2, 1, 0), [2, 2]).unwrap();
     let [half, top] = [&first, &second].map(Signature::out_shape);
     let layers: Vec<Box<dyn Layer<f64>>> = vec![
         Box::new(first),

@@ -5,7 +5,7 @@
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-use evidence::{Account, Accountant, Course, Recogniser, RecogniserSettings};
+use evidence::{Account, Accountant, Course, Look, Recogniser, RecogniserSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
@@ -41,8 +41,16 @@ fn measure() -> Answer<()> {
     let later = accountant.accounts(&courses(&world, 0, 2, 20)?)?;
     let both: Vec<Account> = [accounts.clone(), later].concat();
     let described = timed(|| accountant.accounts(&rollout).map(|_| ()))?;
-    let first = timed(|| recogniser.assign(&accounts, 0, &mut rng).map(|_| ()))?;
-    let second = timed(|| recogniser.settle(&both, 0, &mut rng).map(|_| ()))?;
+    let first = timed(|| {
+        recogniser
+            .assign(&accounts, 0, Look::First, &mut rng)
+            .map(|_| ())
+    })?;
+    let second = timed(|| {
+        recogniser
+            .assign(&both, 0, Look::Second, &mut rng)
+            .map(|_| ())
+    })?;
     println!("accounts of 20 episodes: {described}");
     println!("first look at 20 episodes, {POLICIES} policies: {first}");
     println!("second look at 40 episodes, {POLICIES} policies: {second}");

@@ -145,24 +145,14 @@ impl Recogniser {
         Ok(opinion.is_refused())
     }
 
-    /// Decides on one rollout of `collector`. `Existing` of another policy asks for a
-    /// rollout of that one and for [`Recogniser::review`]; `Undecided` asks for one more of the
-    /// same policy and for [`Recogniser::settle`]. Of a rollout that shows two groups the later one
-    /// counts.
+    /// Decides on one rollout of `collector`, or for good on two ([`Look`]). `Existing` of another
+    /// policy asks for a rollout of that one and for [`Recogniser::review`]; `Undecided`, of a first
+    /// look alone, asks for one more of the same policy and for a second look at both. Of episodes
+    /// that show two groups, the later group counts.
     ///
     /// # Errors
     /// Too few episodes, no such collector, or points that cannot be compared.
     pub fn assign<R: Rng + ?Sized>(
-        &self,
-        accounts: &[Account],
-        collector: usize,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        self.judge(accounts, collector, Look::First, rng)
-    }
-
-    /// Decides on the later of the groups that the episodes show.
-    fn judge<R: Rng + ?Sized>(
         &self,
         accounts: &[Account],
         collector: usize,
@@ -208,20 +198,6 @@ impl Recogniser {
             is_unproven: false,
             opinions,
         })
-    }
-
-    /// Decides on two rollouts of `collector` for good, after [`Recogniser::assign`] was undecided
-    /// on the first. If they show two groups one after the other, the decision is on the later one.
-    ///
-    /// # Errors
-    /// Those of [`Recogniser::assign`].
-    pub fn settle<R: Rng + ?Sized>(
-        &self,
-        accounts: &[Account],
-        collector: usize,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        self.judge(accounts, collector, Look::Second, rng)
     }
 
     /// Decides on a rollout of `situation.collector`, which an earlier decision proposed: what it

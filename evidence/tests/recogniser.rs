@@ -1,7 +1,7 @@
 //! Decisions on episodes of drawn worlds.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
+use evidence::{Account, Accountant, Album, Look, Recogniser, RecogniserSettings, Situation};
 use symmetry::{D2, Irrep};
 use worlds::Kind;
 
@@ -28,7 +28,9 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
         let recogniser = knowing(kind, 1000, 3);
         for (group, collector) in (0..3).flat_map(|g| [(g, g), (g, (g + 1) % 3)]) {
             let seen = rollout(kind, 1000, group, group);
-            let finding = recogniser.assign(&seen, collector, &mut rng()).unwrap();
+            let finding = recogniser
+                .assign(&seen, collector, Look::First, &mut rng())
+                .unwrap();
             if finding.decision == Decision::Undecided {
                 undecided += 1;
                 continue;
@@ -37,9 +39,13 @@ fn what_looks_different_is_told_apart_at_the_first_look() {
             assert_eq!(finding.decision, expected, "{name} {:#?}", said(&finding));
         }
         let unknown = rollout(kind, 1000, 3, 0);
-        let finding = recogniser.assign(&unknown, 0, &mut rng()).unwrap();
+        let finding = recogniser
+            .assign(&unknown, 0, Look::First, &mut rng())
+            .unwrap();
         assert_eq!(finding.decision, Decision::Undecided);
-        let finding = recogniser.settle(&unknown, 0, &mut rng()).unwrap();
+        let finding = recogniser
+            .assign(&unknown, 0, Look::Second, &mut rng())
+            .unwrap();
         assert_eq!(finding.decision, Decision::New);
     }
     assert!(undecided <= 1, "{undecided}");
@@ -130,7 +136,9 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
     for before in [1, 2, 3] {
         let visits = [(0, before), (1, 4 - before)];
         let mixed = accounts(stream(Kind::Appearance, 1000, &visits, 5), 4, Some(0));
-        let finding = recogniser.assign(&mixed, 0, &mut rng()).unwrap();
+        let finding = recogniser
+            .assign(&mixed, 0, Look::First, &mut rng())
+            .unwrap();
         let began = before * HORIZON * 5;
         assert_eq!(
             (finding.decision, finding.cut),
@@ -138,7 +146,9 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
         );
     }
     let whole = accounts(stream(Kind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
-    let finding = recogniser.assign(&whole, 0, &mut rng()).unwrap();
+    let finding = recogniser
+        .assign(&whole, 0, Look::First, &mut rng())
+        .unwrap();
     assert_eq!(
         (finding.decision, finding.cut),
         (Decision::Existing(0), None)
@@ -208,11 +218,15 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
         (0..count).map(account).collect()
     };
     recogniser.learn(0, &still(1.0, 20), &mut rng()).unwrap();
-    let same = recogniser.assign(&still(1.0, 20), 0, &mut rng()).unwrap();
+    let same = recogniser
+        .assign(&still(1.0, 20), 0, Look::First, &mut rng())
+        .unwrap();
     assert_eq!(same.decision, Decision::Existing(0));
     let test = same.opinions[0].test().unwrap();
     assert!(test.sources.iter().all(Option::is_none) && test.score.is_finite());
-    let other = recogniser.settle(&still(2.0, 20), 0, &mut rng()).unwrap();
+    let other = recogniser
+        .assign(&still(2.0, 20), 0, Look::Second, &mut rng())
+        .unwrap();
     assert_eq!(other.decision, Decision::New);
 }
 
@@ -251,7 +265,9 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
         }
         let visits = [(1, 8), (0, 242), (1, 8)];
         let late = accounts_of(&courses(stream(kind, seed, &visits, 5), 258, None)[1250..]);
-        let finding = recogniser.settle(&late, 0, &mut rng()).unwrap();
+        let finding = recogniser
+            .assign(&late, 0, Look::Second, &mut rng())
+            .unwrap();
         if finding.opinions[1].verdict() == Verdict::Accepted {
             continue;
         }
@@ -276,7 +292,9 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
             said(&own)
         );
         recogniser.learn(1, &late[..20], &mut rng()).unwrap();
-        let next = recogniser.settle(&late[20..], 1, &mut rng()).unwrap();
+        let next = recogniser
+            .assign(&late[20..], 1, Look::Second, &mut rng())
+            .unwrap();
         assert_eq!(next.decision, Decision::Existing(1), "seed {seed}");
     }
     assert!(heard > 0);
@@ -314,7 +332,9 @@ fn slow_drift_splits_nothing() {
         let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
         for rollout in all.chunks(20) {
             if recogniser.policies() > 0 {
-                let finding = recogniser.settle(rollout, 0, &mut rng()).unwrap();
+                let finding = recogniser
+                    .assign(rollout, 0, Look::Second, &mut rng())
+                    .unwrap();
                 assert_eq!(finding.decision, Decision::Existing(0), "seed {seed}");
             }
             recogniser.learn(0, rollout, &mut rng()).unwrap();

@@ -72,3 +72,18 @@ pub(crate) fn require(
         expected,
     })
 }
+
+/// Refuses a length (metres) that is negative or not finite.
+pub(crate) fn require_length(name: &'static str, length: f64) -> Result<(), InpaintingError> {
+    let holds = length >= 0.0 && length.is_finite();
+    require(holds, name, &length, "a length in metres")
+}
+
+/// Refuses what is not above zero, or not finite.
+pub(crate) fn require_positive(
+    name: &'static str,
+    value: f64,
+    expected: &'static str,
+) -> Result<(), InpaintingError> {
+    require(value > 0.0 && value.is_finite(), name, &value, expected)
+}

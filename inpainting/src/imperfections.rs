@@ -1,7 +1,7 @@
 //! What is wrong with a real camera, as figures.
 
 use crate::distortion::Distortion;
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, require, require_positive};
 
 /// How far a simulated camera is from a perfect one whose calibration is exact.
 ///
@@ -83,13 +83,8 @@ impl Imperfections {
         for (name, value, most, expected) in ranges {
             require((0.0..=most).contains(&value), name, &value, expected)?;
         }
-        let positive = self.drift_time > 0.0 && self.drift_time.is_finite();
-        require(
-            positive,
-            "drift_time",
-            &self.drift_time,
-            "a positive time in seconds",
-        )
+        let expected = "a positive time in seconds";
+        require_positive("drift_time", self.drift_time, expected)
     }
 }
 

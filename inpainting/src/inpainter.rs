@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use crate::camera::{NEAR, PinholeCamera, is_near};
 use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, check_picture, require};
+use crate::error::{InpaintingError, check_picture, require, require_length};
 use crate::links::{Capsule, Link};
 use crate::mark::Mark;
 
@@ -128,10 +128,8 @@ impl InpainterSettings {
     fn check(&self) -> Result<(), InpaintingError> {
         self.camera.check()?;
         self.mark.check()?;
-        self.links.iter().try_for_each(|link| {
-            let thick = link.radius >= 0.0 && link.radius.is_finite();
-            require(thick, "link radius", &link.radius, "a length in metres")
-        })
+        let mut links = self.links.iter();
+        links.try_for_each(|link| require_length("link radius", link.radius))
     }
 }
 

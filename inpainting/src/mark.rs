@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 
 use crate::camera::PinholeCamera;
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, require, require_positive};
 
 /// A disc or a ring that is drawn over the gripper, as large in the picture as one that lies at
 /// `depth`, however high the gripper is.
@@ -22,6 +22,16 @@ pub struct Mark {
 }
 
 impl Mark {
+    /// A filled disc of `radius` at `depth` (metres).
+    pub fn disc(radius: f64, color: [u8; 3], depth: f64) -> Self {
+        Self {
+            radius,
+            hole: 0.0,
+            color,
+            depth,
+        }
+    }
+
     pub(crate) fn check(&self) -> Result<(), InpaintingError> {
         let drawn = self.radius >= 0.0 && self.radius.is_finite();
         let expected = "a length in metres, or 0 for no mark";
@@ -29,9 +39,8 @@ impl Mark {
         let inside = (0.0..=self.radius).contains(&self.hole);
         let expected = "a length in metres from 0 (a disc) to the mark's radius";
         require(inside, "mark hole", &self.hole, expected)?;
-        let ahead = self.depth > 0.0 && self.depth.is_finite();
         let expected = "a positive length in metres";
-        require(ahead, "mark depth", &self.depth, expected)
+        require_positive("mark depth", self.depth, expected)
     }
 
     /// Draws the mark over `rgb` `[H, W, 3]` where `camera` sees `point` (metres, world frame);

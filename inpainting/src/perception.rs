@@ -146,12 +146,7 @@ mod tests {
             }],
             growth: 0.01,
             correction: ColorCorrection::GreyWorld,
-            mark: Mark {
-                radius: 0.03,
-                hole: 0.0,
-                color: [0, 0, 255],
-                depth: 1.5,
-            },
+            mark: Mark::disc(0.03, [0, 0, 255], 1.5),
         }
     }
 

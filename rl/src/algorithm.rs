@@ -23,8 +23,10 @@ pub trait Algorithm {
     /// Improves `policy` once; random draws come from `rng`.
     ///
     /// # Errors
-    /// [`RlError::NotFinite`] when a quantity diverges; `policy` then has the parameters from
-    /// before the offending step. Other errors where policy and experience do not fit.
+    /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for experience or a policy of another
+    /// environment or network. [`RlError::NotFinite`] when a quantity diverges; `policy` then has
+    /// the parameters from before the offending step. It also reports parameters that a step itself
+    /// made infinite, which takes learning rates close to the end of f32: the policy is then lost.
     fn update(
         &mut self,
         policy: &mut Self::Policy,

@@ -12,23 +12,15 @@ use symmetry::Group;
 use crate::error::RlError;
 
 /// Every strided convolution halves an even image, exactly symmetrically: (size + 2 - 4) mod 2 = 0.
-const HALVING: Kernel = window(4, 2, 1);
+const HALVING: Kernel = Kernel::new(4, 2, 1);
 /// Keeps the size.
-const SAME: Kernel = window(3, 1, 1);
+const SAME: Kernel = Kernel::new(3, 1, 1);
 /// Takes a pixel off every side.
-const VALID: Kernel = window(3, 1, 0);
-pub(crate) const POOLING: Kernel = window(2, 2, 0);
+const VALID: Kernel = Kernel::new(3, 1, 0);
+pub(crate) const POOLING: Kernel = Kernel::new(2, 2, 0);
 /// Side in pixels of the maps after the pooled encoder's halvings.
 const POOLED_SIDE: usize = 8;
 const TEMPERATURE: f64 = 1.0;
-
-const fn window(size: usize, stride: usize, padding: usize) -> Kernel {
-    Kernel {
-        size,
-        stride,
-        padding,
-    }
-}
 
 /// How square pictures become the top regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
@@ -157,7 +149,7 @@ impl<T: Scalar> Stack<T> {
     fn strided(mut self, fields: &[usize], top_fields: usize) -> Result<Layers<T>, RlError> {
         self.check_multiple("strided", fields.len())?;
         self.halve(fields)?;
-        self.rectified(top_fields, window(self.shape.height, 1, 0))?;
+        self.rectified(top_fields, Kernel::new(self.shape.height, 1, 0))?;
         Ok(self.layers)
     }
 

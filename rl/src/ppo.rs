@@ -108,11 +108,8 @@ impl Algorithm for Ppo {
     /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
     ///
     /// # Errors
-    /// [`RlError::BufferNotFinished`] for an unfinished rollout, [`RlError::SpecMismatch`] or
-    /// [`RlError::Parameters`] for one of another environment or policy, [`RlError::NotFinite`]
-    /// when returns, the loss or the gradient diverge; the parameters are then those before the
-    /// offending step. It also reports parameters that a step itself made infinite, which takes
-    /// learning rates close to the end of f32: the policy is then lost.
+    /// [`RlError::BufferNotFinished`] for an unfinished rollout, and those of
+    /// [`Algorithm::update`]; what may diverge are returns, the loss and the gradient.
     fn update(
         &mut self,
         policy: &mut ActorCriticPolicy,

@@ -121,6 +121,11 @@ impl Motion {
         }
     }
 
+    /// Whether the position vector holds the joint's position.
+    pub(crate) fn is_free(&self) -> bool {
+        matches!(self.drive, Drive::Free { .. })
+    }
+
     /// Where a joint at `position` has its link, in the joint's frame.
     pub(crate) fn pose(&self, position: f64) -> Pose {
         match self.kind {
@@ -167,8 +172,8 @@ impl Description {
     /// The joints whose positions a position vector holds, in its order.
     pub fn free_joints(&self) -> impl Iterator<Item = (&Joint, &Motion)> {
         let moving = |joint| Joint::motion(joint).map(|motion| (joint, motion));
-        let free = |(_, motion): &(_, &Motion)| matches!(motion.drive, Drive::Free { .. });
-        self.joints.iter().filter_map(moving).filter(free)
+        let joints = self.joints.iter().filter_map(moving);
+        joints.filter(|(_, motion)| motion.is_free())
     }
 
     /// The root's frame in the world; the identity, unless [`Description::placed`] says otherwise.
@@ -208,7 +213,7 @@ impl Description {
         let [low, high] = range;
         let found = self.joints.iter_mut().find(|found| found.name == joint);
         let motion = found.and_then(|found| found.motion.as_mut());
-        let free = motion.filter(|motion| matches!(motion.drive, Drive::Free { .. }));
+        let free = motion.filter(|motion| motion.is_free());
         let own = free.and_then(|motion| motion.range.as_mut());
         let refused = |what, value, expected| DescriptionError::Number {
             place,

@@ -51,7 +51,7 @@ pub struct DeployOptions {
     #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
     /// This group alone, as `goal-reach` (default: all groups of the run).
-    #[arg(long)]
+    #[arg(long, visible_alias = "group")]
     pub task: Option<String>,
     /// Seed of placements and faults.
     #[arg(long, default_value_t = 0)]

@@ -10,6 +10,7 @@ use csv::{ReaderBuilder, StringRecord};
 
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
+use crate::learners::per_policy_columns;
 use crate::runs::RunFolder;
 
 use super::summary::{EventFile, Moment};
@@ -19,16 +20,6 @@ use super::summary::{EventFile, Moment};
 const FILE: &str = "events.out.tfevents.0.covers";
 /// Columns that say when a row was, and no figures.
 const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
-/// Columns with one number for each policy, also while there is one policy only.
-const PER_POLICY: [&str; 7] = [
-    "distances",
-    "null_means",
-    "null_maxima",
-    "scores",
-    "p_values",
-    "tail_p_values",
-    "heirs",
-];
 /// Before the first rollout.
 const START: Moment = Moment {
     step: 0,
@@ -211,8 +202,9 @@ impl Rows {
         rows.retain(|row| row.len() == names.len());
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
         let lists = cells.filter(|(_, cell)| cell.contains(';'));
-        let lists = lists.map(|(name, _)| name).chain(PER_POLICY);
-        let lists = lists.map(str::to_owned).collect();
+        let lists = lists.map(|(name, _)| name.to_owned());
+        let lists = lists.chain(per_policy_columns().map(str::to_owned));
+        let lists = lists.collect();
         Ok(Self { names, lists, rows })
     }
 

@@ -49,19 +49,11 @@ impl Evident {
         Ok(accounts)
     }
 
-    fn look(
-        &self,
-        candidates: &mut dyn Candidates,
-        look: Look,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    fn look(&self, candidates: &mut dyn Candidates, look: Look, rng: &mut ChaCha8Rng) -> Answer {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
-        let finding = match look {
-            Look::First => self.recogniser.assign(&accounts, collector, rng)?,
-            Look::Second => self.recogniser.settle(&accounts, collector, rng)?,
-        };
+        let finding = self.recogniser.assign(&accounts, collector, look, rng)?;
         Ok(self.assignment(finding, look))
     }
 

@@ -11,8 +11,8 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub(crate) use collection::read_note;
 pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
+pub(crate) use collection::{per_policy_columns, read_note};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
 pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};

@@ -1,5 +1,7 @@
 //! Environments that fail, and the others.
 
+mod turns;
+
 use super::*;
 use crate::batch::Batch;
 use crate::embodiment::Embodiment;

@@ -32,32 +32,3 @@ pub(crate) fn check_channels(layer: &'static str, channels: usize) -> Result<(),
         expected: "at most 16777216, the most of a field type; lower those of the input",
     })
 }
-
-/// Maps of regular fields, and how many they have.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct RegularMaps {
-    pub shape: Shape,
-    pub fields: usize,
-}
-
-impl RegularMaps {
-    /// Refuses every other type.
-    pub fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
-        LayerError::check_map(layer, shape, 0)?;
-        let fields = shape.fields.regular_fields().ok_or(LayerError::Type {
-            layer,
-            got: shape.fields,
-            expected: "regular fields only",
-        })?;
-        Ok(RegularMaps { shape, fields })
-    }
-
-    /// Maps with a trivial channel for each field.
-    pub fn pooled(&self) -> Shape {
-        let fields = self.shape.fields.group().trivial(self.fields);
-        Shape {
-            fields,
-            ..self.shape
-        }
-    }
-}

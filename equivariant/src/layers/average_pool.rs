@@ -96,11 +96,7 @@ mod tests {
 
     #[test]
     fn padding_counts_as_zeros() {
-        let kernel = Kernel {
-            size: 2,
-            stride: 1,
-            padding: 1,
-        };
+        let kernel = Kernel::new(2, 1, 1);
         let pool = AveragePool::new(Shape::image(1, 2, Group::D2.trivial(1)), kernel).unwrap();
         assert_eq!((pool.out_shape().height, pool.out_shape().width), (2, 3));
         let mut y = [f64::NAN; 6];
@@ -110,11 +106,7 @@ mod tests {
 
     #[test]
     fn a_window_that_breaks_the_symmetry_is_refused_by_name() {
-        let kernel = Kernel {
-            size: 2,
-            stride: 2,
-            padding: 0,
-        };
+        let kernel = Kernel::new(2, 2, 0);
         let shape = Shape::image(4, 5, Group::D1x.regular(1));
         let message = AveragePool::new(shape, kernel).unwrap_err().to_string();
         assert!(

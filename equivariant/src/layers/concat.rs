@@ -153,30 +153,6 @@ mod tests {
     }
 
     #[test]
-    fn the_sum_commutes_with_every_group() {
-        for group in Group::ALL {
-            let a = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
-            let b = Shape::image(2, 3, group.regular(2));
-            let concat = Concat::new(a, b).unwrap();
-            let sum = |x: &[f32], y: &[f32]| {
-                let mut sum = vec![0.0; concat.out_shape().len()];
-                concat.forward(x, y, &mut sum);
-                sum
-            };
-            let x: Vec<f32> = (0..a.len()).map(|i| (i as f32).sin()).collect();
-            let y: Vec<f32> = (0..b.len()).map(|i| (i as f32).cos()).collect();
-            for &g in group.elements() {
-                let of_moved = sum(&a.act(g, &x), &b.act(g, &y));
-                assert_eq!(
-                    of_moved,
-                    concat.out_shape().act(g, &sum(&x, &y)),
-                    "{group} {g}"
-                );
-            }
-        }
-    }
-
-    #[test]
     fn maps_that_do_not_fit_are_refused_with_both() {
         let shape = |height, group: Group| Shape::image(height, 3, group.regular(1));
         let refused = |a, b| Concat::new(a, b).unwrap_err().to_string();

@@ -1,19 +1,13 @@
 //! Group max-pooling: from regular fields to invariants.
 
 use std::array::from_fn;
-use std::fmt;
 
-use crate::error::LayerError;
-use crate::layers::accepted::RegularMaps;
-use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
+use crate::layers::regular_pool::{RegularMaps, pooled_over_the_group};
 use crate::layers::scalar::Scalar;
 use crate::order::with_order;
 use crate::real::exceeds;
-use crate::shape::Shape;
 use crate::steerable::hadamard::{parts, parts_mut, transform};
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
 
 /// The maximum over the group of every regular field.
 ///
@@ -22,30 +16,7 @@ use crate::steerable::operation::Operation;
 #[derive(Clone, Copy, Debug)]
 pub struct GroupMaxPool(RegularMaps);
 
-impl GroupMaxPool {
-    /// The pooling of maps of this shape.
-    ///
-    /// # Errors
-    /// When the map is empty or its type is not regular fields only.
-    pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
-        RegularMaps::new("GroupMaxPool", shape).map(GroupMaxPool)
-    }
-}
-
-impl Signature for GroupMaxPool {
-    fn in_shape(&self) -> Shape {
-        self.0.shape
-    }
-
-    fn out_shape(&self) -> Shape {
-        self.0.pooled()
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::GroupMaxPool)
-    }
-}
+pooled_over_the_group!(GroupMaxPool);
 
 impl Parameterless for GroupMaxPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
@@ -56,12 +27,6 @@ impl Parameterless for GroupMaxPool {
     fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let order = self.0.shape.fields.group().order();
         with_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
-    }
-}
-
-impl fmt::Display for GroupMaxPool {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupMaxPool({})", self.0.shape)
     }
 }
 
@@ -108,6 +73,7 @@ mod tests {
 
     use super::*;
     use crate::layers::layer::Layer;
+    use crate::shape::Shape;
 
     #[test]
     fn ties_go_to_the_first_element() {

@@ -1,15 +1,8 @@
 //! Group mean-pooling: from regular fields to invariants.
 
-use std::fmt;
-
-use crate::error::LayerError;
-use crate::layers::accepted::RegularMaps;
-use crate::layers::layer::Signature;
 use crate::layers::parameterless::Parameterless;
+use crate::layers::regular_pool::{RegularMaps, pooled_over_the_group};
 use crate::layers::scalar::Scalar;
-use crate::shape::Shape;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
 
 /// The mean over the group of every regular field.
 ///
@@ -20,34 +13,13 @@ use crate::steerable::operation::Operation;
 pub struct GroupMeanPool(RegularMaps);
 
 impl GroupMeanPool {
-    /// The pooling of maps of this shape.
-    ///
-    /// # Errors
-    /// When the map is empty or its type is not regular fields only.
-    pub fn new(shape: Shape) -> Result<GroupMeanPool, LayerError> {
-        RegularMaps::new("GroupMeanPool", shape).map(GroupMeanPool)
-    }
-
     fn scale<T: Scalar>(&self) -> T {
         let order = self.0.shape.fields.group().order() as f64;
         T::from_f64(order.sqrt().recip())
     }
 }
 
-impl Signature for GroupMeanPool {
-    fn in_shape(&self) -> Shape {
-        self.0.shape
-    }
-
-    fn out_shape(&self) -> Shape {
-        self.0.pooled()
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::GroupMeanPool)
-    }
-}
+pooled_over_the_group!(GroupMeanPool);
 
 impl Parameterless for GroupMeanPool {
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
@@ -73,16 +45,11 @@ impl Parameterless for GroupMeanPool {
     }
 }
 
-impl fmt::Display for GroupMeanPool {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "GroupMeanPool({})", self.0.shape)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::layers::layer::Layer;
+    use crate::shape::Shape;
     use crate::steerable::hadamard::hadamard;
     use symmetry::Group;
 

@@ -56,11 +56,7 @@ impl Linear {
             taps: Taps::new(self.in_type, 1),
             blocks: &self.blocks,
             places: None,
-            window: Kernel {
-                size: 1,
-                stride: 1,
-                padding: 0,
-            },
+            window: Kernel::new(1, 1, 0),
             in_shape: Shape::vector(self.in_type),
             out_shape: Shape::vector(self.out_type),
         }

@@ -148,11 +148,7 @@ mod tests {
     use symmetry::Group;
 
     fn halving(size: usize, fields: symmetry::FieldType) -> MaxPool {
-        let kernel = Kernel {
-            size: 2,
-            stride: 2,
-            padding: 0,
-        };
+        let kernel = Kernel::new(2, 2, 0);
         MaxPool::new(Shape::image(size, size, fields), kernel).unwrap()
     }
 
@@ -171,11 +167,7 @@ mod tests {
 
     #[test]
     fn padding_never_wins_and_not_a_number_always_does() {
-        let kernel = Kernel {
-            size: 3,
-            stride: 1,
-            padding: 1,
-        };
+        let kernel = Kernel::new(3, 1, 1);
         let pool = MaxPool::new(Shape::image(1, 3, Group::D2.trivial(1)), kernel).unwrap();
         let (mut y, mut scratch) = ([0.0f64; 3], pool.scratch(1));
         pool.forward(&[], &[-3.0, -2.0, -5.0], &mut y, &mut scratch);
@@ -187,11 +179,7 @@ mod tests {
     #[test]
     fn odd_irreps_alone_are_refused() {
         let shape = Shape::image(2, 2, "1 x".parse().unwrap());
-        let kernel = Kernel {
-            size: 2,
-            stride: 2,
-            padding: 0,
-        };
+        let kernel = Kernel::new(2, 2, 0);
         let message = MaxPool::new(shape, kernel).unwrap_err().to_string();
         assert!(
             message.starts_with("MaxPool: got the type `1 x`"),

@@ -65,11 +65,7 @@ impl R2Conv {
                 width,
             });
         }
-        let kernel = Kernel {
-            size: height,
-            stride: 1,
-            padding: 0,
-        };
+        let kernel = Kernel::new(height, 1, 0);
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 

@@ -134,20 +134,13 @@ fn along(
 mod tests {
     use super::*;
 
-    fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
-        Kernel {
-            size,
-            stride,
-            padding,
-        }
-    }
-
     fn image(height: usize, width: usize) -> Shape {
         Shape::image(height, width, Group::D2.trivial(1))
     }
 
     fn windows(group: Group, window: [usize; 3], image: [usize; 2]) -> Result<[usize; 2], String> {
-        let windows = Windows::new("R2Conv", group, kernel(window), image);
+        let [size, stride, padding] = window;
+        let windows = Windows::new("R2Conv", group, Kernel::new(size, stride, padding), image);
         windows
             .map(|windows| windows.out_size)
             .map_err(|error| error.to_string())
@@ -199,13 +192,13 @@ mod tests {
             message.contains(&format!("padding {padding} on the height of 5")),
             "{message}"
         );
-        let refused = Windows::of_pooling("MaxPool", image(5, 7), kernel([3, 1, padding]));
+        let refused = Windows::of_pooling("MaxPool", image(5, 7), Kernel::new(3, 1, padding));
         assert!(refused.is_err());
     }
 
     #[test]
     fn windows_are_cut_at_the_border() {
-        let windows = Windows::new("MaxPool", Group::D2, kernel([3, 2, 1]), [3, 5]).unwrap();
+        let windows = Windows::new("MaxPool", Group::D2, Kernel::new(3, 2, 1), [3, 5]).unwrap();
         assert_eq!(windows.out_size, [2, 3]);
         let pixels = |index| windows.pixels(index).collect::<Vec<_>>();
         assert_eq!(pixels(0), [0, 1, 5, 6]);
@@ -214,7 +207,7 @@ mod tests {
 
     #[test]
     fn pools_of_padding_alone_are_refused() {
-        let window = kernel([2, 2, 2]);
+        let window = Kernel::new(2, 2, 2);
         let error = Windows::of_pooling("MaxPool", image(4, 6), window).unwrap_err();
         let expected = "MaxPool: got a padding of 2 for a window of 2, expected at most 2 / 2";
         assert_eq!(error.to_string(), expected);

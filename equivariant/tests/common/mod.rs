@@ -4,8 +4,9 @@
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
 
 use equivariant::{
-    AveragePool, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, Linear,
-    MaxPool, R2Conv, Relu, Scalar, Scratch, Sequential, Shape, SpatialSoftArgmax, Statistics,
+    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer,
+    Linear, MaxPool, R2Conv, Relu, Scalar, Scratch, Sequential, Shape, SpatialSoftArgmax,
+    Statistics,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use symmetry::Irrep;
@@ -104,12 +105,14 @@ pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
     ]
 }
 
+/// The sum of a map that lacks irreps and one of regular fields.
+pub fn concat(group: Group) -> Concat {
+    let lacking = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
+    Concat::new(lacking, Shape::image(2, 3, group.regular(2))).unwrap()
+}
+
 pub fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
-    Kernel {
-        size,
-        stride,
-        padding,
-    }
+    Kernel::new(size, stride, padding)
 }
 
 pub fn boxed<T: Scalar, L: Layer<T> + 'static>(

@@ -1,9 +1,9 @@
 //! Networks that part and meet, and kernels of somebody else.
 
 use equivariant::gpu::{Batch, Passes, Plan, Program, Step, Work};
-use equivariant::{Concat, FieldType, Group, Linear, Shape, Signature};
+use equivariant::{Group, Linear, Shape, Signature};
 
-use crate::common::normal;
+use crate::common::{concat, normal};
 use crate::device;
 
 const SAMPLES: usize = 3;
@@ -18,9 +18,8 @@ fn batch() -> Batch {
 #[test]
 fn sums_of_maps_and_their_gradients_are_those_of_the_processor() {
     for group in Group::ALL {
-        let a = Shape::image(2, 3, FieldType::new(group, [1, 2, 0, 1]));
-        let b = Shape::image(2, 3, group.regular(2));
-        let concat = Concat::new(a, b).unwrap();
+        let concat = concat(group);
+        let [a, b] = concat.in_shapes();
         let mut plan = Plan::new();
         let inputs = [a, b].map(|shape| plan.tensor(shape));
         let y = plan.concat(&concat, inputs);

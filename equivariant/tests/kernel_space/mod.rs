@@ -2,11 +2,11 @@
 
 mod solver;
 
-use equivariant::{Dense, FieldType, Group, Layer, Linear, R2Conv};
+use equivariant::{Dense, FieldType, Group, Kernel, Layer, Linear, R2Conv};
 use proptest::prelude::*;
 use solver::{Representation, kernel_space};
 
-use crate::common::{self, kernel, normal};
+use crate::common::{self, normal};
 
 /// The part of `kernel` outside the span of an orthonormal basis, relative to it.
 fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
@@ -52,7 +52,7 @@ fn assert_equal_spans(closed: &[Vec<f64>], solved: &[Vec<f64>]) {
 }
 
 fn layer(in_type: FieldType, out_type: FieldType, size: usize) -> R2Conv {
-    R2Conv::new(in_type, out_type, kernel([size, 1, 0]), [size; 2]).unwrap()
+    R2Conv::new(in_type, out_type, Kernel::new(size, 1, 0), [size; 2]).unwrap()
 }
 
 fn multiplicities() -> impl Strategy<Value = [usize; 4]> {

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use cluster::Decision;
 use evidence::{
-    Account, Accountant, EvidenceError, Finding, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, EvidenceError, Finding, Look, Recogniser, RecogniserSettings, Situation,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -177,15 +177,17 @@ impl Trial {
         let mut cut = None;
         let mut last = None;
         if self.recogniser.policies() > 0 {
-            let mut finding =
-                self.ask(|recogniser, current, rng| recogniser.assign(&accounts, current, rng))?;
+            let mut finding = self.ask(|recogniser, current, rng| {
+                recogniser.assign(&accounts, current, Look::First, rng)
+            })?;
             cut = finding.cut;
             if finding.decision == Decision::Undecided {
                 let first = accounts;
                 accounts = self.roll_out(ROUNDS)?;
                 let both = [first, accounts.clone()].concat();
-                finding =
-                    self.ask(|recogniser, current, rng| recogniser.settle(&both, current, rng))?;
+                finding = self.ask(|recogniser, current, rng| {
+                    recogniser.assign(&both, current, Look::Second, rng)
+                })?;
                 cut = finding.cut.or(cut);
             }
             if self.is_forced() {

@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::calibration::Calibration;
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::color::ColorCorrection;
-use crate::error::{InpaintingError, require};
+use crate::error::{InpaintingError, require, require_length};
 use crate::inpainter::InpainterSettings;
 use crate::links::Link;
 use crate::mark::Mark;
@@ -45,8 +45,7 @@ impl PerceptionSettings {
         let odd = self.oversampling % 2 == 1 && self.oversampling <= FINEST;
         let expected = "an odd number, 15 at most";
         require(odd, "oversampling", &self.oversampling, expected)?;
-        let thick = self.growth >= 0.0 && self.growth.is_finite();
-        require(thick, "growth", &self.growth, "a length in metres")?;
+        require_length("growth", self.growth)?;
         let down = self.policy.extrinsics.rotation.transpose().z_axis;
         let straight = down.abs_diff_eq(DVec3::NEG_Z, STRAIGHT);
         require(

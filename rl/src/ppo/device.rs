@@ -86,7 +86,8 @@ impl Schedule {
     /// Draws the minibatches of every pass, as the processor does pass by pass.
     fn draw(task: &Task) -> Self {
         let mut schedule = Self::default();
-        let (mut order, mut rng) = (task.rollout.order.clone(), task.rng.clone());
+        let mut order: Vec<usize> = (0..task.buffer.samples()).collect();
+        let mut rng = task.rng.clone();
         let mut normalised = Vec::new();
         for _ in 0..task.settings.epochs {
             shuffle(&mut order, &mut rng);

@@ -16,10 +16,14 @@ use crate::ppo_stats::Totals;
 /// quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
-/// Memory for gradients.
+/// Memory for gradients and minibatches.
 pub(super) struct Processor {
     chunks: Chunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
+    /// The order in which a pass goes through the rollout.
+    order: Vec<usize>,
+    /// Advantages of a minibatch.
+    normalised: Vec<f64>,
 }
 
 impl Processor {
@@ -31,11 +35,15 @@ impl Processor {
                 network.workspace(TRAINING_CHUNK)
             }),
             gradient: vec![0.0; num_params],
+            order: Vec::new(),
+            normalised: Vec::new(),
         }
     }
 
     pub fn run(&mut self, mut task: Task) -> Result<Totals, RlError> {
         let mut totals = Totals::default();
+        self.order.clear();
+        self.order.extend(0..task.buffer.samples());
         while totals.epochs < task.settings.epochs && self.pass(&mut task, &mut totals)? {
             totals.epochs += 1;
         }
@@ -44,7 +52,7 @@ impl Processor {
 
     /// One pass over the rollout in a new order; false when the KL divergence ended it early.
     fn pass(&mut self, task: &mut Task, totals: &mut Totals) -> Result<bool, RlError> {
-        shuffle(&mut task.rollout.order, task.rng);
+        shuffle(&mut self.order, task.rng);
         for start in (0..task.buffer.samples()).step_by(task.settings.minibatch) {
             let sums = self.minibatch_gradient(task, start)?;
             totals.losses.add(&sums);
@@ -59,17 +67,17 @@ impl Processor {
 
     /// Leaves the gradient of the minibatch that starts at position `start` of the order in
     /// `self.gradient`.
-    fn minibatch_gradient(&mut self, task: &mut Task, start: usize) -> Result<LossSums, RlError> {
-        let rollout = &mut *task.rollout;
+    fn minibatch_gradient(&mut self, task: &Task, start: usize) -> Result<LossSums, RlError> {
+        let rollout = &*task.rollout;
         let end = task.buffer.samples().min(start + task.settings.minibatch);
-        let indices = &rollout.order[start..end];
-        normalised_advantages(&rollout.advantages, indices, &mut rollout.normalised);
+        let indices = &self.order[start..end];
+        normalised_advantages(&rollout.advantages, indices, &mut self.normalised);
         let minibatch = Minibatch {
             buffer: task.buffer,
             actions: &rollout.actions,
             returns: &rollout.returns,
             indices,
-            advantages: &rollout.normalised,
+            advantages: &self.normalised,
             weights: loss_weights(task.settings),
         };
         self.gradient.fill(0.0);

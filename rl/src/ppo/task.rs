@@ -41,12 +41,10 @@ pub(super) struct Rollout {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
-    pub order: Vec<usize>,
-    pub normalised: Vec<f64>,
 }
 
 impl Rollout {
-    /// Computes advantages and returns and starts from the order of time.
+    /// Computes advantages and returns.
     pub fn prepare(
         &mut self,
         settings: &PpoSettings,
@@ -64,8 +62,6 @@ impl Rollout {
         self.actions.clear();
         self.actions
             .extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
-        self.order.clear();
-        self.order.extend(0..buffer.samples());
         Ok(())
     }
 }

@@ -126,10 +126,7 @@ impl Algorithm for Sac {
     /// burn-in. The same inputs give the same bits on any number of threads.
     ///
     /// # Errors
-    /// [`RlError::SpecMismatch`] or [`RlError::Parameters`] for a replay or a policy of another
-    /// environment, [`RlError::NotFinite`] when the loss or the gradient diverge; the parameters
-    /// are then those before the offending step. It also reports parameters that a step itself made
-    /// infinite.
+    /// Those of [`Algorithm::update`]; what may diverge are the loss and the gradient.
     fn update(
         &mut self,
         policy: &mut SacPolicy,

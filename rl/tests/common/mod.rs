@@ -8,12 +8,15 @@ pub mod joint;
 pub mod largest;
 pub mod parts;
 pub mod sac;
+pub mod toy;
 pub mod unseeing;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+use rl::{EnvSpec, Observations};
 use symmetry::Irrep;
+
+use toy::{Toy, Toys};
 
 /// Height and width of the pictures in pixels.
 pub const PIXELS: usize = 8;
@@ -27,40 +30,43 @@ const NEAR: f32 = 0.25;
 /// N points in [-1, 1]^2. Picture: the goal in channel 0, the point in channel 1. Vector: the
 /// point. Reward: 1 minus the mean distance per axis, in [0, 1]. Episodes last [`EPISODE`]
 /// decisions.
+pub type PointReach = Toys<Points>;
+
 #[derive(Clone)]
-pub struct PointReach {
-    spec: EnvSpec,
+pub struct Points {
     points: Vec<[f32; 2]>,
     goals: Vec<[f32; 2]>,
-    ages: Vec<usize>,
     rng: ChaCha8Rng,
 }
 
 impl PointReach {
     pub fn new(num_envs: usize, seed: u64) -> Self {
         let xy = vec![Irrep::X, Irrep::Y];
-        Self {
-            spec: EnvSpec {
-                num_envs,
-                image: [PIXELS, PIXELS, 2],
-                vector: xy.clone(),
-                action: xy,
-            },
+        let points = Points {
             points: vec![[0.0; 2]; num_envs],
             goals: vec![[0.0; 2]; num_envs],
-            ages: vec![0; num_envs],
             rng: ChaCha8Rng::seed_from_u64(seed),
-        }
+        };
+        let spec = EnvSpec {
+            num_envs,
+            image: [PIXELS, PIXELS, 2],
+            vector: xy.clone(),
+            action: xy,
+        };
+        Self::of(points, spec)
     }
+}
+
+impl Toy for Points {
+    const EPISODE: usize = EPISODE;
 
     fn restart(&mut self, n: usize) {
         self.points[n] = [0.0; 2];
         self.goals[n] = std::array::from_fn(|_| self.rng.random_range(-0.9..0.9));
-        self.ages[n] = 0;
     }
 
     fn observe(&self, n: usize, out: &mut Observations) {
-        let len = self.spec.image_len();
+        let len = PIXELS * PIXELS * 2;
         let image = &mut out.images[n * len..(n + 1) * len];
         image.fill(0);
         draw(image, 0, self.goals[n]);
@@ -68,13 +74,14 @@ impl PointReach {
         out.vectors[2 * n..2 * n + 2].copy_from_slice(&self.points[n]);
     }
 
-    /// Moves the point and returns its distance from the goal per axis.
-    fn move_point(&mut self, n: usize, action: &[f32]) -> [f32; 2] {
+    fn act(&mut self, n: usize, action: &[f32]) -> (f32, bool) {
         for (p, a) in self.points[n].iter_mut().zip(action) {
             *p = (*p + STEP * a.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
         }
-        self.ages[n] += 1;
-        std::array::from_fn(|i| (self.points[n][i] - self.goals[n][i]).abs())
+        let distance: [f32; 2] =
+            std::array::from_fn(|i| (self.points[n][i] - self.goals[n][i]).abs());
+        let reward = (1.0 - (distance[0] + distance[1]) / 2.0).max(0.0);
+        (reward, distance.iter().all(|&d| d < NEAR))
     }
 }
 
@@ -88,40 +95,5 @@ fn draw(image: &mut [u8], channel: usize, [x, y]: [f32; 2]) {
                 * (1.0 - (column - c as f32).abs()).max(0.0);
             image[(r * PIXELS + c) * 2 + channel] = (255.0 * weight).round() as u8;
         }
-    }
-}
-
-impl VectorEnv for PointReach {
-    fn spec(&self) -> &EnvSpec {
-        &self.spec
-    }
-
-    fn horizon(&self) -> Option<usize> {
-        Some(EPISODE)
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
-        for n in 0..self.spec.num_envs {
-            self.restart(n);
-            self.observe(n, out);
-        }
-        Ok(())
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
-        for n in 0..self.spec.num_envs {
-            let distance = self.move_point(n, &actions[2 * n..2 * n + 2]);
-            out.rewards[n] = (1.0 - (distance[0] + distance[1]) / 2.0).max(0.0);
-            out.success[n] = distance.iter().all(|&d| d < NEAR);
-            out.success_at_end[n] = out.success[n];
-            let over = self.ages[n] == EPISODE;
-            out.outcomes[n] = [Outcome::Running, Outcome::Truncated][usize::from(over)];
-            if over {
-                self.observe(n, &mut out.final_observations);
-                self.restart(n);
-            }
-            self.observe(n, &mut out.observations);
-        }
-        Ok(())
     }
 }

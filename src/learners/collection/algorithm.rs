@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use cluster::{Assignment, Decision, Evidence, PermutationTest};
+use cluster::{Assignment, Decision};
 use evidence::Course;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -17,10 +17,10 @@ use rl::{
 use crate::error::CoversError;
 use crate::groupings::{Answer, Episodes, Grouping};
 use crate::learners::learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
-use crate::learners::metrics::Metrics;
 
 use super::courses::courses;
 use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
+use super::logged::metrics;
 use super::member::{Clouds, Member};
 use super::policies::{Collection, Exported};
 use super::settings::{CollectionSettings, Embedding, NewPolicy};
@@ -366,38 +366,4 @@ impl<S: CollectionSettings> Collection<S> {
         self.seconds.update += clock.elapsed().as_secs_f64();
         Ok(logged)
     }
-}
-
-/// What is logged: the evidence of the grouping, one number for each policy, who has which heir
-/// where policies are merged, and the update.
-fn metrics(
-    evidence: &[Evidence],
-    looks: usize,
-    heirs: Option<&[Option<usize>]>,
-    update: Vec<(String, f64)>,
-) -> Metrics {
-    let mut metrics = Metrics::default();
-    metrics.number("looks", looks as f64);
-    metrics.per_policy("distances", evidence.iter().map(|e| Some(e.distance)));
-    type Figure = fn(&PermutationTest) -> f64;
-    let figures: [(&str, Figure); 5] = [
-        ("null_means", |test| test.null.mean),
-        ("null_maxima", |test| test.null.max),
-        ("scores", |test| test.score),
-        ("p_values", |test| test.p_value),
-        ("tail_p_values", |test| test.tail_p_value),
-    ];
-    for (name, figure) in figures {
-        metrics.per_policy(name, evidence.iter().map(|e| e.test().map(figure)));
-    }
-    if let Some(heirs) = heirs {
-        metrics.per_policy(
-            "heirs",
-            heirs.iter().map(|heir| heir.map(|heir| heir as f64)),
-        );
-    }
-    for (name, value) in update {
-        metrics.number(name, value);
-    }
-    metrics
 }

@@ -5,6 +5,7 @@ mod algorithm;
 mod checkpoint;
 mod courses;
 mod first_frames;
+mod logged;
 mod member;
 mod note;
 mod policies;
@@ -13,6 +14,7 @@ mod training;
 mod trials;
 
 pub use first_frames::Rollout;
+pub(crate) use logged::per_policy_columns;
 pub use note::read_note;
 pub use policies::Collection;
 pub(in crate::learners) use settings::shared_settings;

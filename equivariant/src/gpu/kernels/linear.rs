@@ -14,11 +14,7 @@ use crate::window::Kernel;
 /// Partial gradients in the parameters at most, each of a part of the output pixels.
 const MOST_SLICES: usize = 64;
 /// The window of a map that needs no fold.
-const PIXEL: Kernel = Kernel {
-    size: 1,
-    stride: 1,
-    padding: 0,
-};
+const PIXEL: Kernel = Kernel::new(1, 1, 0);
 
 /// A linear map as kernels see it.
 struct Linear<'a> {

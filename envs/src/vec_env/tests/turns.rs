@@ -1,57 +1,25 @@
 //! Turns that differ from environment to environment, and experts for all of them.
 
-use envs::{ACTION_DIM, Batch, EnvError, TaskGroup, Turn, VECTOR_DIM, VecEnv, VecEnvSettings};
-use symmetry::D2;
+use super::*;
 
-const N: usize = 3;
-const DECISIONS: usize = 3;
 const ACTIONS: [f32; N * ACTION_DIM] = [0.5; N * ACTION_DIM];
 
-struct Rig {
-    env: VecEnv,
-    batch: Batch,
-}
-
-impl Rig {
-    fn new() -> Self {
-        let mut settings = VecEnvSettings {
-            num_envs: N,
-            ..VecEnvSettings::default()
-        };
-        settings.camera.size = 16;
-        settings.control.horizon = 10 * DECISIONS;
-        Self {
-            env: VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap(),
-            batch: Batch::new(&settings),
-        }
-    }
-
-    /// The error messages of those that failed.
-    fn advance(&mut self, turns: [Turn; N]) -> Vec<String> {
-        let failures = self.env.advance(&ACTIONS, &turns, self.batch.step());
-        let failures = failures.unwrap().iter();
-        failures.map(|failure| failure.error.to_string()).collect()
-    }
-
-    /// Picture and vector of environment `env`.
-    fn row(&self, env: usize) -> (&[u8], &[f32]) {
-        let image = self.batch.images.len() / N;
-        (
-            &self.batch.images[env * image..][..image],
-            &self.batch.vectors[env * VECTOR_DIM..][..VECTOR_DIM],
-        )
-    }
+/// The error messages of those that failed.
+fn advance(rig: &mut Rig, turns: [Turn; N]) -> Vec<String> {
+    let failures = rig.env.advance(&ACTIONS, &turns, rig.batch.step());
+    let failures = failures.unwrap().iter();
+    failures.map(|failure| failure.error.to_string()).collect()
 }
 
 #[test]
 fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
-    let (mut now, mut later) = (Rig::new(), Rig::new());
+    let (mut now, mut later) = (Rig::new(2), Rig::new(2));
     now.env.reset(now.batch.observations()).unwrap();
-    later.advance([Turn::Reset; N]);
+    advance(&mut later, [Turn::Reset; N]);
     for _ in 0..2 {
         for decision in 1..=DECISIONS {
             now.env.step(&ACTIONS, now.batch.step()).unwrap();
-            later.advance([Turn::StepAndStay; N]);
+            advance(&mut later, [Turn::StepAndStay; N]);
             assert_eq!(later.batch.rewards, now.batch.rewards);
             assert_eq!(later.batch.truncated, now.batch.truncated);
             assert_eq!(now.batch.truncated, [decision == DECISIONS; N]);
@@ -61,7 +29,7 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
         }
         assert_eq!(later.batch.images, now.batch.final_images);
         assert_eq!(later.batch.vectors, now.batch.final_vectors);
-        later.advance([Turn::Reset; N]);
+        advance(&mut later, [Turn::Reset; N]);
         assert_eq!(later.batch.images, now.batch.images);
         assert_eq!(later.batch.vectors, now.batch.vectors);
         assert_eq!(later.batch.rewards, [0.0; N]);
@@ -71,40 +39,44 @@ fn episodes_that_are_begun_one_turn_later_are_those_of_steps() {
 
 #[test]
 fn every_environment_has_the_turn_that_it_is_given() {
-    let (mut mixed, mut even) = (Rig::new(), Rig::new());
+    let (mut mixed, mut even) = (Rig::new(2), Rig::new(2));
     for rig in [&mut mixed, &mut even] {
-        rig.advance([Turn::Reset; N]);
-        rig.advance([Turn::Step; N]);
+        advance(rig, [Turn::Reset; N]);
+        advance(rig, [Turn::Step; N]);
     }
-    mixed.advance([Turn::Reset, Turn::Rest, Turn::Step]);
-    assert_eq!(mixed.row(1), even.row(1), "one that rests stays as it is");
-    assert_eq!(mixed.batch.rewards[..2], [0.0; 2]);
-    even.advance([Turn::Step; N]);
+    advance(&mut mixed, [Turn::Reset, Turn::Rest, Turn::Step]);
     assert_eq!(
-        mixed.row(2),
-        even.row(2),
+        mixed.observation(1),
+        even.observation(1),
+        "one that rests stays as it is"
+    );
+    assert_eq!(mixed.batch.rewards[..2], [0.0; 2]);
+    advance(&mut even, [Turn::Step; N]);
+    assert_eq!(
+        mixed.observation(2),
+        even.observation(2),
         "one that steps does not feel the others"
     );
     assert_eq!(mixed.batch.rewards[2], even.batch.rewards[2]);
-    even.advance([Turn::Reset; N]);
+    advance(&mut even, [Turn::Reset; N]);
     assert_eq!(
-        mixed.row(0),
-        even.row(0),
+        mixed.observation(0),
+        even.observation(0),
         "the second episode of its stream"
     );
 }
 
 #[test]
 fn one_that_waits_for_a_reset_fails_alone() {
-    let mut rig = Rig::new();
+    let mut rig = Rig::new(2);
     let turns = [Turn::StepAndStay, Turn::Step, Turn::Step];
     let early = rig.env.advance(&ACTIONS, &turns, rig.batch.step());
     assert!(matches!(early.unwrap_err(), EnvError::NotReset));
-    rig.advance([Turn::Reset; N]);
+    advance(&mut rig, [Turn::Reset; N]);
     for _ in 0..DECISIONS {
-        assert_eq!(rig.advance(turns), Vec::<String>::new());
+        assert_eq!(advance(&mut rig, turns), Vec::<String>::new());
     }
-    let failures = rig.advance(turns);
+    let failures = advance(&mut rig, turns);
     assert_eq!(failures, ["no episode is running: call `reset` first"]);
     assert_eq!(rig.batch.truncated, [true, false, false]);
     let short = rig.env.advance(&ACTIONS, &turns[..2], rig.batch.step());
