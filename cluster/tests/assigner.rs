@@ -423,7 +423,10 @@ fn a_cut_needs_a_time_for_each_episode_and_a_test() {
     let both = [straddling(&mut rng, 1.0)];
     let short = Assigner::default().cut(&both, &[0; 19], &mut rng);
     let message = short.unwrap_err().to_string();
-    assert!(message.contains("`began` is 19"), "{message}");
+    assert!(
+        message.contains("began is 19: expected a time for each episode"),
+        "{message}"
+    );
     let paper = fixed(1.0).unwrap().cut(&both, &two_rounds(), &mut rng);
     assert_eq!(paper.unwrap(), None);
 }
