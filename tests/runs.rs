@@ -337,7 +337,8 @@ fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
 #[test]
 fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let scratch = Scratch::new("pack");
-    let hand = experiment(3, 2).with_embodiment(Embodiment::HAND);
+    let mut hand = experiment(3, 2).with_embodiment(Embodiment::HAND);
+    hand.evaluation = smoke().evaluation;
     let run = start(&scratch.0, hand);
     let folder = run.folder().path().to_owned();
     finish(run);
@@ -348,22 +349,22 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     assert!(said.contains("policies in"), "{said}");
     let size = |folder: &str| fs::metadata(newest(Path::new(folder))).unwrap().len();
     assert!(size(packed) < size(folder));
-    let scores = command(&["eval", folder, "--episodes", "32", "--json"]);
+    let scores = command(&["eval", folder, "--episodes", "16", "--json"]);
     assert!(scores.contains(r#""group":"drawer-close""#), "{scores}");
     assert_eq!(
-        command(&["eval", packed, "--episodes", "32", "--json"]),
+        command(&["eval", packed, "--episodes", "16", "--json"]),
         scores
     );
-    let other = command(&["eval", packed, "--seed", "9", "--episodes", "32", "--json"]);
+    let other = command(&["eval", packed, "--seed", "9", "--episodes", "16", "--json"]);
     assert_ne!(other, scores);
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, few.to_str().unwrap(), "--episodes", "8"]);
-    let table = command(&["eval", few.to_str().unwrap(), "--episodes", "32"]);
+    let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "7"];
     let message = self::command(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 7"), "{message}");
-    let table = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "32"]);
+    let table = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
 }
 
