@@ -19,6 +19,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
+use crate::deploy::MaskOptions;
 use crate::error::CoversError;
 
 pub use parity::{ParityRow, parity};
@@ -38,6 +39,8 @@ pub enum Check {
         #[arg(long)]
         json: bool,
     },
+    /// The mask that hides a robot's arm beside where the camera shows the arm.
+    Mask(MaskOptions),
     /// Recordings of Meta-World beside ours: rewards, single steps, replay.
     Parity {
         /// Folder of recordings named ENGINE_TASK_POLICY.npz.
@@ -67,6 +70,7 @@ impl Check {
     /// What the environments say, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
+            Self::Mask(ref options) => options.run(out),
             Self::Parity { ref folder, json } => check_parity(folder, json, out),
             Self::Experts {
                 embodiment,
