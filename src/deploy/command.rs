@@ -26,7 +26,11 @@ use super::table::{TrialScore, deployment_table};
 
 /// What to try.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers deploy assets/pretrained --trials 5 --video films --gif")]
+#[command(
+    after_help = "Examples:\n  covers deploy assets/pretrained --trials 5 --video films --gif\n  \
+    covers deploy assets/pretrained --calibration calibration.json\n  \
+    covers deploy assets/pretrained --dry-run"
+)]
 pub struct DeployOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,

@@ -216,7 +216,8 @@ impl Rig for Untouched {
 fn a_rehearsal_sends_nothing_to_the_robot() {
     let mut rig = Untouched(dry_rig(Ok));
     let before = rig.state().unwrap();
-    let rehearsal = deployment().rehearse(&mut rig, &arm(), &TRIAL).unwrap();
+    let mut deployment = deployment();
+    let rehearsal = deployment.rehearse(&mut rig, &arm(), &TRIAL).unwrap();
     assert_eq!(rig.state().unwrap(), before);
     assert_eq!(
         (rehearsal.actions.len(), rehearsal.withheld.len()),
@@ -249,7 +250,7 @@ fn a_rehearsal_sends_nothing_to_the_robot() {
         assert!(text.contains(stage.name()), "{text}");
     }
     let broken: Camera = |_| Err("the cable is loose".into());
-    let failed = deployment().rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
+    let failed = deployment.rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
     assert!(
         failed
             .unwrap_err()

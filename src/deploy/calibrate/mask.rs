@@ -21,7 +21,7 @@ const MAJORITY: usize = 5;
 /// Largest part of the arm in any pose that a mask may leave in the picture.
 pub(super) const LARGEST_OUTSIDE: f64 = 0.02;
 /// Smallest mean overlap: below it the mask hides far more than the arm.
-pub(super) const LEAST_OVERLAP: f64 = 0.4;
+pub(super) const LEAST_OVERLAP: f64 = 0.5;
 
 /// The mask of a pose beside the arm. The shares are of pixels of the policy's view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -124,7 +124,7 @@ impl MaskCheck {
     }
 
     /// Whether the mask leaves at most 2 % of the arm in any pose, and overlaps with it by at least
-    /// 0.4 on average.
+    /// half on average.
     pub fn holds(&self) -> bool {
         let hidden = |row: &MaskRow| row.outside <= LARGEST_OUTSIDE;
         self.rows.iter().all(hidden) && self.overlap() >= LEAST_OVERLAP

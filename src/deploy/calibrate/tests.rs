@@ -4,8 +4,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use envs::{Camera, HAND_START};
-use glam::DVec3;
-use inpainting::{Ball, Calibration, Offset};
+use glam::{DMat3, DVec3};
+use inpainting::{Ball, Calibration, Extrinsics, Offset};
 use rl::BoxError;
 use robots::{Command, ControlError, Pose, Robot, RobotState};
 
@@ -39,15 +39,15 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let mut rig = SimulatedRig::with_ball(far_off(), Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
     let trial = Trial::on_empty_table(1000);
-    let poses = poses(&arm);
-    let calibrated = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial).unwrap();
+    let poses = &poses(&arm)[..10];
+    let calibrated = calibrate(&mut rig, &arm, &SETTINGS, poses, &trial).unwrap();
     let [place, angle] = apart(&calibrated.before, &truth);
     assert!((place - 30.0).abs() < 1e-6 && (angle - 3.0).abs() < 1e-6);
     let found = &calibrated.found;
     let [place, angle] = apart(&found.calibration, &truth);
     assert!(place < 5.0 && angle < 0.2, "{place} mm, {angle} degrees");
     assert!(found.rms() < 0.5, "{}", found.rms());
-    assert_eq!((calibrated.left_out.len(), found.residuals.len()), (0, 14));
+    assert_eq!((calibrated.left_out.len(), found.residuals.len()), (0, 10));
 }
 
 fn deployment(calibration: Calibration) -> Deployment {
@@ -62,16 +62,23 @@ fn deployment(calibration: Calibration) -> Deployment {
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
 #[test]
 fn masks_are_held_to_the_picture() {
-    let mut rig = SimulatedRig::new(far_off(), Camera::default()).unwrap();
+    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL, Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
-    let (few, trial) = (&poses(&arm)[..2], Trial::on_empty_table(1000));
-    let mut wrong = None;
-    for knows in [true, false] {
-        let deployment = deployment(wrong.unwrap_or(truth));
-        let check = MaskCheck::measure(&deployment, &mut rig, &arm, few, &trial).unwrap();
-        assert_eq!((check.rows.len(), check.pictures.len()), (2, 2));
-        assert_eq!(check.holds(), knows, "{:?}", check.rows);
-        wrong = Some(rig.calibration());
+    let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
+    let position = truth.position() + 0.03 * DVec3::X;
+    let wrong = Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..truth
+    };
+    let (first, trial) = (&poses(&arm)[..1], Trial::on_empty_table(1000));
+    for (camera, holds) in [(truth, true), (wrong, false)] {
+        let deployment = deployment(camera);
+        let check = MaskCheck::measure(&deployment, &mut rig, &arm, first, &trial).unwrap();
+        assert_eq!((check.rows.len(), check.pictures.len()), (1, 1));
+        assert_eq!(check.holds(), holds, "{:?}", check.rows);
     }
 }
 
