@@ -89,7 +89,7 @@ pub trait Rig: Robot {
     /// Whatever the rig cannot do.
     fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError>;
 
-    /// What is known of the camera, from the last [`Rig::set_up`] on.
+    /// What is known of the camera, from the last [`Rig::set_up`] on. A rehearsal asks without one.
     fn calibration(&self) -> Calibration;
 
     /// Time since some moment; it does not go back.

@@ -93,10 +93,14 @@ impl HandEye {
         })
     }
 
-    /// Root of the mean square of the residuals (pixels).
-    pub fn rms(&self) -> f64 {
-        let squares = self.residuals.iter().map(|of| of.pixels * of.pixels);
-        (squares.sum::<f64>() / self.residuals.len() as f64).sqrt()
+    /// Root of the mean square of the residuals: in the picture (pixels), and on the table (metres).
+    pub fn rms(&self) -> [f64; 2] {
+        let squares = self
+            .residuals
+            .iter()
+            .map(|of| [of.pixels.powi(2), of.on_table.powi(2)]);
+        let sums = squares.fold([0.0; 2], |[a, b], [pixels, table]| [a + pixels, b + table]);
+        sums.map(|sum: f64| (sum / self.residuals.len() as f64).sqrt())
     }
 
     /// The largest residual; none of no poses.

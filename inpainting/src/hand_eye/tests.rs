@@ -87,7 +87,7 @@ proptest! {
         prop_assert!(position.length() < 1e-6, "{position}");
         prop_assert!(angle.length() < 1e-6, "{angle}");
         prop_assert!(found.offset.distance(offset) < 1e-6, "{}", found.offset);
-        prop_assert!(found.rms() < 1e-4, "{}", found.rms());
+        prop_assert!(found.rms()[0] < 1e-4, "{:?}", found.rms());
         found.calibration.check().unwrap();
     }
 }
@@ -138,7 +138,9 @@ fn residuals_are_told_in_pixels_and_on_the_table() {
     // a pixel is 1.5 m / 615 on the table
     let expected = worst.pixels * 1.5 / 615.0;
     assert!((worst.on_table / expected - 1.0).abs() < 0.05, "{worst:?}");
-    assert!(found.rms() > 0.1 && found.rms() < 0.3);
+    let [pixels, table] = found.rms();
+    assert!(pixels > 0.1 && pixels < 0.3);
+    assert!((table / pixels * 615.0 / 1.5 - 1.0).abs() < 0.05);
 }
 
 fn refusal(start: &Calibration, offset: Offset, seen: &[Sighting]) -> String {

@@ -175,7 +175,8 @@ fn object(calibrated: &Calibrated) -> Value {
     json!({
         "calibration": CalibrationFile::from(&found.calibration),
         "ball_in_hand_mm": millimetres(found.offset),
-        "rms_pixels": found.rms(),
+        "rms_pixels": found.rms()[0],
+        "rms_mm_on_table": 1e3 * found.rms()[1],
         "residuals": residuals.collect::<Vec<_>>(),
         "sigma": uncertainty(&found.uncertainty),
         "sigma_of_a_pixel": uncertainty(&found.dilution),
@@ -199,12 +200,13 @@ fn text(calibrated: &Calibrated) -> String {
     let worst = found.worst();
     let worst = worst.map_or_else(String::new, |worst| {
         let (pose, pixels, table) = (worst.pose, worst.pixels, 1e3 * worst.on_table);
-        format!(", {pixels:.2} at most, {table:.1} mm on the table, in pose {pose}")
+        format!("; at most {pixels:.2}, {table:.1} mm, in pose {pose}")
     });
+    let [rms, table] = found.rms();
     lines.push(format!(
-        "{} poses; the ball is {:.2} pixels off (rms){worst}",
+        "{} poses; the ball is {rms:.2} pixels off (rms), {:.1} mm on the table{worst}",
         found.residuals.len(),
-        found.rms()
+        1e3 * table
     ));
     let three = |name: &str, values: [f64; 3], sigma: [f64; 3], unit: &str| {
         let values = values.map(|value| format!("{value:.1}")).join(", ");
