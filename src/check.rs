@@ -1,4 +1,5 @@
-//! `covers check`: are variants solvable, are they mirror images, do they do what Meta-World's do.
+//! `covers check`: are variants solvable, are they mirror images, do they do what Meta-World's do;
+//! and is a robot's arm where its mask hides it.
 //!
 //! Each check makes rows of figures, prints them, and holds them to bounds.
 

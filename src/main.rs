@@ -36,7 +36,7 @@ enum Subcommands {
     Render(RenderOptions),
     /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
     Export(ExportOptions),
-    /// Checks the environments; fails where a figure misses its bound.
+    /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
     #[command(subcommand)]
     Check(Check),
     /// Says what this machine has, how fast it is, and how to cure what is missing.

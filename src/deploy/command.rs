@@ -94,7 +94,8 @@ impl DeployOptions {
         self.act(&mut deployment, &mut rig, &arm, out)
     }
 
-    /// The same on a rig of somebody's own, without a sweep; `arm` is what is known of its robot.
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults and of sweeps is for simulated rigs.
     ///
     /// # Errors
     /// As [`DeployOptions::run`].

@@ -76,7 +76,7 @@ impl HandEye {
         let best = best.ok_or_else(|| unseen(start, offset, sightings))?;
         best.check_misfit()?;
         let variances = best.equations().variances();
-        let dilution = variances.map(|variances| uncertainty(&variances, 1.0));
+        let dilution = variances.map(|variances| dilution_of(&variances));
         let dilution = dilution.filter(tolerable);
         let dilution = dilution.ok_or_else(|| undetermined(&best))?;
         let noise = best.noise();
@@ -171,8 +171,8 @@ fn settle(mut fit: Fit<'_>) -> Fit<'_> {
     fit
 }
 
-fn uncertainty(variances: &[f64; UNKNOWNS], noise: f64) -> Uncertainty {
-    let of = |first: usize| noise * DVec3::from_slice(&variances[first..]).map(f64::sqrt);
+fn dilution_of(variances: &[f64; UNKNOWNS]) -> Uncertainty {
+    let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
     Uncertainty {
         angle: of(0),
         position: of(3),
@@ -189,7 +189,7 @@ fn tolerable(dilution: &Uncertainty) -> bool {
 /// Says whether it is the ball's offset that the poses leave open.
 fn undetermined(fit: &Fit<'_>) -> InpaintingError {
     let known = fit.with_known_offset().equations().variances();
-    let would_do = known.is_some_and(|variances| tolerable(&uncertainty(&variances, 1.0)));
+    let would_do = known.is_some_and(|variances| tolerable(&dilution_of(&variances)));
     InpaintingError::Undetermined {
         advice: match would_do {
             true => {

@@ -89,7 +89,8 @@ impl CalibrateOptions {
         say(out, &simulated)
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot.
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`].

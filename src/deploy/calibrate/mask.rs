@@ -197,9 +197,9 @@ mod tests {
             }
             .holds()
         };
-        assert!(holds(&[row(0.0, 0.6), row(0.02, 0.3)]));
+        assert!(holds(&[row(0.0, 0.7), row(0.02, 0.4)]));
         assert!(!holds(&[row(0.0, 0.6), row(0.03, 0.6)]), "the arm shows");
-        assert!(!holds(&[row(0.0, 0.3)]), "the mask hides the table");
+        assert!(!holds(&[row(0.0, 0.4)]), "the mask hides the table");
         assert!(!holds(&[]), "nothing was seen");
     }
 

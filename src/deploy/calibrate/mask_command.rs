@@ -57,7 +57,8 @@ impl MaskOptions {
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot.
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
     ///
     /// # Errors
     /// As [`MaskOptions::run`].
