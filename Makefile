@@ -84,7 +84,7 @@ faults: deps
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.
 FUZZ_RUNS := 10000000
-FUZZ_TARGETS := notation settings overrides command-line plan checkpoint note tables network npz mjcf
+FUZZ_TARGETS := notation settings overrides command-line plan calibration checkpoint note tables network npz mjcf
 # Files of inputs lie in memory where there is such a folder: a disk would take most of the time.
 FUZZ := TMPDIR=$(firstword $(wildcard /dev/shm) /tmp) cargo run --release --locked --
 

@@ -1,4 +1,5 @@
-//! `covers check`: are variants solvable, are they mirror images, do they do what Meta-World's do.
+//! `covers check`: are variants solvable, are they mirror images, do they do what Meta-World's do;
+//! and is a robot's arm where its mask hides it.
 //!
 //! Each check makes rows of figures, prints them, and holds them to bounds.
 
@@ -19,6 +20,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
 use symmetry::D2;
 
+use crate::deploy::MaskOptions;
 use crate::error::CoversError;
 
 pub use parity::{ParityRow, parity};
@@ -38,6 +40,8 @@ pub enum Check {
         #[arg(long)]
         json: bool,
     },
+    /// The mask that hides a robot's arm beside where the camera shows the arm.
+    Mask(MaskOptions),
     /// Recordings of Meta-World beside ours: rewards, single steps, replay.
     Parity {
         /// Folder of recordings named ENGINE_TASK_POLICY.npz.
@@ -67,6 +71,7 @@ impl Check {
     /// What the environments say, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
+            Self::Mask(ref options) => options.run(out),
             Self::Parity { ref folder, json } => check_parity(folder, json, out),
             Self::Experts {
                 embodiment,

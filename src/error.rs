@@ -76,6 +76,35 @@ pub enum CoversError {
         /// How far ahead it is.
         ahead: Duration,
     },
+    /// A hand that does not come to where it is sent.
+    #[error(
+        "the hand does not get to where it is sent: {left:.0} mm and {turn:.0} degrees are left \
+         after 20 s"
+    )]
+    Unreached {
+        /// What is left of the way (mm).
+        left: f64,
+        /// What is left of the turn (degrees).
+        turn: f64,
+    },
+    /// A hand that does not stand.
+    #[error("the hand does not come to rest within 2 s of being told to stop")]
+    Restless,
+    /// A ball that was seen too seldom to find the camera by.
+    #[error(
+        "the ball was seen in {got} poses, expected at least {needed}; pose {pose} was left out: \
+         {why}"
+    )]
+    FewSightings {
+        /// Poses in which it was seen.
+        got: usize,
+        /// Poses that it takes.
+        needed: usize,
+        /// Number of the first pose that was left out.
+        pose: usize,
+        /// Why it was.
+        why: String,
+    },
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]
     Threads {

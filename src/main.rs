@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use covers::check::Check;
 use covers::commands::{Command, Outcome};
-use covers::deploy::DeployOptions;
+use covers::deploy::{CalibrateOptions, DeployOptions};
 use covers::doctor::DoctorOptions;
 use covers::export::ExportOptions;
 use covers::preset_list::PresetsOptions;
@@ -30,11 +30,13 @@ enum Subcommands {
     Learner(Command),
     /// Lets the policies of a run act on a robot that a camera watches.
     Deploy(DeployOptions),
+    /// Finds where a robot's camera is, by a ball that the arm carries.
+    Calibrate(CalibrateOptions),
     /// Shows policies at work, as a GIF or an mp4.
     Render(RenderOptions),
     /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
     Export(ExportOptions),
-    /// Checks the environments; fails where a figure misses its bound.
+    /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
     #[command(subcommand)]
     Check(Check),
     /// Says what this machine has, how fast it is, and how to cure what is missing.
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
     let result = match Options::parse().command {
         Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
         Subcommands::Deploy(deploy) => deploy.run(&mut stdout()).map(|()| 0),
+        Subcommands::Calibrate(calibrate) => calibrate.run(&mut stdout()).map(|()| 0),
         Subcommands::Render(render) => render.run(&mut stdout()).map(|()| 0),
         Subcommands::Export(export) => export.run(&mut stdout()).map(|()| 0),
         Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),

@@ -94,6 +94,7 @@ targets! {
     overrides_are_read_or_refused: "overrides",
     command_lines_are_read_or_refused: "command-line",
     plans_are_read_or_refused: "plan",
+    calibrations_are_read_or_refused: "calibration",
     checkpoints_are_read_or_refused: "checkpoint",
     notes_of_runs_are_read_or_refused: "note",
     tables_are_read_or_refused: "tables",

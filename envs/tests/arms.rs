@@ -191,6 +191,7 @@ fn six_joint(name: &str) -> ArmSettings {
         },
         servo: envs::robots::Servo::default(),
         lead: 0.03,
+        additions: Vec::new(),
     }
 }
 

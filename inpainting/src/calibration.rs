@@ -63,6 +63,17 @@ impl Calibration {
         Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))
     }
 
+    /// Gradients of the column and of the row (pixels a metre) by a point in the camera's frame.
+    pub(crate) fn slopes(&self, seen: DVec3) -> [DVec3; 2] {
+        let straight = [seen.x / seen.z, seen.y / seen.z];
+        let (_, bent) = self.distortion.bend(straight);
+        let across = DVec3::new(1.0, 0.0, -straight[0]) / seen.z;
+        let down = DVec3::new(0.0, 1.0, -straight[1]) / seen.z;
+        [0, 1].map(|axis| {
+            self.intrinsics.focal[axis] * (bent[axis][0] * across + bent[axis][1] * down)
+        })
+    }
+
     /// Where a pinhole of focal length 1 shows what the lens shows at a column and row.
     pub(crate) fn ideal(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
         let Intrinsics { focal, centre, .. } = self.intrinsics;
@@ -106,6 +117,29 @@ pub(crate) mod tests {
             let off = (column - pixel[0]).hypot(row - pixel[1]);
             assert!(off < 1e-9, "{off}");
             assert_eq!(camera.pixel(-way), None, "behind");
+        }
+    }
+
+    #[test]
+    fn slopes_are_differences() {
+        let camera = Calibration {
+            distortion: Distortion {
+                radial: [0.03, -0.03],
+                tangential: [0.001, -0.001],
+            },
+            extrinsics: Extrinsics {
+                rotation: DMat3::IDENTITY,
+                translation: DVec3::ZERO,
+            },
+            ..overhead()
+        };
+        let seen = DVec3::new(0.3, -0.2, 1.1);
+        for (axis, way) in DVec3::AXES.into_iter().enumerate() {
+            let [low, high] = [-1e-6, 1e-6].map(|by| camera.pixel(seen + by * way).unwrap());
+            for (part, slope) in camera.slopes(seen).into_iter().enumerate() {
+                let difference = (high[part] - low[part]) / 2e-6;
+                assert!((slope[axis] - difference).abs() < 1e-4, "{slope}");
+            }
         }
     }
 

@@ -65,7 +65,7 @@ impl Distortion {
     }
 
     /// The bent point and its derivatives by x and y.
-    fn bend(&self, [x, y]: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
+    pub(crate) fn bend(&self, [x, y]: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
         let ([k1, k2], [p1, p2]) = (self.radial, self.tangential);
         let square = x * x + y * y;
         let radial = 1.0 + square * (k1 + square * k2);

@@ -37,6 +37,74 @@ pub enum InpaintingError {
         /// Pixels down.
         height: usize,
     },
+    /// Too few poses for a camera to be found by.
+    #[error("the ball was seen in {got} poses, expected at least {needed}")]
+    TooFewPoses {
+        /// Poses in which it was seen.
+        got: usize,
+        /// Poses that it takes.
+        needed: usize,
+    },
+    /// A camera that does not look at the ball as it is said to hang.
+    #[error(
+        "the camera that the search starts from does not see the hand of pose {pose} at all: \
+         correct its place and where it looks"
+    )]
+    Unseen {
+        /// Number of the pose.
+        pose: usize,
+    },
+    /// A pose that does not fit the others.
+    #[error(
+        "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses have it, \
+         expected at most {limit} pixels: look whether it moved in the hand, whether another thing \
+         was taken for it, and whether intrinsics and joints are right"
+    )]
+    Misfit {
+        /// Number of the worst pose.
+        pose: usize,
+        /// Its residual (pixels).
+        pixels: f64,
+        /// The largest one allowed (pixels).
+        limit: f64,
+    },
+    /// Poses that fit many cameras.
+    #[error("the poses do not tell where the camera is: {advice}")]
+    Undetermined {
+        /// What to do.
+        advice: &'static str,
+    },
+    /// A picture without the ball.
+    #[error(
+        "no ball of the colour {color:?} is seen: it is hidden, smaller than {least} pixels, or \
+         of another colour in this light"
+    )]
+    NoBall {
+        /// The colour, RGB.
+        color: [u8; 3],
+        /// Fewest pixels of a ball.
+        least: usize,
+    },
+    /// More than one ball.
+    #[error(
+        "{} things of the colour {color:?} are seen, at columns and rows {places:.0?}: take away \
+         all but the ball", places.len()
+    )]
+    SeveralBalls {
+        /// The colour, RGB.
+        color: [u8; 3],
+        /// Where they are (pixels).
+        places: Vec<[f64; 2]>,
+    },
+    /// A ball that is not seen whole.
+    #[error(
+        "what is seen of the ball at column and row {place:.0?} is no disc: it is partly hidden, or \
+         at the picture's edge"
+    )]
+    NoDisc {
+        /// Where it is (pixels).
+        place: [f64; 2],
+    },
 }
 
 /// Refuses a picture `[H, W, 3]` of another number of pixels.

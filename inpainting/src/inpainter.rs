@@ -86,6 +86,17 @@ impl Inpainter {
         &self.mask
     }
 
+    /// How far each pixel of the last frame, in corrected colours, is from the first background: the
+    /// largest difference of a channel (levels), `[H W]`.
+    pub fn difference(&self) -> impl Iterator<Item = u8> {
+        let pixels = self.corrected.chunks_exact(3);
+        let pairs = pixels.zip(self.reference.chunks_exact(3));
+        pairs.map(|(now, before)| {
+            let channels = now.iter().zip(before).map(|(a, b)| a.abs_diff(*b));
+            channels.max().unwrap_or_default()
+        })
+    }
+
     fn check_positions(&self, joints: &[DVec3], gripper: DVec3) -> Result<(), InpaintingError> {
         let index = joints.iter().position(|joint| !is_near(*joint));
         let value = index.map_or_else(String::new, |i| format!("{} at {i}", joints[i]));
@@ -171,6 +182,7 @@ mod tests {
             .inpaint(&vec![20; 3 * pixels], &left, DVec3::ZERO, &mut out)
             .unwrap();
         let first = inpainter.mask().to_vec();
+        assert!(inpainter.difference().all(|levels| levels == 10));
         let hidden = first.iter().filter(|&&hidden| hidden).count();
         assert!(hidden > 50 && hidden < pixels / 2, "{hidden}");
         for (pixel, &hidden) in out.chunks_exact(3).zip(&first) {

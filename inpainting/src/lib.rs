@@ -1,11 +1,13 @@
 #![doc = include_str!("../README.md")]
 
+mod ball;
 mod calibration;
 mod camera;
 mod color;
 mod distortion;
 mod drift;
 mod error;
+mod hand_eye;
 mod imperfections;
 mod inpainter;
 mod links;
@@ -16,11 +18,15 @@ mod sensor;
 mod simulated_camera;
 mod warp;
 
+pub use ball::Ball;
 pub use calibration::Calibration;
 pub use camera::{Extrinsics, Intrinsics, PinholeCamera};
 pub use color::ColorCorrection;
 pub use distortion::Distortion;
 pub use error::InpaintingError;
+pub use hand_eye::{
+    HandEye, LARGEST_RESIDUAL, LEAST_POSES, Offset, Residual, Sighting, Uncertainty,
+};
 pub use imperfections::Imperfections;
 pub use inpainter::{Inpainter, InpainterSettings};
 pub use links::Link;

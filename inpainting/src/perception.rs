@@ -100,6 +100,17 @@ impl Perception {
         self.inpainter.mask()
     }
 
+    /// The last frame, rectified `[k H, k W, 3]`.
+    pub fn rectified(&self) -> &[u8] {
+        &self.rectified
+    }
+
+    /// How far each of its pixels is from the picture that the episode began with, as of
+    /// [`Inpainter::difference`].
+    pub fn difference(&self) -> impl Iterator<Item = u8> {
+        self.inpainter.difference()
+    }
+
     /// The camera whose pictures the arm is painted out of.
     pub fn view(&self) -> &PinholeCamera {
         &self.inpainter.settings().camera

@@ -1,10 +1,11 @@
 //! `covers deploy`: trials of all variants on a robot.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use clap::builder::RangedU64ValueParser;
-use clap::{Args, ValueEnum};
+use envs::carriers::Arm;
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::cli::say;
@@ -15,50 +16,40 @@ use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
 use super::faults::FaultSweep;
-use super::rig::Trial;
+use super::options::{CameraOptions, RigOptions, RobotKind};
+use super::rig::{Rig, Trial};
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
 use super::strip::Strip;
 use super::sweep::Files;
 use super::table::{TrialScore, deployment_table};
 
-/// A robot that the command knows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum RobotKind {
-    /// A Kinova Gen3 in simulation, which no policy was trained with.
-    KinovaSim,
-}
-
-/// What is wrong with a simulated robot and its camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Faults {
-    /// Nothing.
-    Off,
-    /// About what is wrong with real ones.
-    Nominal,
-}
-
 /// What to try.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers deploy assets/pretrained --trials 5 --video films --gif")]
+#[command(
+    after_help = "Examples:\n  covers deploy assets/pretrained --trials 5 --video films --gif\n  \
+    covers deploy assets/pretrained --calibration calibration.json\n  \
+    covers deploy assets/pretrained --dry-run"
+)]
 pub struct DeployOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
-    /// The robot.
-    #[arg(long, value_enum, default_value = "kinova-sim")]
-    pub robot: RobotKind,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub rig: RigOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub camera: CameraOptions,
     /// Trials of each variant.
     #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
     /// This group alone, as `goal-reach` (default: all groups of the run).
     #[arg(long, visible_alias = "group")]
     pub task: Option<String>,
-    /// Seed of placements and faults.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// What is wrong with the camera and the arm.
-    #[arg(long, value_enum, default_value = "nominal")]
-    pub faults: Faults,
+    /// Do all but move: one trial of the first variant on the table as it is. Prints the decisions,
+    /// the commands that were withheld, and how long each stage takes.
+    #[arg(long, conflicts_with_all = ["json", "sweep", "video"])]
+    pub dry_run: bool,
     /// Folder for strips of pictures (PNG) of the first trial of each variant and of each trial
     /// that failed: what the camera saw, the mask, and what the policy was shown.
     #[arg(long)]
@@ -86,61 +77,131 @@ impl DeployOptions {
     /// # Errors
     /// As [`Deployment::trial`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
-        let folder = RunFolder::open(&self.run);
-        let tasks = TaskRegistry::standard();
-        let schedule = folder.experiment()?.schedule;
-        let groups = schedule.chosen(self.task.as_deref(), &tasks)?;
-        let settings = match self.faults {
-            Faults::Off => SimulationSettings::OFF,
-            Faults::Nominal => SimulationSettings::NOMINAL,
-        };
-        let settings = (settings, SightSettings::default());
+        let (settings, sight) = self.rig.settings()?;
+        let settings = (settings, self.camera.apply(sight)?);
         if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
-            let steps = sweep.amounts.iter().map(|&amount| {
-                let settings = sweep.fault.set(amount, settings)?;
-                Ok((amount, settings))
-            });
-            let steps = steps.collect::<Result<Vec<_>, CoversError>>()?;
-            let files = Files::create(figures, sweep.fault)?;
-            let mut swept = Vec::new();
-            for (amount, settings) in steps {
-                say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
-                swept.push((amount, self.trials(out, &folder, &groups, settings)?));
-                files.write(&groups, &swept)?;
-            }
-            return Ok(());
+            return self.sweep(sweep, figures, settings, out);
         }
-        let scores = self.trials(out, &folder, &groups, settings)?;
+        let (settings, sight) = settings;
+        let mut deployment = self.deployment(sight)?;
+        let mut rig = self.simulated(settings, &deployment)?;
+        if self.dry_run {
+            // a table that is there, which a rehearsal does not set
+            let set_up = rig.set_up(&self.first(self.groups()?[0]));
+            set_up.map_err(|source| CoversError::Rig { source })?;
+        }
+        let arm = rig.arm().clone();
+        self.act(&mut deployment, &mut rig, &arm, out)
+    }
+
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults and of sweeps is for simulated rigs.
+    ///
+    /// # Errors
+    /// As [`DeployOptions::run`].
+    pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<(), CoversError> {
+        let sight = self.camera.apply(SightSettings::default())?;
+        self.act(&mut self.deployment(sight)?, rig, arm, out)
+    }
+
+    fn act(
+        &self,
+        deployment: &mut Deployment,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<(), CoversError> {
+        let groups = self.groups()?;
+        if self.dry_run {
+            let rehearsal = deployment.rehearse(rig, arm, &self.first(groups[0]))?;
+            return say(out, rehearsal.text().trim_end());
+        }
+        let scores = self.trials(out, deployment, (rig, arm), &groups)?;
         match self.json {
             true => say(out, &serde_json::json!(scores).to_string()),
             false => Ok(()),
         }
     }
 
+    /// The first trial of a group.
+    fn first(&self, group: TaskGroup) -> Trial {
+        Trial {
+            variant: group.variants()[0],
+            number: 0,
+            seed: self.rig.seed,
+        }
+    }
+
+    fn groups(&self) -> Result<Vec<TaskGroup>, CoversError> {
+        let schedule = RunFolder::open(&self.run).experiment()?.schedule;
+        schedule.chosen(self.task.as_deref(), &TaskRegistry::standard())
+    }
+
+    fn deployment(&self, sight: SightSettings) -> Result<Deployment, CoversError> {
+        Deployment::load(&RunFolder::open(&self.run), sight)
+    }
+
+    fn simulated(
+        &self,
+        settings: SimulationSettings,
+        deployment: &Deployment,
+    ) -> Result<SimulatedRig, CoversError> {
+        let RobotKind::KinovaSim = self.rig.robot;
+        SimulatedRig::new(settings, *deployment.camera())
+    }
+
+    /// Runs all trials for each amount of a fault.
+    fn sweep(
+        &self,
+        sweep: &FaultSweep,
+        figures: &Path,
+        settings: (SimulationSettings, SightSettings),
+        out: &mut impl Write,
+    ) -> Result<(), CoversError> {
+        let groups = self.groups()?;
+        let steps = sweep.amounts.iter().map(|&amount| {
+            let settings = sweep.fault.set(amount, settings)?;
+            Ok((amount, settings))
+        });
+        let steps = steps.collect::<Result<Vec<_>, CoversError>>()?;
+        let files = Files::create(figures, sweep.fault)?;
+        let mut swept = Vec::new();
+        for (amount, (settings, sight)) in steps {
+            say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
+            let mut deployment = self.deployment(sight)?;
+            let mut rig = self.simulated(settings, &deployment)?;
+            let arm = rig.arm().clone();
+            let scores = self.trials(out, &mut deployment, (&mut rig, &arm), &groups)?;
+            swept.push((amount, scores));
+            files.write(&groups, &swept)?;
+        }
+        Ok(())
+    }
+
     /// Runs the trials of all variants of `groups` and prints their table.
     fn trials(
         &self,
         out: &mut impl Write,
-        folder: &RunFolder,
+        deployment: &mut Deployment,
+        (rig, arm): (&mut dyn Rig, &Arm),
         groups: &[TaskGroup],
-        (settings, sight): (SimulationSettings, SightSettings),
     ) -> Result<Vec<TrialScore>, CoversError> {
-        let mut deployment = Deployment::load(folder, sight)?;
-        let RobotKind::KinovaSim = self.robot;
-        let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
-        let arm = rig.arm().clone();
         let mut scores = Vec::new();
         for variant in groups.iter().flat_map(|group| group.variants()) {
             let of_variant = scores.len();
             for number in 0..self.trials {
-                let seed = self.seed;
                 let trial = Trial {
                     variant,
                     number,
-                    seed,
+                    seed: self.rig.seed,
                 };
                 let mut strip = self.video.as_ref().map(|_| Strip::default());
-                let score = deployment.trial(&mut rig, &arm, &trial, strip.as_mut())?;
+                let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
                 self.keep(&trial, &score, strip)?;
                 scores.push(score);
             }

@@ -1,16 +1,18 @@
 //! Learnt policies on a rig.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use envs::carriers::Arm;
 use envs::{
-    Camera, Control, Layout, RGB, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings,
+    ACTION_DIM, Camera, Control, Layout, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
+    VecEnvSettings,
 };
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations};
-use robots::ControlError;
+use robots::RobotState;
 use symmetry::D2;
 
 use crate::error::CoversError;
@@ -20,10 +22,12 @@ use crate::learners::{Learner, LearnerSettings, Recognised};
 use crate::runs::RunFolder;
 use crate::stream::Stream;
 
+use super::dry_run::{DryRun, Rehearsal};
 use super::pilot::Pilot;
-use super::rig::{Rig, Trial};
+use super::rig::{Rig, SetUp, Trial, then_stop};
 use super::settings::SightSettings;
 use super::sight::Sight;
+use super::stages::{Stage, Stages};
 use super::strip::Strip;
 use super::table::TrialScore;
 use super::trial::{FirstPicture, TrialEnv};
@@ -89,18 +93,69 @@ impl Deployment {
         trial: &Trial,
         strip: Option<&mut Strip>,
     ) -> Result<TrialScore, CoversError> {
+        Ok(self.run(rig, arm, trial, strip)?.score)
+    }
+
+    /// Does all that a trial does, but tells the robot nothing: it stands where it stands, on a
+    /// table that is as it is, and the rig is not told to set it up.
+    ///
+    /// # Errors
+    /// As [`Deployment::trial`].
+    pub fn rehearse(
+        &mut self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        trial: &Trial,
+    ) -> Result<Rehearsal, CoversError> {
+        let mut dry = DryRun::new(rig, arm)?;
+        let played = self.run(&mut dry, arm, trial, None)?;
+        Ok(Rehearsal {
+            policy: played.score.policy,
+            fits: played.score.fits,
+            actions: played.actions,
+            stages: played.stages,
+            withheld: dry.into_withheld(),
+        })
+    }
+
+    fn run(
+        &mut self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        trial: &Trial,
+        strip: Option<&mut Strip>,
+    ) -> Result<Played, CoversError> {
         let env = self.env(&mut *rig, arm, trial, strip);
-        let played = env.and_then(|mut env| self.play(&mut env, trial));
-        let stopped = rig.stop();
-        match (played, stopped) {
-            (Err(error), Err(source)) => Err(ControlError::NotStopped {
-                cause: error.to_string(),
-                source: Box::new(source),
-            }
-            .into()),
-            (played, Ok(())) => played,
-            (Ok(_), Err(source)) => Err(source.into()),
-        }
+        let played = env.and_then(|mut env| {
+            let score = self.play(&mut env, trial)?;
+            Ok(Played {
+                score,
+                actions: env.actions,
+                stages: env.stages,
+            })
+        });
+        then_stop(rig, played)
+    }
+
+    /// What a policy sees of a table that was set as `set_up` says, from `start` on.
+    pub(super) fn sight(
+        &self,
+        rig: &dyn Rig,
+        arm: &Arm,
+        set_up: &SetUp,
+        start: RobotState,
+    ) -> Result<Sight, CoversError> {
+        let calibration = self.sight.calibration;
+        let calibration = calibration.unwrap_or_else(|| rig.calibration());
+        let known = (&self.camera, &self.table[..]);
+        Sight::new(
+            &self.sight,
+            arm,
+            calibration,
+            known,
+            set_up,
+            (rig.now(), start),
+        )
     }
 
     /// The table of a trial once it is set, as an environment.
@@ -113,11 +168,9 @@ impl Deployment {
     ) -> Result<TrialEnv<'a>, CoversError> {
         let set_up = rig.set_up(trial);
         let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
-        let known = (&self.camera, &self.table[..]);
         let start = rig.state()?;
         let pilot = Pilot::new(arm, &self.control, &start);
-        let (settings, start) = (&self.sight, (rig.now(), start));
-        let sight = Sight::new(settings, arm, rig.calibration(), known, &set_up, start)?;
+        let sight = self.sight(rig, arm, &set_up, start)?;
         Ok(TrialEnv {
             pilot,
             rig,
@@ -128,7 +181,9 @@ impl Deployment {
             goal: set_up.goal.unwrap_or(DVec3::ZERO),
             first: Vec::new(),
             start: Observations::new(&self.spec),
-            decisions: 0,
+            actions: Vec::new(),
+            stages: Stages::default(),
+            told: None,
             strip,
         })
     }
@@ -141,7 +196,9 @@ impl Deployment {
             spec: &self.spec,
             first: &env.start,
         };
+        let started = Instant::now();
         let Recognised { policy, fits } = self.learner.recognise(&mut look, Some(1), &mut rng)?;
+        env.stages.note(Stage::Recognition, started.elapsed());
         let stats = self.learner.perform(policy, env, 1)?.stats;
         Ok(TrialScore {
             group: trial.variant.group,
@@ -154,6 +211,13 @@ impl Deployment {
             refused: env.pilot.refused(),
         })
     }
+}
+
+/// What came of a trial, and how.
+struct Played {
+    score: TrialScore,
+    actions: Vec<[f32; ACTION_DIM]>,
+    stages: Stages,
 }
 
 /// Refuses policies that would act otherwise than they have learnt to.

@@ -121,9 +121,7 @@ impl FromStr for FaultSweep {
             value: text.to_owned(),
             expected,
         };
-        let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
-        let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
-        let fault = fault.ok_or_else(|| refused(NAMES))?;
+        let (fault, amounts) = named(text)?;
         let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
         let amounts = amounts.map_err(|_| refused(FORM))?;
         let from_zero = amounts
@@ -135,6 +133,43 @@ impl FromStr for FaultSweep {
             false => Err(refused("rising amounts, none below 0 and one above")),
         }
     }
+}
+
+/// So much of a fault, as `angle-error=3` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FaultAmount {
+    /// What is wrong.
+    pub fault: Fault,
+    /// How much, in its unit; 0 or more.
+    pub amount: f64,
+}
+
+impl FromStr for FaultAmount {
+    type Err = CoversError;
+
+    fn from_str(text: &str) -> Result<Self, CoversError> {
+        let (fault, amount) = named(text)?;
+        let amount = amount.parse().ok();
+        let amount = amount.filter(|amount: &f64| *amount >= 0.0 && amount.is_finite());
+        let amount = amount.ok_or_else(|| CoversError::Setting {
+            name: "fault",
+            value: text.to_owned(),
+            expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
+        })?;
+        Ok(Self { fault, amount })
+    }
+}
+
+/// The fault that a text begins with, and what stands behind its `=`.
+fn named(text: &str) -> Result<(Fault, &str), CoversError> {
+    let refused = |expected| CoversError::Setting {
+        name: "fault",
+        value: text.to_owned(),
+        expected,
+    };
+    let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
+    let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
+    Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
 }
 
 const FORM: &str = "a fault and amounts of it, as `position-error=0,5,10`";
@@ -174,6 +209,24 @@ mod tests {
                 message.contains(says) && message.contains(text),
                 "{message}"
             );
+        }
+    }
+
+    #[test]
+    fn one_amount_is_read_or_refused() {
+        for fault in Fault::ALL {
+            let one: FaultAmount = format!("{}=0", fault.name()).parse().unwrap();
+            assert_eq!(one, FaultAmount { fault, amount: 0.0 });
+        }
+        for (text, says) in [
+            ("angle-error", FORM),
+            ("angle=3", NAMES),
+            ("angle-error=1,2", "an amount of it"),
+            ("angle-error=-1", "an amount of it"),
+            ("angle-error=NaN", "an amount of it"),
+        ] {
+            let message = text.parse::<FaultAmount>().unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! Decisions become twists, 40 of them a second.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use envs::carriers::Arm;
 use envs::{ACTION_DIM, Control, Layout};
@@ -13,7 +13,7 @@ use super::rig::Rig;
 use super::sight::Sight;
 
 /// From one command to the next: the rate at which a Kinova Gen3 takes them.
-const TICK: Duration = Duration::from_millis(25);
+pub(super) const TICK: Duration = Duration::from_millis(25);
 /// Seconds of a control step of the environments.
 const CONTROL_STEP: f64 = 0.0125;
 /// Rate (1/s) at which what is left of the way is covered.
@@ -47,6 +47,8 @@ pub(super) struct Pilot {
     twist: Twist,
     closing: f64,
     refused: usize,
+    /// How long its last decision was reckoned and commanded.
+    spent: Duration,
 }
 
 impl Pilot {
@@ -66,6 +68,7 @@ impl Pilot {
             twist: Twist::ZERO,
             closing: start.closing,
             refused: 0,
+            spent: Duration::ZERO,
         }
     }
 
@@ -80,6 +83,11 @@ impl Pilot {
         self.refused
     }
 
+    /// How long the processor took for the commands of the last decision, without waiting.
+    pub fn spent(&self) -> Duration {
+        self.spent
+    }
+
     /// Holds `action` for one decision. Components are clipped to `[-1, 1]`. `sight` is told where
     /// the arm is.
     ///
@@ -92,7 +100,9 @@ impl Pilot {
         action: [f32; ACTION_DIM],
     ) -> Result<(), CoversError> {
         let [x, y, z, finger] = action.map(|value| f64::from(value.clamp(-1.0, 1.0)));
+        self.spent = Duration::ZERO;
         for _ in 0..self.ticks {
+            let started = Instant::now();
             let state = match rig.state() {
                 Err(ControlError::OutOfReach { .. }) => {
                     self.refused += 1;
@@ -110,6 +120,7 @@ impl Pilot {
                 Err(ControlError::OutOfReach { .. }) => self.refused += 1,
                 sent => sent?,
             }
+            self.spent += started.elapsed();
             rig.wait(TICK)
                 .map_err(|source| CoversError::Rig { source })?;
             self.note(rig, sight)?;

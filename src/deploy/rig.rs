@@ -2,11 +2,14 @@
 
 use std::time::Duration;
 
-use envs::TaskVariant;
+use envs::{TaskGroup, TaskVariant};
 use glam::DVec3;
 use inpainting::Calibration;
 use rl::BoxError;
-use robots::{Robot, RobotState};
+use robots::{ControlError, Robot, RobotState};
+use symmetry::D2;
+
+use crate::error::CoversError;
 
 /// One episode on a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +20,20 @@ pub struct Trial {
     pub number: usize,
     /// Seed of all that is random.
     pub seed: u64,
+}
+
+impl Trial {
+    /// One of a task that puts nothing on the table.
+    pub fn on_empty_table(seed: u64) -> Self {
+        Self {
+            variant: TaskVariant {
+                group: TaskGroup::GOAL_REACH,
+                element: D2::Identity,
+            },
+            number: 0,
+            seed,
+        }
+    }
 }
 
 /// A table that is set.
@@ -39,6 +56,25 @@ pub struct Verdict {
     pub success_at_end: bool,
 }
 
+/// Stops the robot once something is done, whatever came of it.
+///
+/// # Errors
+/// What came of it; [`ControlError::NotStopped`] where the robot cannot be stopped after an error.
+pub(super) fn then_stop<T>(
+    rig: &mut dyn Rig,
+    done: Result<T, CoversError>,
+) -> Result<T, CoversError> {
+    match (done, rig.stop()) {
+        (Err(error), Err(source)) => Err(ControlError::NotStopped {
+            cause: error.to_string(),
+            source: Box::new(source),
+        }
+        .into()),
+        (done, Ok(())) => done,
+        (Ok(_), Err(source)) => Err(source.into()),
+    }
+}
+
 /// A robot with its table, its camera and its clock.
 ///
 /// All places are in the frame of the policy: its origin is the middle of the table, x points
@@ -53,7 +89,7 @@ pub trait Rig: Robot {
     /// Whatever the rig cannot do.
     fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError>;
 
-    /// What is known of the camera, from the last [`Rig::set_up`] on.
+    /// What is known of the camera, from the last [`Rig::set_up`] on. A rehearsal asks without one.
     fn calibration(&self) -> Calibration;
 
     /// Time since some moment; it does not go back.

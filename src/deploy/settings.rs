@@ -12,6 +12,8 @@ pub struct SightSettings {
     pub oversampling: usize,
     /// How colours are corrected.
     pub correction: ColorCorrection,
+    /// The camera, where somebody knows more of it than the rig does.
+    pub calibration: Option<Calibration>,
 }
 
 impl Default for SightSettings {
@@ -21,6 +23,7 @@ impl Default for SightSettings {
             growth: 0.02,
             oversampling: 3,
             correction: ColorCorrection::GreyWorld,
+            calibration: None,
         }
     }
 }

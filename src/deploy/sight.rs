@@ -22,6 +22,8 @@ pub(super) struct Sight {
     perception: Perception,
     past: Past,
     picture: Vec<u8>,
+    /// When it was taken.
+    taken: Duration,
 }
 
 impl Sight {
@@ -42,6 +44,7 @@ impl Sight {
         perception.begin(&set_up.background, &joints(arm, &set_up.parked))?;
         Ok(Self {
             perception,
+            taken: start.0,
             past: Past::new(start, OLDEST),
             picture: vec![0; set_up.background.len()],
         })
@@ -57,14 +60,8 @@ impl Sight {
         self.past.last()
     }
 
-    /// Writes into `out` `[size, size, 3]` what the policy sees, with the mark where the gripper is
-    /// now.
-    pub fn look(
-        &mut self,
-        rig: &mut dyn Rig,
-        arm: &Arm,
-        out: &mut [u8],
-    ) -> Result<(), CoversError> {
+    /// Takes a picture.
+    pub fn shoot(&mut self, rig: &mut dyn Rig) -> Result<(), CoversError> {
         let taken = rig.picture(&mut self.picture);
         let taken = taken.map_err(|source| CoversError::Rig { source })?;
         let now = rig.now();
@@ -76,7 +73,14 @@ impl Sight {
         if age > OLDEST {
             return Err(CoversError::StalePicture { age, most: OLDEST });
         }
-        let joints = joints(arm, &self.past.at(taken));
+        self.taken = taken;
+        Ok(())
+    }
+
+    /// Writes into `out` `[size, size, 3]` what the policy sees of the picture, with the mark where
+    /// the gripper is now.
+    pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), CoversError> {
+        let joints = joints(arm, &self.past.at(self.taken));
         let gripper = self.state().tip.position;
         Ok(self.perception.look(&self.picture, &joints, gripper, out)?)
     }

@@ -4,20 +4,21 @@
 use std::cell::Cell;
 use std::collections::VecDeque;
 use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use envs::carriers::{Arm, KinovaGen3};
+use envs::carriers::{Arm, ArmSettings, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
     Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,
     TaskGroup,
 };
+use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Imperfections, Intrinsics, SimulatedCamera};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::BoxError;
-use robots::{Command, ControlError, Robot, RobotState, Watchdog};
+use robots::{Addition, Command, ControlError, Robot, RobotState, Watchdog};
 
 use crate::error::CoversError;
 
@@ -55,12 +56,18 @@ const KEPT: usize = 180;
 /// have this bit.
 const CAMERAS: u64 = 1 << 63;
 
+/// Where the arm carries a ball of 40 mm in magenta, from the tip of its hand, with the axes of the
+/// world where the hand is turned as it works (metres): on a rod before the wrist, where nothing of
+/// the arm is above it.
+const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
+
 /// A simulated Kinova Gen3 at its table, under a camera.
 pub struct SimulatedRig {
     settings: SimulationSettings,
     /// How the policy's camera is lit, and where it hangs; this rig's hangs there, too.
     policy: Camera,
     arm: Arm,
+    embodiment: Embodiment,
     clock: Rc<Cell<Duration>>,
     table: Option<Table>,
     verdict: Verdict,
@@ -85,19 +92,47 @@ impl SimulatedRig {
     /// # Errors
     /// None but those of an arm that the crate's tests make.
     pub fn new(settings: SimulationSettings, policy: Camera) -> Result<Self, CoversError> {
-        Ok(Self {
+        Ok(Self::of(
             settings,
             policy,
-            arm: KinovaGen3.arm()?,
+            KinovaGen3.arm()?,
+            Embodiment::KINOVA_GEN3,
+        ))
+    }
+
+    /// The same, whose arm carries a ball in magenta that `covers calibrate` looks for.
+    ///
+    /// # Errors
+    /// As [`SimulatedRig::new`].
+    pub fn with_ball(settings: SimulationSettings, policy: Camera) -> Result<Self, CoversError> {
+        let arm = carrying_ball()?;
+        Ok(Self::of(settings, policy, arm.clone(), Embodiment::of(arm)))
+    }
+
+    fn of(settings: SimulationSettings, policy: Camera, arm: Arm, embodiment: Embodiment) -> Self {
+        Self {
+            settings,
+            policy,
+            arm,
+            embodiment,
             clock: Rc::default(),
             table: None,
             verdict: Verdict::default(),
-        })
+        }
     }
 
     /// What is known of its arm.
     pub fn arm(&self) -> &Arm {
         &self.arm
+    }
+
+    /// The camera as it is, but for the distortion that nobody knows.
+    pub fn truth(&self) -> Calibration {
+        Calibration {
+            intrinsics: Intrinsics::REALSENSE_D435,
+            distortion: Distortion::NONE,
+            extrinsics: Extrinsics::overhead(self.policy.height),
+        }
     }
 
     fn table(&mut self) -> Result<&mut Table, ControlError> {
@@ -110,13 +145,8 @@ impl SimulatedRig {
     fn camera(&self, trial: &Trial) -> Result<SimulatedCamera, CoversError> {
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(camera_stream(trial));
-        let truth = Calibration {
-            intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
-            extrinsics: Extrinsics::overhead(self.policy.height),
-        };
         Ok(SimulatedCamera::new(
-            truth,
+            self.truth(),
             self.settings.imperfections,
             rng,
         )?)
@@ -131,7 +161,7 @@ impl SimulatedRig {
             half_extent: half * self.policy.height / inside.focal[0],
             ..self.policy
         };
-        let scene = Arc::new(Scene::new(group, Embodiment::KINOVA_GEN3, seen)?);
+        let scene = Arc::new(Scene::new(group, self.embodiment, seen)?);
         let arm = SimulatedArm::new(Arc::clone(&scene), self.settings.command_latency)?;
         let clock = Rc::clone(&self.clock);
         let time: Box<dyn Fn() -> Duration> = Box::new(move || clock.get());
@@ -269,6 +299,30 @@ fn camera_stream(trial: &Trial) -> u64 {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
         });
     CAMERAS | name.wrapping_add(trial.number as u64)
+}
+
+/// The arm with its ball, made once.
+fn carrying_ball() -> Result<&'static Arm, CoversError> {
+    static ARM: OnceLock<Arm> = OnceLock::new();
+    if let Some(arm) = ARM.get() {
+        return Ok(arm);
+    }
+    let bare = KinovaGen3.arm()?;
+    let settings = bare.settings();
+    let working = bare.chain().tip(&settings.ready).rotation;
+    let DVec3 { x, y, z } = working.conjugate() * BALL;
+    let ball = Addition {
+        link: settings.hand.clone(),
+        mjcf: format!(
+            r#"<geom name="ball" type="sphere" size="0.02" pos="{x} {y} {z}" mass="0" rgba="1 0 1 1"/>"#
+        ),
+    };
+    let arm = Arm::new(ArmSettings {
+        name: "kinova_gen3_with_ball".to_owned(),
+        additions: vec![ball],
+        ..settings.clone()
+    })?;
+    Ok(ARM.get_or_init(|| arm))
 }
 
 /// Ready for work, but turned away from the table.

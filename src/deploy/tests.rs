@@ -18,7 +18,8 @@ use symmetry::D2;
 
 use super::deployment::check;
 use super::{
-    Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Trial, Verdict,
+    Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage, Trial, Verdict,
+    Withheld,
 };
 use crate::error::CoversError;
 use crate::experiment::Experiment;
@@ -164,6 +165,98 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
         assert!(message.contains(says), "{message}");
         assert!(rig.now() < Duration::from_secs(1) && !moves(&mut rig));
     }
+}
+
+/// A rig whose table is set, and whose robot must be told nothing.
+struct Untouched(DryRig);
+
+impl Robot for Untouched {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.0.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        panic!("{command:?} was sent")
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        panic!("a stop was sent")
+    }
+}
+
+impl Rig for Untouched {
+    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
+        panic!("the arm would have moved to its start")
+    }
+
+    fn calibration(&self) -> Calibration {
+        self.0.calibration()
+    }
+
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.0.wait(time)
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        self.0.picture(rgb)
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        panic!("nobody is to be asked")
+    }
+}
+
+/// It goes all the way, within the arm's limits, and tells the robot nothing. Errors tell it
+/// nothing, either.
+#[test]
+fn a_rehearsal_sends_nothing_to_the_robot() {
+    let mut rig = Untouched(dry_rig(Ok));
+    let before = rig.state().unwrap();
+    let mut deployment = deployment();
+    let rehearsal = deployment.rehearse(&mut rig, &arm(), &TRIAL).unwrap();
+    assert_eq!(rig.state().unwrap(), before);
+    assert_eq!(
+        (rehearsal.actions.len(), rehearsal.withheld.len()),
+        (50, 250)
+    );
+    let limits = arm().settings().control.limits;
+    let mut last = robots::Twist::ZERO;
+    for Withheld {
+        command,
+        twist,
+        refusal,
+    } in &rehearsal.withheld
+    {
+        assert!(refusal.is_none() && command.check().is_ok());
+        assert!(command.twist.linear.length() <= limits.speed + 1e-12);
+        let sudden = (twist.linear - last.linear).length() / 0.025;
+        assert!(sudden <= limits.acceleration + 1e-9, "{sudden}");
+        last = *twist;
+    }
+    assert!(
+        rehearsal
+            .withheld
+            .iter()
+            .any(|one| one.twist.linear.length() > 0.05)
+    );
+    let text = rehearsal.text();
+    assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
+    for (stage, count) in Stage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
+        assert_eq!(rehearsal.stages.count(stage), count, "{}", stage.name());
+        assert!(text.contains(stage.name()), "{text}");
+    }
+    let broken: Camera = |_| Err("the cable is loose".into());
+    let failed = deployment.rehearse(&mut Untouched(dry_rig(broken)), &arm(), &TRIAL);
+    assert!(
+        failed
+            .unwrap_err()
+            .to_string()
+            .contains("the cable is loose")
+    );
 }
 
 /// The policy was trained with another arm, and sees this one through a camera with all faults.

@@ -1,5 +1,7 @@
 //! A trial as an environment of one: what a policy sees of it, and how it acts.
 
+use std::time::Instant;
+
 use envs::carriers::Arm;
 use envs::{ACTION_DIM, Control};
 use glam::DVec3;
@@ -11,6 +13,7 @@ use crate::stream::scale;
 use super::pilot::Pilot;
 use super::rig::Rig;
 use super::sight::Sight;
+use super::stages::{Stage, Stages};
 use super::strip::Strip;
 
 /// The first picture of a trial, for a learner to recognise the group in. No robot moves.
@@ -52,7 +55,12 @@ pub(super) struct TrialEnv<'a> {
     pub first: Vec<u8>,
     /// What the policy is told at the start.
     pub start: Observations,
-    pub decisions: usize,
+    /// What the policy decided.
+    pub actions: Vec<[f32; ACTION_DIM]>,
+    /// How long everything took.
+    pub stages: Stages,
+    /// When the policy was told what it sees.
+    pub told: Option<Instant>,
     pub strip: Option<&'a mut Strip>,
 }
 
@@ -68,7 +76,12 @@ impl TrialEnv<'_> {
     /// What the policy is told now.
     fn observe(&mut self, out: &mut Observations) -> Result<(), CoversError> {
         let mut picture = vec![0; out.images.len() / 2];
-        self.sight.look(self.rig, self.arm, &mut picture)?;
+        let started = Instant::now();
+        self.sight.shoot(self.rig)?;
+        self.stages.note(Stage::Picture, started.elapsed());
+        let started = Instant::now();
+        self.sight.paint(self.arm, &mut picture)?;
+        self.stages.note(Stage::InPainting, started.elapsed());
         if let Some(strip) = &mut self.strip {
             let perception = self.sight.perception();
             strip.add(self.sight.picture(), perception, &picture);
@@ -87,9 +100,13 @@ impl TrialEnv<'_> {
     }
 
     fn act(&mut self, action: &[f32], out: &mut Transition) -> Result<(), CoversError> {
+        if let Some(told) = self.told {
+            self.stages.note(Stage::Policy, told.elapsed());
+        }
         let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
+        self.actions.push(action);
         self.pilot.decide(self.rig, &mut self.sight, action)?;
-        self.decisions += 1;
+        self.stages.note(Stage::Commands, self.pilot.spent());
         let verdict = self.rig.verdict();
         let verdict = verdict.map_err(|source| CoversError::Rig { source })?;
         self.observe(&mut out.observations)?;
@@ -99,10 +116,11 @@ impl TrialEnv<'_> {
         out.success.fill(verdict.success || verdict.success_at_end);
         out.success_at_end.fill(verdict.success_at_end);
         out.outcomes
-            .fill(match self.decisions < self.control.decisions() {
+            .fill(match self.actions.len() < self.control.decisions() {
                 true => Outcome::Running,
                 false => Outcome::Truncated,
             });
+        self.told = Some(Instant::now());
         Ok(())
     }
 }
@@ -119,6 +137,7 @@ impl VectorEnv for TrialEnv<'_> {
     /// The trial stands where it stands: the robot rests at its start.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
         out.clone_from(&self.start);
+        self.told = Some(Instant::now());
         Ok(())
     }
 

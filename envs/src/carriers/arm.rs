@@ -53,6 +53,8 @@ pub struct ArmSettings {
     /// The furthest that the hand's target is ahead of the hand (metres): the target waits for an
     /// arm that is slow, or that something holds back.
     pub lead: f64,
+    /// What its links carry besides, for instance a ball that a camera is calibrated by.
+    pub additions: Vec<Addition>,
 }
 
 /// What an arm grips with.
@@ -244,7 +246,11 @@ fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
         classes: classes
             .map(|(link, class)| (link, class.to_owned()))
             .to_vec(),
-        additions: fingers.map(finger).chain([hand]).collect(),
+        additions: fingers
+            .map(finger)
+            .chain([hand])
+            .chain(settings.additions.iter().cloned())
+            .collect(),
     }
 }
 

@@ -70,6 +70,7 @@ impl KinovaGen3 {
             },
             servo: Servo::default(),
             lead: LEAD,
+            additions: Vec::new(),
         })
     }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use allocation_counter::measure;
 
+mod calibration;
 mod checkpoint;
 mod learners;
 mod mjcf;
@@ -34,12 +35,13 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 13] = [
     text::NOTATION,
     text::SETTINGS,
     text::OVERRIDES,
     text::COMMAND_LINE,
     plan::PLAN,
+    calibration::CALIBRATION,
     checkpoint::CHECKPOINT,
     note::NOTE,
     tables::TABLES,

@@ -31,7 +31,7 @@ pub const SETTINGS: Target = Target::new("settings", read_settings, settings)
     .tried(2_000);
 
 pub const COMMAND_LINE: Target = Target::new("command-line", read_command_line, command_lines)
-    .holding(64, 1 << 16)
+    .holding(64, 3 << 15)
     .tried(2_000);
 
 fn read_notation(input: &[u8]) -> Option<Reading> {
@@ -203,6 +203,7 @@ fn command_lines() -> Vec<Vec<u8>> {
         "check\nexperts\n--embodiment\nhand\n--seeds\n3",
         "check\nsymmetry\n--embodiment\nhand",
         "check\nparity\nrecordings\n--json",
+        "check\nmask\nruns/a\n--fault\nangle-error=3\n--calibration\nc.json",
         "stream\n--budget\nzero-shot\n--runs\nx",
         "help\ntrain",
     ])

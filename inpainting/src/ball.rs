@@ -1,0 +1,321 @@
+//! Finds a ball of a known colour in a picture, to a part of a pixel.
+
+use crate::error::{InpaintingError, check_picture, require};
+
+/// Fewest pixels of a ball: fewer are noise.
+const LEAST: usize = 20;
+/// How much colour a ball has at least, in levels of 255 away from grey.
+const COLOURED: f64 = 80.0;
+/// Part of the ball's colour that a pixel has at least to be one of a ball's.
+const SEED: f64 = 0.35;
+/// Part of a ball's own typical colour at which a pixel counts for nothing, and from which on it
+/// counts in full. What is between is an edge, which is shared with the table.
+const EDGE: [f64; 2] = [0.1, 0.7];
+/// Cosine of the largest angle between the hues of a pixel and of the ball.
+const SAME_HUE: f64 = 0.8;
+/// How much longer than wide a disc may be: a ball at a picture's edge is an ellipse.
+const ROUND: f64 = 1.3;
+
+/// A ball of one strong colour, which nothing else in the picture has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ball {
+    /// Its colour, RGB.
+    pub color: [u8; 3],
+}
+
+impl Ball {
+    /// Column and row of the ball's middle in `picture` `[H, width, 3]` (pixels; the middle of the
+    /// first one is at one half).
+    ///
+    /// It is the middle of the ball's outline. Of a ball of 40 mm at 1.3 m, that is at most 0.07
+    /// pixels farther out than the ball's own middle.
+    ///
+    /// # Errors
+    /// [`InpaintingError::NoBall`], [`InpaintingError::SeveralBalls`], [`InpaintingError::NoDisc`]
+    /// for one that is partly hidden; [`InpaintingError::Value`] for a colour that is nearly grey,
+    /// and [`InpaintingError::Length`].
+    pub fn find(&self, picture: &[u8], width: usize) -> Result<[f64; 2], InpaintingError> {
+        let hue = self.hue()?;
+        let height = picture.len() / 3 / width.max(1);
+        check_picture("picture", picture, width * height)?;
+        let amounts = hue.amounts(picture);
+        let spots = spots(&amounts, SEED * hue.strength, [width, height]);
+        match &spots[..] {
+            [] => Err(InpaintingError::NoBall {
+                color: self.color,
+                least: LEAST,
+            }),
+            [spot] => outline(&amounts, spot, [width, height]),
+            several => Err(InpaintingError::SeveralBalls {
+                color: self.color,
+                places: several.iter().map(|spot| middle(spot, width)).collect(),
+            }),
+        }
+    }
+
+    fn hue(&self) -> Result<Hue, InpaintingError> {
+        let chroma = chroma(self.color);
+        let strength = length(chroma);
+        let value = format!("{:?}", self.color);
+        let expected = "a strong colour, far from grey, as [255, 0, 255]";
+        require(strength >= COLOURED, "colour of the ball", &value, expected)?;
+        Ok(Hue {
+            direction: chroma.map(|part| part / strength),
+            strength,
+        })
+    }
+}
+
+/// A direction away from grey.
+struct Hue {
+    direction: [f64; 3],
+    /// How far the ball's colour is from grey (levels).
+    strength: f64,
+}
+
+impl Hue {
+    /// How much of this hue each pixel has (levels); 0 for those of another hue.
+    fn amounts(&self, picture: &[u8]) -> Vec<f64> {
+        let amount = |rgb: &[u8]| {
+            let chroma = chroma([rgb[0], rgb[1], rgb[2]]);
+            let along: f64 = chroma.iter().zip(self.direction).map(|(a, b)| a * b).sum();
+            if along >= SAME_HUE * length(chroma) {
+                along
+            } else {
+                0.0
+            }
+        };
+        picture.chunks_exact(3).map(amount).collect()
+    }
+}
+
+/// What is left of a colour without its grey.
+fn chroma(color: [u8; 3]) -> [f64; 3] {
+    let levels = color.map(f64::from);
+    let mean = levels.iter().sum::<f64>() / 3.0;
+    levels.map(|level| level - mean)
+}
+
+fn length(of: [f64; 3]) -> f64 {
+    of.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+/// Indices of the pixels of each connected spot of at least so much colour, large ones alone.
+fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<usize>> {
+    let mut open: Vec<bool> = amounts.iter().map(|amount| *amount >= least).collect();
+    let mut found = Vec::new();
+    for start in 0..amounts.len() {
+        if !open[start] {
+            continue;
+        }
+        open[start] = false;
+        let mut spot = vec![start];
+        let mut next = 0;
+        while let Some(&pixel) = spot.get(next) {
+            for neighbour in neighbours(pixel, [width, height]) {
+                if std::mem::take(&mut open[neighbour]) {
+                    spot.push(neighbour);
+                }
+            }
+            next += 1;
+        }
+        if spot.len() >= LEAST {
+            found.push(spot);
+        }
+    }
+    found
+}
+
+/// The up to eight pixels around one.
+fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
+    let (column, row) = (pixel % width, pixel / width);
+    let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
+    let around = rows.flat_map(move |row| {
+        let columns = column.saturating_sub(1)..=(column + 1).min(width - 1);
+        columns.map(move |column| row * width + column)
+    });
+    around.filter(move |&other| other != pixel)
+}
+
+fn middle(spot: &[usize], width: usize) -> [f64; 2] {
+    let [columns, rows] = spot.iter().fold([0.0; 2], |[columns, rows], pixel| {
+        [
+            columns + (pixel % width) as f64,
+            rows + (pixel / width) as f64,
+        ]
+    });
+    [columns, rows].map(|sum| sum / spot.len() as f64 + 0.5)
+}
+
+/// The middle of a spot with its edge, which must be a whole disc.
+fn outline(
+    amounts: &[f64],
+    spot: &[usize],
+    [width, height]: [usize; 2],
+) -> Result<[f64; 2], InpaintingError> {
+    let mut inner: Vec<f64> = spot.iter().map(|&pixel| amounts[pixel]).collect();
+    inner.sort_by(f64::total_cmp);
+    let typical = inner[inner.len() / 2];
+    let [none, full] = EDGE.map(|part| part * typical);
+    let around = spot
+        .iter()
+        .flat_map(|&pixel| neighbours(pixel, [width, height]));
+    let mut pixels: Vec<usize> = spot.iter().copied().chain(around).collect();
+    pixels.sort_unstable();
+    pixels.dedup();
+    let weighed = pixels.into_iter().map(|pixel| {
+        let weight = ((amounts[pixel] - none) / (full - none)).clamp(0.0, 1.0);
+        let place = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
+        (weight, place)
+    });
+    let moments = Moments::of(weighed);
+    let place = moments.middle();
+    let cut = spot.iter().any(|pixel| {
+        let (column, row) = (pixel % width, pixel / width);
+        column == 0 || row == 0 || column + 1 == width || row + 1 == height
+    });
+    match cut || moments.elongation() > ROUND {
+        true => Err(InpaintingError::NoDisc { place }),
+        false => Ok(place),
+    }
+}
+
+/// Sums of weights, of weighed places and of their products.
+#[derive(Default)]
+struct Moments {
+    weight: f64,
+    first: [f64; 2],
+    /// Column squared, column times row, row squared.
+    second: [f64; 3],
+}
+
+impl Moments {
+    fn of(weighed: impl Iterator<Item = (f64, [f64; 2])>) -> Self {
+        let mut sums = Self::default();
+        for (weight, [x, y]) in weighed {
+            sums.weight += weight;
+            for (sum, part) in sums.first.iter_mut().zip([x, y]) {
+                *sum += weight * part;
+            }
+            for (sum, part) in sums.second.iter_mut().zip([x * x, x * y, y * y]) {
+                *sum += weight * part;
+            }
+        }
+        sums
+    }
+
+    fn middle(&self) -> [f64; 2] {
+        self.first.map(|sum| sum / self.weight)
+    }
+
+    /// Length over width of the ellipse with these moments.
+    fn elongation(&self) -> f64 {
+        let [x, y] = self.middle();
+        let [xx, xy, yy] = self.second.map(|sum| sum / self.weight);
+        let (across, mixed, down) = (xx - x * x, xy - x * y, yy - y * y);
+        let half = (across + down) / 2.0;
+        let apart = ((across - down) / 2.0).hypot(mixed);
+        ((half + apart) / (half - apart)).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const SIZE: [usize; 2] = [96, 72];
+    const BALL: Ball = Ball {
+        color: [255, 0, 255],
+    };
+    const TABLE: [f64; 3] = [123.0, 95.0, 78.0];
+
+    /// A table with balls, shaded towards their edges, as a camera of this exposure sees them. A
+    /// pixel is the mean of 64 points.
+    fn picture(balls: &[([f64; 2], f64)], exposure: f64) -> Vec<u8> {
+        let point = |x: f64, y: f64| {
+            let ball = balls.iter().find_map(|([column, row], radius)| {
+                let off = (x - column).hypot(y - row) / radius;
+                (off < 1.0).then(|| 0.55 + 0.45 * (1.0 - off * off).sqrt())
+            });
+            ball.map_or(TABLE, |shade| {
+                BALL.color.map(|level| f64::from(level) * shade)
+            })
+        };
+        let pixel = |index: usize| {
+            let (column, row) = ((index % SIZE[0]) as f64, (index / SIZE[0]) as f64);
+            let parts = (0..64).map(|part| {
+                let [x, y] = [part % 8, part / 8].map(|part| (f64::from(part) + 0.5) / 8.0);
+                point(column + x, row + y)
+            });
+            let sum = parts.fold([0.0; 3], |sum, rgb| [0, 1, 2].map(|i| sum[i] + rgb[i]));
+            sum.map(|level| (exposure * level / 64.0).round() as u8)
+        };
+        (0..SIZE[0] * SIZE[1]).flat_map(pixel).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+
+        #[test]
+        fn a_ball_is_found_to_a_tenth_of_a_pixel(
+            column in 20.0..70.0,
+            row in 20.0..50.0,
+            radius in 4.0..12.0,
+            exposure in 0.8..1.2,
+        ) {
+            let seen = picture(&[([column, row], radius)], exposure);
+            let [x, y] = BALL.find(&seen, SIZE[0]).unwrap();
+            let off = (x - column).hypot(y - row);
+            prop_assert!(off < 0.1, "{off}");
+        }
+    }
+
+    #[test]
+    fn none_two_and_parts_of_one_are_refused() {
+        let find = |balls: &[([f64; 2], f64)]| BALL.find(&picture(balls, 1.0), SIZE[0]);
+        let ball = ([40.0, 30.0], 8.0);
+        assert!(find(&[ball]).is_ok());
+        for nothing in [&[][..], &[([40.0, 30.0], 1.5)]] {
+            let message = find(nothing).unwrap_err().to_string();
+            assert!(message.contains("no ball") && message.contains("[255, 0, 255]"));
+        }
+        let message = find(&[ball, ([80.0, 60.0], 5.0)]).unwrap_err().to_string();
+        assert!(message.contains("2 things") && message.contains("[[40, 30], [80, 60]]"));
+        let message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
+        assert!(message.contains("no disc"), "{message}");
+        // an arm over half of it
+        let mut hidden = picture(&[ball], 1.0);
+        for row in 0..30 {
+            hidden[row * 3 * SIZE[0]..][..3 * SIZE[0]].fill(160);
+        }
+        let message = BALL.find(&hidden, SIZE[0]).unwrap_err().to_string();
+        assert!(message.contains("partly hidden"), "{message}");
+    }
+
+    /// Balls of other hues are no balls, and the darkest and brightest pictures hold none.
+    #[test]
+    fn other_colours_greys_and_pictures_of_no_size_are_refused() {
+        let seen = picture(&[([40.0, 30.0], 8.0)], 1.0);
+        for color in [[255, 0, 0], [0, 0, 255], [0, 255, 0], [255, 255, 0]] {
+            assert!(Ball { color }.find(&seen, SIZE[0]).is_err(), "{color:?}");
+        }
+        let grey = Ball {
+            color: [120, 110, 100],
+        };
+        let message = grey.find(&seen, SIZE[0]).unwrap_err().to_string();
+        assert!(message.contains("far from grey"), "{message}");
+        for level in [0, 128, 255] {
+            let flat = vec![level; seen.len()];
+            assert!(matches!(
+                BALL.find(&flat, SIZE[0]),
+                Err(InpaintingError::NoBall { .. })
+            ));
+        }
+        for width in [0, 5, usize::MAX] {
+            assert!(BALL.find(&seen[..7], width).is_err(), "{width}");
+        }
+        assert!(BALL.find(&[], 0).is_err());
+    }
+}

@@ -1,0 +1,186 @@
+//! Normal equations of least squares in nine unknowns, some of which may be held.
+
+/// The camera's turn (3), its place (3), and the ball's place in the hand (3).
+pub(super) const UNKNOWNS: usize = 9;
+
+pub(super) type Vector = [f64; UNKNOWNS];
+type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
+
+/// Largest factor by which the variance of an unknown may grow because the others are unknown, too.
+/// Beyond it, rounding decides.
+const LARGEST_INFLATION: f64 = 1e12;
+
+/// Sums of rows: the matrix, and the right-hand side. The unknowns from `free` on are held.
+#[derive(Clone, Debug)]
+pub(super) struct Equations {
+    matrix: Matrix,
+    right: Vector,
+    free: usize,
+}
+
+impl Equations {
+    /// None yet, of which only the first `free` unknowns are to be found.
+    pub fn new(free: usize) -> Self {
+        Self {
+            matrix: [[0.0; UNKNOWNS]; UNKNOWNS],
+            right: [0.0; UNKNOWNS],
+            free,
+        }
+    }
+
+    /// Adds an equation: `row` times the unknowns is `value`.
+    pub fn add(&mut self, row: &Vector, value: f64) {
+        for (i, left) in row.iter().enumerate().take(self.free) {
+            self.right[i] += left * value;
+            for (sum, right) in self.matrix[i].iter_mut().zip(row) {
+                *sum += left * right;
+            }
+        }
+    }
+
+    /// The unknowns, the diagonal being larger by the part `damping`; held ones are 0. None where
+    /// the equations do not tell them.
+    pub fn solve(&self, damping: f64) -> Option<Vector> {
+        let scale = self.scale()?;
+        let factor = self.factor(&scale, damping)?;
+        let mut unknowns = [0.0; UNKNOWNS];
+        for i in 0..self.free {
+            unknowns[i] = self.right[i] * scale[i];
+        }
+        substitute(&factor, &mut unknowns, self.free);
+        for i in 0..self.free {
+            unknowns[i] *= scale[i];
+        }
+        Some(unknowns)
+    }
+
+    /// Variances of the unknowns for values of variance 1; held ones have 0. None where the
+    /// equations do not tell all of them.
+    pub fn variances(&self) -> Option<Vector> {
+        let scale = self.scale()?;
+        let factor = self.factor(&scale, 0.0)?;
+        let mut variances = [0.0; UNKNOWNS];
+        for i in 0..self.free {
+            let mut column = [0.0; UNKNOWNS];
+            column[i] = 1.0;
+            substitute(&factor, &mut column, self.free);
+            let inflation = column[i];
+            if inflation > LARGEST_INFLATION || inflation.is_nan() {
+                return None;
+            }
+            variances[i] = inflation * scale[i] * scale[i];
+        }
+        Some(variances)
+    }
+
+    /// Factors that make the diagonal 1.
+    fn scale(&self) -> Option<Vector> {
+        let mut scale = [0.0; UNKNOWNS];
+        for (i, scale) in scale.iter_mut().enumerate().take(self.free) {
+            *scale = self.matrix[i][i].sqrt().recip();
+            if !scale.is_finite() {
+                return None;
+            }
+        }
+        Some(scale)
+    }
+
+    /// Cholesky's factor of the scaled matrix.
+    fn factor(&self, scale: &Vector, damping: f64) -> Option<Matrix> {
+        let mut factor = [[0.0; UNKNOWNS]; UNKNOWNS];
+        for row in 0..self.free {
+            for column in 0..=row {
+                let known: f64 = (0..column)
+                    .map(|k| factor[row][k] * factor[column][k])
+                    .sum();
+                let scaled = self.matrix[row][column] * scale[row] * scale[column];
+                factor[row][column] = if row == column {
+                    let rest = scaled + damping - known;
+                    if rest <= 0.0 || rest.is_nan() {
+                        return None;
+                    }
+                    rest.sqrt()
+                } else {
+                    (scaled - known) / factor[column][column]
+                };
+            }
+        }
+        Some(factor)
+    }
+}
+
+/// Forward and backward substitution with a lower factor.
+fn substitute(factor: &Matrix, x: &mut Vector, count: usize) {
+    for row in 0..count {
+        let known: f64 = (0..row).map(|k| factor[row][k] * x[k]).sum();
+        x[row] = (x[row] - known) / factor[row][row];
+    }
+    for row in (0..count).rev() {
+        let known: f64 = (row + 1..count).map(|k| factor[k][row] * x[k]).sum();
+        x[row] = (x[row] - known) / factor[row][row];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows without structure.
+    fn rows() -> Vec<Vector> {
+        let entry = |i: usize, j: usize| (1.7 * (i * i * (j + 1)) as f64 + j as f64).sin();
+        (0..20)
+            .map(|i| std::array::from_fn(|j| entry(i, j)))
+            .collect()
+    }
+
+    fn dot(a: &Vector, b: &Vector, count: usize) -> f64 {
+        a.iter().zip(b).take(count).map(|(a, b)| a * b).sum()
+    }
+
+    #[test]
+    fn consistent_equations_are_solved_and_held_unknowns_stay_zero() {
+        let known: Vector = std::array::from_fn(|i| i as f64 - 3.5);
+        for free in [6, 9] {
+            let mut equations = Equations::new(free);
+            for row in rows() {
+                equations.add(&row, dot(&row, &known, free));
+            }
+            let solved = equations.solve(0.0).unwrap();
+            for (i, (solved, known)) in solved.into_iter().zip(known).enumerate() {
+                let expected = if i < free { known } else { 0.0 };
+                assert!((solved - expected).abs() < 1e-9, "{free} {i}: {solved}");
+            }
+        }
+    }
+
+    /// The i-th variance is what the solution of the i-th unit vector has at i.
+    #[test]
+    fn variances_are_the_inverse_of_the_matrix() {
+        let mut equations = Equations::new(6);
+        for row in rows() {
+            equations.add(&row, 0.0);
+        }
+        let variances = equations.variances().unwrap();
+        for (i, variance) in variances.into_iter().enumerate() {
+            let mut unit = equations.clone();
+            if i < 6 {
+                unit.right[i] = 1.0;
+            }
+            let solved = unit.solve(0.0).unwrap()[i];
+            assert!((solved - variance).abs() <= 1e-12 * variance, "{i}");
+        }
+        assert_eq!(variances[6..], [0.0; 3]);
+    }
+
+    #[test]
+    fn unknowns_that_no_equation_tells_apart_are_refused() {
+        let mut equations = Equations::new(6);
+        for mut row in rows() {
+            row[1] = 2.0 * row[0];
+            equations.add(&row, 1.0);
+        }
+        assert_eq!(equations.variances(), None);
+        assert_eq!(Equations::new(6).solve(1.0), None);
+        assert!(equations.solve(1e-3).is_some(), "damping decides");
+    }
+}

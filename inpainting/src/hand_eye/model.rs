@@ -1,0 +1,209 @@
+//! A camera and a ball's offset, with where they let the balls be seen.
+
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::calibration::Calibration;
+use crate::camera::Extrinsics;
+use crate::error::InpaintingError;
+
+use super::equations::{Equations, UNKNOWNS, Vector};
+use super::sighting::{LARGEST_RESIDUAL, Offset, Residual, Sighting};
+
+/// A camera that somebody turned by quarters about its optical axis.
+pub(super) fn turned(calibration: &Calibration, quarters: usize) -> Calibration {
+    let turn = DMat3::from_rotation_z(quarters as f64 * FRAC_PI_2);
+    let Extrinsics {
+        rotation,
+        translation,
+    } = calibration.extrinsics;
+    Calibration {
+        extrinsics: Extrinsics {
+            rotation: turn * rotation,
+            translation: turn * translation,
+        },
+        ..*calibration
+    }
+}
+
+/// A guess, and its residuals.
+#[derive(Clone, Debug)]
+pub(super) struct Fit<'a> {
+    calibration: Calibration,
+    offset: Offset,
+    /// The offset, where it is unknown.
+    guess: DVec3,
+    sightings: &'a [Sighting],
+    /// Seen less expected (pixels).
+    residuals: Vec<[f64; 2]>,
+    cost: f64,
+}
+
+impl<'a> Fit<'a> {
+    /// None where a ball would be out of sight.
+    pub fn new(
+        calibration: Calibration,
+        offset: Offset,
+        sightings: &'a [Sighting],
+    ) -> Option<Self> {
+        let guess = match offset {
+            Offset::Known(offset) => offset,
+            Offset::Unknown => DVec3::ZERO,
+        };
+        Self::at(calibration, offset, guess, sightings)
+    }
+
+    fn at(
+        calibration: Calibration,
+        offset: Offset,
+        guess: DVec3,
+        sightings: &'a [Sighting],
+    ) -> Option<Self> {
+        let residual = |sighting: &Sighting| {
+            let ball = sighting.position + sighting.rotation * guess;
+            let [column, row] = calibration.pixel(ball - calibration.position())?;
+            Some([sighting.pixel[0] - column, sighting.pixel[1] - row])
+        };
+        let residuals: Option<Vec<_>> = sightings.iter().map(residual).collect();
+        let residuals = residuals?;
+        let cost: f64 = residuals.iter().flatten().map(|part| part * part).sum();
+        cost.is_finite().then_some(Self {
+            calibration,
+            offset,
+            guess,
+            sightings,
+            residuals,
+            cost,
+        })
+    }
+
+    /// The camera.
+    pub fn calibration(&self) -> Calibration {
+        self.calibration
+    }
+
+    /// The ball's place in the hand (metres).
+    pub fn offset(&self) -> DVec3 {
+        self.guess
+    }
+
+    /// Sum of the squared residuals.
+    pub fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    /// The same guess, its offset being given.
+    pub fn with_known_offset(&self) -> Self {
+        Self {
+            offset: Offset::Known(self.guess),
+            ..self.clone()
+        }
+    }
+
+    fn free(&self) -> usize {
+        match self.offset {
+            Offset::Known(_) => UNKNOWNS - 3,
+            Offset::Unknown => UNKNOWNS,
+        }
+    }
+
+    /// Standard deviation (pixels) that the residuals speak for.
+    pub fn noise(&self) -> f64 {
+        let surplus = 2 * self.residuals.len() - self.free();
+        (self.cost / surplus as f64).sqrt()
+    }
+
+    /// The normal equations of the step that would bring the residuals to zero.
+    pub fn equations(&self) -> Equations {
+        let mut equations = Equations::new(self.free());
+        for (sighting, residual) in self.sightings.iter().zip(&self.residuals) {
+            for (row, value) in self.rows(sighting).iter().zip(residual) {
+                equations.add(row, *value);
+            }
+        }
+        equations
+    }
+
+    /// Derivatives of the column and of the row by the unknowns.
+    fn rows(&self, sighting: &Sighting) -> [Vector; 2] {
+        let Extrinsics {
+            rotation,
+            translation,
+        } = self.calibration.extrinsics;
+        let ball = sighting.position + sighting.rotation * self.guess;
+        let seen = rotation * ball + translation;
+        self.calibration.slopes(seen).map(|slope| {
+            let in_world = rotation.transpose() * slope;
+            let [turn, place, offset] = [
+                seen.cross(slope),
+                -in_world,
+                sighting.rotation.conjugate() * in_world,
+            ];
+            let parts = [turn, place, offset].map(|part| part.to_array());
+            std::array::from_fn(|i| parts[i / 3][i % 3])
+        })
+    }
+
+    /// The guess after a step; none where a ball would then be out of sight.
+    pub fn moved(&self, step: &Vector) -> Option<Self> {
+        let turn = DQuat::from_scaled_axis(DVec3::from_slice(&step[..3]));
+        let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
+        let rotation = DMat3::from_quat((turn * old).normalize());
+        let position = self.calibration.position() + DVec3::from_slice(&step[3..6]);
+        let calibration = Calibration {
+            extrinsics: Extrinsics {
+                rotation,
+                translation: -(rotation * position),
+            },
+            ..self.calibration
+        };
+        let guess = self.guess + DVec3::from_slice(&step[6..]);
+        Self::at(calibration, self.offset, guess, self.sightings)
+    }
+
+    /// What is left of every pose.
+    pub fn residuals(&self) -> Vec<Residual> {
+        let pairs = self.sightings.iter().zip(&self.residuals);
+        let residual = |(sighting, [right, down]): (&Sighting, &[f64; 2])| {
+            let [column, row] = sighting.pixel;
+            let expected = [column - right, row - down];
+            let places = [sighting.pixel, expected].map(|pixel| self.on_table(pixel));
+            Residual {
+                pose: sighting.pose,
+                pixels: right.hypot(*down),
+                on_table: match places {
+                    [Some(seen), Some(expected)] => seen.distance(expected),
+                    _ => f64::INFINITY,
+                },
+            }
+        };
+        pairs.map(residual).collect()
+    }
+
+    /// Where the line of sight of a pixel meets the plane z = 0.
+    fn on_table(&self, pixel: [f64; 2]) -> Option<DVec3> {
+        let (eye, way) = (
+            self.calibration.position(),
+            self.calibration.direction(pixel)?,
+        );
+        let part = -eye.z / way.z;
+        (part.is_finite() && part > 0.0).then(|| eye + part * way)
+    }
+
+    /// Refuses residuals that are no noise.
+    pub fn check_misfit(&self) -> Result<(), InpaintingError> {
+        let residuals = self.residuals();
+        let worst = residuals
+            .iter()
+            .max_by(|a, b| a.pixels.total_cmp(&b.pixels));
+        match worst {
+            Some(worst) if worst.pixels > LARGEST_RESIDUAL => Err(InpaintingError::Misfit {
+                pose: worst.pose,
+                pixels: worst.pixels,
+                limit: LARGEST_RESIDUAL,
+            }),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,230 @@
+use glam::{DMat3, DQuat, DVec3};
+use proptest::prelude::*;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::*;
+use crate::camera::{Extrinsics, Intrinsics};
+use crate::distortion::Distortion;
+use crate::noise::normal;
+
+/// A camera at a place, turned from looking straight down.
+fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
+    let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+    let rotation = turn * Extrinsics::overhead(0.0).rotation;
+    Calibration {
+        intrinsics: Intrinsics::REALSENSE_D435,
+        distortion,
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+    }
+}
+
+fn plain() -> Calibration {
+    let position = DVec3::new(0.03, -0.05, 1.5);
+    camera(position, DVec3::new(0.04, -0.02, 0.1), Distortion::NONE)
+}
+
+const OFFSET: DVec3 = DVec3::new(0.1, 0.02, -0.15);
+
+/// Hands over a table, at three heights, turned about all axes.
+fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
+    let hand = |index: usize| {
+        let wave = |pace: f64| (pace * index as f64 + pace).sin();
+        let position = DVec3::new(0.25 * wave(2.1), 0.2 * wave(3.3), 0.2 + 0.1 * wave(1.7));
+        let turn = DVec3::new(0.3 * wave(5.9), 0.3 * wave(4.7), 0.5 * wave(7.1));
+        (position, DQuat::from_scaled_axis(turn))
+    };
+    (0..count).map(hand).collect()
+}
+
+fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<Sighting> {
+    let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| Sighting {
+        pose,
+        position,
+        rotation,
+        pixel: camera
+            .pixel(position + rotation * offset - camera.position())
+            .unwrap(),
+    };
+    hands.iter().enumerate().map(sighting).collect()
+}
+
+/// How far a camera is from another: its place (metres), and its angles about its own axes.
+fn apart(found: &Calibration, truth: &Calibration) -> [DVec3; 2] {
+    let turn = found.extrinsics.rotation * truth.extrinsics.rotation.transpose();
+    let angles = DQuat::from_mat3(&turn).to_scaled_axis();
+    [found.position() - truth.position(), angles]
+}
+
+fn vector(most: f64) -> impl Strategy<Value = DVec3> {
+    prop::array::uniform3(-most..most).prop_map(DVec3::from_array)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// From a start that is 0.1 m, 10 degrees and any number of quarters off.
+    #[test]
+    fn any_camera_is_found_exactly(
+        (place, turn) in (vector(0.25), vector(0.2)),
+        (off, twist) in (vector(0.06), vector(0.1)),
+        quarters in 0_usize..4,
+        (radial, tangential) in (-0.03..0.03, -0.002..0.002),
+        offset in vector(0.15),
+        known in prop::bool::ANY,
+    ) {
+        let lens = Distortion { radial: [radial, -radial], tangential: [tangential; 2] };
+        let place = place + 1.6 * DVec3::Z;
+        let truth = camera(place, turn, lens);
+        let start = turned(&camera(place + off, turn + twist, lens), quarters);
+        let seen = sightings(&truth, offset, &hands(12));
+        let offset_given = if known { Offset::Known(offset) } else { Offset::Unknown };
+        let found = HandEye::solve(&start, offset_given, &seen).unwrap();
+        let [position, angle] = apart(&found.calibration, &truth);
+        prop_assert!(position.length() < 1e-6, "{position}");
+        prop_assert!(angle.length() < 1e-6, "{angle}");
+        prop_assert!(found.offset.distance(offset) < 1e-6, "{}", found.offset);
+        prop_assert!(found.rms()[0] < 1e-4, "{:?}", found.rms());
+        found.calibration.check().unwrap();
+    }
+}
+
+/// Squared errors over reported variances, averaged over many draws of the noise, are those of
+/// Student's distribution.
+#[test]
+fn errors_are_as_large_as_the_uncertainty_says() {
+    const TRIALS: usize = 300;
+    let (truth, noise) = (plain(), 0.3);
+    let exact = sightings(&truth, OFFSET, &hands(15));
+    let mut rng = ChaCha8Rng::seed_from_u64(1000);
+    for (offset, free) in [(Offset::Known(OFFSET), 6.0), (Offset::Unknown, 9.0)] {
+        let mut squares = [DVec3::ZERO; 3];
+        for _ in 0..TRIALS {
+            let mut seen = exact.clone();
+            for sighting in &mut seen {
+                sighting.pixel = sighting
+                    .pixel
+                    .map(|p| p + noise * f64::from(normal(&mut rng)));
+            }
+            let found = HandEye::solve(&truth, offset, &seen).unwrap();
+            let [position, angle] = apart(&found.calibration, &truth);
+            let of = found.uncertainty;
+            let offset = (found.offset - OFFSET) / of.offset.max(DVec3::splat(1e-300));
+            let ratios = [position / of.position, angle / of.angle, offset];
+            for (sum, ratio) in squares.iter_mut().zip(ratios) {
+                *sum += ratio * ratio / TRIALS as f64;
+            }
+        }
+        let expected = (30.0 - free) / (28.0 - free);
+        let unknown = free as usize / 3;
+        for mean in squares.iter().take(unknown).flat_map(|of| of.to_array()) {
+            let off = (mean - expected).abs();
+            assert!(off < 0.3, "{offset:?}: {mean}, expected {expected}");
+        }
+    }
+}
+
+#[test]
+fn residuals_are_told_in_pixels_and_on_the_table() {
+    let mut seen = sightings(&plain(), OFFSET, &hands(200));
+    seen[7].pixel[0] += 3.0;
+    let found = HandEye::solve(&plain(), Offset::Known(OFFSET), &seen).unwrap();
+    let worst = found.worst().unwrap();
+    assert_eq!(worst.pose, 7);
+    assert!((worst.pixels - 3.0).abs() < 0.1, "{worst:?}");
+    // a pixel is 1.5 m / 615 on the table
+    let expected = worst.pixels * 1.5 / 615.0;
+    assert!((worst.on_table / expected - 1.0).abs() < 0.05, "{worst:?}");
+    let [pixels, table] = found.rms();
+    assert!(pixels > 0.1 && pixels < 0.3);
+    assert!((table / pixels * 615.0 / 1.5 - 1.0).abs() < 0.05);
+}
+
+fn refusal(start: &Calibration, offset: Offset, seen: &[Sighting]) -> String {
+    HandEye::solve(start, offset, seen).unwrap_err().to_string()
+}
+
+#[test]
+fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
+    let (known, exact) = (
+        Offset::Known(OFFSET),
+        sightings(&plain(), OFFSET, &hands(12)),
+    );
+    let message = refusal(&plain(), known, &exact[..9]);
+    assert!(
+        message.contains("9 poses, expected at least 10"),
+        "{message}"
+    );
+    let mut seen = exact.clone();
+    seen[5].pixel[1] += 40.0;
+    let message = refusal(&plain(), known, &seen);
+    assert!(
+        message.contains("pose 5") && message.contains("at most 4"),
+        "{message}"
+    );
+    let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
+    let message = refusal(&away, known, &exact);
+    assert!(message.contains("pose 0"), "{message}");
+}
+
+/// On a line nothing tells the turn about it; a hand that does not turn, or turns about one axis,
+/// does not tell the offset.
+#[test]
+fn poses_that_do_not_tell_the_camera_are_refused() {
+    let known = Offset::Known(OFFSET);
+    let line = |index: usize| {
+        (
+            0.04 * index as f64 * DVec3::new(1.0, 0.3, 0.2),
+            DQuat::IDENTITY,
+        )
+    };
+    let line: Vec<_> = (0..12).map(line).collect();
+    let message = refusal(&plain(), known, &sightings(&plain(), OFFSET, &line));
+    assert!(message.contains("one line"), "{message}");
+    for axis in [DVec3::ZERO, DVec3::Z] {
+        let turning = |(i, (place, _))| (place, DQuat::from_scaled_axis(0.1 * i as f64 * axis));
+        let still: Vec<_> = hands(12).into_iter().enumerate().map(turning).collect();
+        let seen = sightings(&plain(), OFFSET, &still);
+        let message = refusal(&plain(), Offset::Unknown, &seen);
+        assert!(message.contains("turn it about two axes"), "{message}");
+        HandEye::solve(&plain(), known, &seen).unwrap();
+    }
+    // a plane does tell the camera, less well
+    let flat = |(place, turn): (DVec3, DQuat)| (DVec3 { z: 0.1, ..place }, turn);
+    let flat: Vec<_> = hands(12).into_iter().map(flat).collect();
+    let in_plane = |(place, _): &(DVec3, DQuat)| (*place, DQuat::IDENTITY);
+    let flat: Vec<_> = flat.iter().map(in_plane).collect();
+    let spread = HandEye::solve(&plain(), known, &sightings(&plain(), OFFSET, &hands(12)));
+    let flat = HandEye::solve(&plain(), known, &sightings(&plain(), OFFSET, &flat)).unwrap();
+    let [flat, spread] = [flat, spread.unwrap()].map(|found| found.dilution.angle.length());
+    assert!(flat > 1.5 * spread, "{flat} {spread}");
+}
+
+#[test]
+fn numbers_out_of_range_are_refused() {
+    let exact = sightings(&plain(), OFFSET, &hands(12));
+    type Spoil = fn(&mut Sighting);
+    let spoils: [(Spoil, &str); 4] = [
+        (|s| s.position.y = f64::NAN, "position of the hand"),
+        (|s| s.position.y = 1e200, "position of the hand"),
+        (|s| s.rotation.w = 3.0, "rotation of the hand"),
+        (|s| s.pixel[1] = f64::INFINITY, "pixel of the ball"),
+    ];
+    for (spoil, says) in spoils {
+        let mut seen = exact.clone();
+        spoil(&mut seen[3]);
+        let message = refusal(&plain(), Offset::Unknown, &seen);
+        assert!(
+            message.contains(says) && message.contains("pose 3"),
+            "{message}"
+        );
+    }
+    let far = Offset::Known(DVec3::splat(1e200));
+    assert!(refusal(&plain(), far, &exact).contains("offset of the ball"));
+    let mut blind = plain();
+    blind.intrinsics.focal[0] = 0.0;
+    assert!(refusal(&blind, Offset::Unknown, &exact).contains("focal length"));
+}

@@ -1,0 +1,89 @@
+//! Brings the hand to a pose, and looks at it once it stands.
+
+use std::time::Duration;
+
+use envs::carriers::Arm;
+use robots::{Command, Pose, RobotState};
+
+use crate::error::CoversError;
+
+use super::super::pilot::TICK;
+use super::super::rig::Rig;
+
+/// Rate (1/s) at which what is left of the way is covered: slow enough for an arm that obeys late.
+const RATE: f64 = 4.0;
+/// How near (metres, radians) the hand comes. Where it is exactly, the joints say.
+const NEAR: [f64; 2] = [0.003, 0.02];
+/// Longest time for one way.
+const LONGEST: Duration = Duration::from_secs(20);
+/// The hand stands if it moves less than this (metres) ...
+const STILL: f64 = 1e-4;
+/// ... within this time.
+const PAUSE: Duration = Duration::from_millis(100);
+/// How long a hand may take to stand, and a picture to come.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Moves the hand to `target` in a straight line, and tells the robot to stop there.
+///
+/// # Errors
+/// [`CoversError::Robot`], [`CoversError::Rig`], [`CoversError::Unreached`]; the arm may be moving.
+pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), CoversError> {
+    let limits = arm.settings().control.limits;
+    let until = rig.now() + LONGEST;
+    loop {
+        let state = rig.state()?;
+        let way = state.tip.way_to(target);
+        let [place, turn] = way.map(|way| way.length());
+        if place < NEAR[0] && turn < NEAR[1] {
+            return Ok(rig.stop()?);
+        }
+        if rig.now() > until {
+            return Err(CoversError::Unreached {
+                left: 1e3 * place,
+                turn: turn.to_degrees(),
+            });
+        }
+        rig.command(&Command {
+            twist: limits.towards(way, RATE),
+            closing: state.closing,
+        })?;
+        wait(rig, TICK)?;
+    }
+}
+
+/// Waits until the hand stands, copies a picture into `rgb` that shows it so, and says where it is.
+///
+/// # Errors
+/// [`CoversError::Robot`], [`CoversError::Rig`]; [`CoversError::Restless`] for a hand that does not
+/// come to rest, [`CoversError::StalePicture`] for a camera that does not show it.
+pub fn look(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RobotState, CoversError> {
+    let until = rig.now() + PATIENCE;
+    let mut state = rig.state()?;
+    loop {
+        wait(rig, PAUSE)?;
+        let before = std::mem::replace(&mut state, rig.state()?);
+        if before.tip.position.distance(state.tip.position) < STILL {
+            break;
+        }
+        if rig.now() > until {
+            return Err(CoversError::Restless);
+        }
+    }
+    let since = rig.now();
+    loop {
+        let taken = rig.picture(rgb);
+        let taken = taken.map_err(|source| CoversError::Rig { source })?;
+        if taken >= since {
+            return Ok(rig.state()?);
+        }
+        if rig.now() > since + PATIENCE {
+            let (age, most) = (rig.now() - taken, PATIENCE);
+            return Err(CoversError::StalePicture { age, most });
+        }
+        wait(rig, TICK)?;
+    }
+}
+
+fn wait(rig: &mut dyn Rig, time: Duration) -> Result<(), CoversError> {
+    rig.wait(time).map_err(|source| CoversError::Rig { source })
+}

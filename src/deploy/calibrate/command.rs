@@ -1,0 +1,260 @@
+//! `covers calibrate`: where is the camera?
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use envs::Camera;
+use envs::carriers::Arm;
+use glam::{DQuat, DVec3};
+use inpainting::{Ball, Calibration, Offset, Uncertainty};
+use serde_json::{Value, json};
+
+use crate::cli::say;
+use crate::error::CoversError;
+
+use super::super::options::{RigOptions, RobotKind};
+use super::super::rig::{Rig, Trial};
+use super::super::simulated::SimulatedRig;
+use super::file::CalibrationFile;
+use super::measure::{CalibrateSettings, Calibrated, calibrate};
+use super::poses::poses;
+
+/// How the camera is found.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Example: covers calibrate --robot kinova-sim --fault position-error=30 \
+                        --out calibration.json"
+)]
+pub struct CalibrateOptions {
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub rig: RigOptions,
+    /// The file to write, for `covers deploy --calibration`.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Where the middle of the ball is in the frame of the hand (mm), as 0,-130,40; without it
+    /// that is found, too.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    pub offset: Option<Triple>,
+    /// Colour of the ball in the picture, red, green and blue of 255.
+    #[arg(long, value_name = "R,G,B", default_value = "255,0,255")]
+    pub color: Triple,
+    /// Print the result as one JSON object, in the last line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Three numbers, as `1,2.5,-3`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triple(pub [f64; 3]);
+
+impl FromStr for Triple {
+    type Err = CoversError;
+
+    fn from_str(text: &str) -> Result<Self, CoversError> {
+        let numbers: Result<Vec<f64>, _> = text.split(',').map(str::parse).collect();
+        let numbers = numbers.unwrap_or_default();
+        let finite = numbers.iter().all(|number| number.is_finite());
+        match (<[f64; 3]>::try_from(numbers), finite) {
+            (Ok(numbers), true) => Ok(Self(numbers)),
+            _ => Err(CoversError::Setting {
+                name: "three numbers",
+                value: text.to_owned(),
+                expected: "numbers as 1,2.5,-3",
+            }),
+        }
+    }
+}
+
+impl CalibrateOptions {
+    /// Finds the camera, writes the file, and prints to `out` how sure that is.
+    ///
+    /// # Errors
+    /// As [`calibrate`]; a file and an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+        let (settings, _) = self.rig.settings()?;
+        let RobotKind::KinovaSim = self.rig.robot;
+        let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
+        let arm = rig.arm().clone();
+        let calibrated = self.run_on(&mut rig, &arm, out)?;
+        if self.json {
+            return Ok(());
+        }
+        let [place, angle] = apart(&calibrated.found.calibration, &rig.truth());
+        let simulated = format!(
+            "the simulated camera is in truth {place:.1} mm and {angle:.2} degrees from that"
+        );
+        say(out, &simulated)
+    }
+
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
+    ///
+    /// # Errors
+    /// As [`CalibrateOptions::run`].
+    pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<Calibrated, CoversError> {
+        let settings = self.settings()?;
+        let trial = Trial::on_empty_table(self.rig.seed);
+        let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
+        CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
+        match self.json {
+            true => say(out, &object(&calibrated).to_string())?,
+            false => say(out, &text(&calibrated))?,
+        }
+        Ok(calibrated)
+    }
+
+    fn settings(&self) -> Result<CalibrateSettings, CoversError> {
+        let levels = self.color.0;
+        let is_color = levels.iter().all(|level| (0.0..=255.0).contains(level));
+        if !is_color {
+            return Err(CoversError::Setting {
+                name: "color",
+                value: format!("{levels:?}"),
+                expected: "three levels of 0 to 255",
+            });
+        }
+        let offset = self
+            .offset
+            .map(|Triple(place)| DVec3::from_array(place) / 1e3);
+        Ok(CalibrateSettings {
+            ball: Ball {
+                color: levels.map(|level| level as u8),
+            },
+            offset: offset.map_or(Offset::Unknown, Offset::Known),
+        })
+    }
+}
+
+/// How far two cameras are apart (mm), and how far they are turned (degrees).
+pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
+    let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
+    let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
+    let angle = angle.min(std::f64::consts::TAU - angle);
+    let place = one.position().distance(other.position());
+    [1e3 * place, angle.to_degrees()]
+}
+
+fn millimetres(place: DVec3) -> [f64; 3] {
+    (1e3 * place).to_array()
+}
+
+fn degrees(angle: DVec3) -> [f64; 3] {
+    angle.to_array().map(f64::to_degrees)
+}
+
+fn uncertainty(of: &Uncertainty) -> Value {
+    json!({
+        "position_mm": millimetres(of.position),
+        "angle_degrees": degrees(of.angle),
+        "offset_mm": millimetres(of.offset),
+    })
+}
+
+/// The result for programs.
+fn object(calibrated: &Calibrated) -> Value {
+    let Calibrated {
+        before,
+        found,
+        left_out,
+    } = calibrated;
+    let [moved, turned] = apart(&found.calibration, before);
+    let residuals = found
+        .residuals
+        .iter()
+        .map(|of| json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": 1e3 * of.on_table}));
+    let left_out = left_out
+        .iter()
+        .map(|left| json!({"pose": left.pose, "why": left.why}));
+    json!({
+        "calibration": CalibrationFile::from(&found.calibration),
+        "ball_in_hand_mm": millimetres(found.offset),
+        "rms_pixels": found.rms()[0],
+        "rms_mm_on_table": 1e3 * found.rms()[1],
+        "residuals": residuals.collect::<Vec<_>>(),
+        "sigma": uncertainty(&found.uncertainty),
+        "sigma_of_a_pixel": uncertainty(&found.dilution),
+        "moved_mm": moved,
+        "turned_degrees": turned,
+        "left_out": left_out.collect::<Vec<_>>(),
+    })
+}
+
+/// The result for people.
+fn text(calibrated: &Calibrated) -> String {
+    let Calibrated {
+        before,
+        found,
+        left_out,
+    } = calibrated;
+    let left_out = left_out.iter();
+    let mut lines: Vec<String> = left_out
+        .map(|left| format!("pose {} was left out: {}", left.pose, left.why))
+        .collect();
+    let worst = found.worst();
+    let worst = worst.map_or_else(String::new, |worst| {
+        let (pose, pixels, table) = (worst.pose, worst.pixels, 1e3 * worst.on_table);
+        format!("; at most {pixels:.2}, {table:.1} mm, in pose {pose}")
+    });
+    let [rms, table] = found.rms();
+    lines.push(format!(
+        "{} poses; the ball is {rms:.2} pixels off (rms), {:.1} mm on the table{worst}",
+        found.residuals.len(),
+        1e3 * table
+    ));
+    let three = |name: &str, values: [f64; 3], sigma: [f64; 3], unit: &str| {
+        let values = values.map(|value| format!("{value:.1}")).join(", ");
+        let sigma = sigma.map(|value| format!("{value:.2}")).join(", ");
+        format!("{name} at {values} {unit}, give or take {sigma}")
+    };
+    let sigma = &found.uncertainty;
+    let place = millimetres(found.calibration.position());
+    lines.push(three("camera", place, millimetres(sigma.position), "mm"));
+    let [right, down, forwards] = degrees(sigma.angle);
+    lines.push(format!(
+        "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees about \
+         its axes right, down and forwards"
+    ));
+    if sigma.offset != DVec3::ZERO {
+        let ball = three(
+            "ball in the hand",
+            millimetres(found.offset),
+            millimetres(sigma.offset),
+            "mm",
+        );
+        lines.push(ball);
+    }
+    let of = &found.dilution;
+    lines.push(format!(
+        "a pixel of noise would leave {:.1} mm and {:.2} degrees",
+        1e3 * of.position.length(),
+        of.angle.length().to_degrees()
+    ));
+    let [place, angle] = apart(&found.calibration, before);
+    lines.push(format!(
+        "it was taken to be {place:.1} mm and {angle:.2} degrees from there"
+    ));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_numbers_are_read_or_refused() {
+        let triple: Triple = "1,2.5,-3".parse().unwrap();
+        assert_eq!(triple, Triple([1.0, 2.5, -3.0]));
+        for text in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,NaN", "1,2,inf"] {
+            let message = text.parse::<Triple>().unwrap_err().to_string();
+            assert!(message.contains("1,2.5,-3"), "{message}");
+        }
+    }
+}

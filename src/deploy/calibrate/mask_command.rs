@@ -1,0 +1,135 @@
+//! `covers check mask`: is the arm where the mask hides it?
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use envs::carriers::Arm;
+
+use crate::cli::say;
+use crate::disk::{LocalDisk, replace};
+use crate::error::CoversError;
+use crate::runs::RunFolder;
+
+use super::super::deployment::Deployment;
+use super::super::options::{CameraOptions, RigOptions, RobotKind};
+use super::super::rig::{Rig, Trial};
+use super::super::settings::SightSettings;
+use super::super::simulated::SimulatedRig;
+use super::mask::{LARGEST_OUTSIDE, LEAST_OVERLAP, MaskCheck};
+use super::poses::poses;
+
+/// The mask of which policies, on which robot.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Example: covers check mask assets/pretrained --calibration calibration.json \
+                        --pictures masks"
+)]
+pub struct MaskOptions {
+    /// The folder of a run, or one that `covers pack` made, whose policies shall not see the arm.
+    pub run: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub rig: RigOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub camera: CameraOptions,
+    /// Folder for a picture (PNG) of each pose: green where mask and arm agree, red where the mask
+    /// leaves the arm, blue where it hides table.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Print one JSON array instead of a table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl MaskOptions {
+    /// Runs the check, prints a row for each pose to `out`, and says whether the mask holds.
+    ///
+    /// # Errors
+    /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
+        let (settings, sight) = self.rig.settings()?;
+        let deployment = self.deployment(sight)?;
+        let RobotKind::KinovaSim = self.rig.robot;
+        let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
+        let arm = rig.arm().clone();
+        self.check(&deployment, &mut rig, &arm, out)
+    }
+
+    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
+    ///
+    /// # Errors
+    /// As [`MaskOptions::run`].
+    pub fn run_on(
+        &self,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<bool, CoversError> {
+        let deployment = self.deployment(SightSettings::default())?;
+        self.check(&deployment, rig, arm, out)
+    }
+
+    fn deployment(&self, sight: SightSettings) -> Result<Deployment, CoversError> {
+        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(sight)?)
+    }
+
+    fn check(
+        &self,
+        deployment: &Deployment,
+        rig: &mut dyn Rig,
+        arm: &Arm,
+        out: &mut impl Write,
+    ) -> Result<bool, CoversError> {
+        let trial = Trial::on_empty_table(self.rig.seed);
+        let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
+        if let Some(folder) = &self.pictures {
+            write(&check, folder)?;
+        }
+        match self.json {
+            true => say(out, &serde_json::json!(check.rows).to_string())?,
+            false => say(out, &table(&check))?,
+        }
+        Ok(check.holds())
+    }
+}
+
+fn write(check: &MaskCheck, folder: &Path) -> Result<(), CoversError> {
+    std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
+    for (row, picture) in check.rows.iter().zip(&check.pictures) {
+        let path = folder.join(format!("pose-{:02}.png", row.pose));
+        let png = picture.to_png();
+        let png = png.map_err(|error| CoversError::write(&path, error))?;
+        replace(&LocalDisk, &path, &png)?;
+    }
+    Ok(())
+}
+
+fn table(check: &MaskCheck) -> String {
+    let mut lines = vec!["pose  overlap  arm outside  mask over table".to_owned()];
+    lines.extend(check.rows.iter().map(|row| {
+        format!(
+            "{:>4}  {:>7.2}  {:>9.1} %  {:>13.1} %",
+            row.pose,
+            row.overlap,
+            100.0 * row.outside,
+            100.0 * row.spare
+        )
+    }));
+    let left_out = check.left_out.iter();
+    lines.extend(left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)));
+    lines.push(format!(
+        "the mask {}: at most {:.0} % of the arm may be outside in any pose, and the mean overlap, \
+         {:.2}, must be at least {LEAST_OVERLAP}",
+        if check.holds() {
+            "holds"
+        } else {
+            "DOES NOT HOLD"
+        },
+        100.0 * LARGEST_OUTSIDE,
+        check.overlap()
+    ));
+    lines.join("\n")
+}
