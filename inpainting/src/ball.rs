@@ -138,13 +138,9 @@ fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item =
 }
 
 fn middle(spot: &[usize], width: usize) -> [f64; 2] {
-    let [columns, rows] = spot.iter().fold([0.0; 2], |[columns, rows], pixel| {
-        [
-            columns + (pixel % width) as f64,
-            rows + (pixel / width) as f64,
-        ]
-    });
-    [columns, rows].map(|sum| sum / spot.len() as f64 + 0.5)
+    let columns: usize = spot.iter().map(|pixel| pixel % width).sum();
+    let rows: usize = spot.iter().map(|pixel| pixel / width).sum();
+    [columns, rows].map(|sum| sum as f64 / spot.len() as f64 + 0.5)
 }
 
 /// The middle of a spot with its edge, which must be a whole disc.

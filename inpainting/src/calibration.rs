@@ -69,9 +69,8 @@ impl Calibration {
         let (_, bent) = self.distortion.bend(straight);
         let across = DVec3::new(1.0, 0.0, -straight[0]) / seen.z;
         let down = DVec3::new(0.0, 1.0, -straight[1]) / seen.z;
-        [0, 1].map(|axis| {
-            self.intrinsics.focal[axis] * (bent[axis][0] * across + bent[axis][1] * down)
-        })
+        let focal = self.intrinsics.focal;
+        [0, 1].map(|axis| focal[axis] * (bent[axis][0] * across + bent[axis][1] * down))
     }
 
     /// Where a pinhole of focal length 1 shows what the lens shows at a column and row.
@@ -88,6 +87,11 @@ pub(crate) mod tests {
 
     use super::*;
 
+    const BENT: Distortion = Distortion {
+        radial: [0.03, -0.03],
+        tangential: [0.001, -0.001],
+    };
+
     /// A camera 1.5 m over the table that looks straight down, as far as anybody knows.
     pub fn overhead() -> Calibration {
         Calibration {
@@ -100,10 +104,7 @@ pub(crate) mod tests {
     #[test]
     fn directions_and_pixels_are_inverse_to_each_other() {
         let camera = Calibration {
-            distortion: Distortion {
-                radial: [0.03, -0.03],
-                tangential: [0.001, -0.001],
-            },
+            distortion: BENT,
             extrinsics: Extrinsics {
                 rotation: DMat3::from_rotation_x(3.0) * DMat3::from_rotation_z(0.4),
                 translation: DVec3::new(0.1, -0.2, 1.4),
@@ -123,10 +124,7 @@ pub(crate) mod tests {
     #[test]
     fn slopes_are_differences() {
         let camera = Calibration {
-            distortion: Distortion {
-                radial: [0.03, -0.03],
-                tangential: [0.001, -0.001],
-            },
+            distortion: BENT,
             extrinsics: Extrinsics {
                 rotation: DMat3::IDENTITY,
                 translation: DVec3::ZERO,

@@ -95,9 +95,8 @@ impl Ring {
             (((pixel as f64 + 0.5) - self.centre[axis]) - self.offset[axis]) * self.aspect[axis]
         };
         let (dx, dy) = (from_middle(0, column), from_middle(1, row));
-        let distance = dx * dx + dy * dy;
         let [outer, inner] = self.radii.map(|radius| radius * radius);
-        distance < outer && distance >= inner
+        (inner..outer).contains(&(dx * dx + dy * dy))
     }
 }
 

@@ -12,10 +12,8 @@ pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
     /// Variance of four numbers that are even in 0..65536.
     const VARIANCE: f32 = 4.0 * (65536.0 * 65536.0 - 1.0) / 12.0;
     let bits: u64 = rng.random();
-    let sum: u64 = [0, 16, 32, 48]
-        .iter()
-        .map(|shift| bits >> shift & 0xffff)
-        .sum();
+    let part = |shift: u32| bits >> shift & 0xffff;
+    let sum: u64 = [0, 16, 32, 48].map(part).iter().sum();
     (sum as f32 - 2.0 * 65535.0) / VARIANCE.sqrt()
 }
 

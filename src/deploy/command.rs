@@ -16,7 +16,7 @@ use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
 use super::faults::FaultSweep;
-use super::options::{CameraOptions, RigOptions, RobotKind};
+use super::options::{RobotKind, SiteOptions};
 use super::rig::{Rig, Trial};
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
@@ -32,14 +32,9 @@ use super::table::{TrialScore, deployment_table};
     covers deploy assets/pretrained --dry-run"
 )]
 pub struct DeployOptions {
-    /// The folder of a run, or one that `covers pack` made.
-    pub run: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub rig: RigOptions,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub camera: CameraOptions,
+    pub site: SiteOptions,
     /// Trials of each variant.
     #[arg(long, default_value_t = 20, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub trials: usize,
@@ -77,13 +72,12 @@ impl DeployOptions {
     /// # Errors
     /// As [`Deployment::trial`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
-        let (settings, sight) = self.rig.settings()?;
-        let settings = (settings, self.camera.apply(sight)?);
+        let settings = self.site.rig.settings()?;
         if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
             return self.sweep(sweep, figures, settings, out);
         }
         let (settings, sight) = settings;
-        let mut deployment = self.deployment(sight)?;
+        let mut deployment = self.site.deployment(sight)?;
         let mut rig = self.simulated(settings, &deployment)?;
         if self.dry_run {
             // a table that is there, which a rehearsal does not set
@@ -105,8 +99,8 @@ impl DeployOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), CoversError> {
-        let sight = self.camera.apply(SightSettings::default())?;
-        self.act(&mut self.deployment(sight)?, rig, arm, out)
+        let mut deployment = self.site.deployment(SightSettings::default())?;
+        self.act(&mut deployment, rig, arm, out)
     }
 
     fn act(
@@ -133,17 +127,13 @@ impl DeployOptions {
         Trial {
             variant: group.variants()[0],
             number: 0,
-            seed: self.rig.seed,
+            seed: self.site.rig.seed,
         }
     }
 
     fn groups(&self) -> Result<Vec<TaskGroup>, CoversError> {
-        let schedule = RunFolder::open(&self.run).experiment()?.schedule;
+        let schedule = RunFolder::open(&self.site.run).experiment()?.schedule;
         schedule.chosen(self.task.as_deref(), &TaskRegistry::standard())
-    }
-
-    fn deployment(&self, sight: SightSettings) -> Result<Deployment, CoversError> {
-        Deployment::load(&RunFolder::open(&self.run), sight)
     }
 
     fn simulated(
@@ -151,7 +141,7 @@ impl DeployOptions {
         settings: SimulationSettings,
         deployment: &Deployment,
     ) -> Result<SimulatedRig, CoversError> {
-        let RobotKind::KinovaSim = self.rig.robot;
+        let RobotKind::KinovaSim = self.site.rig.robot;
         SimulatedRig::new(settings, *deployment.camera())
     }
 
@@ -173,7 +163,7 @@ impl DeployOptions {
         let mut swept = Vec::new();
         for (amount, (settings, sight)) in steps {
             say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
-            let mut deployment = self.deployment(sight)?;
+            let mut deployment = self.site.deployment(sight)?;
             let mut rig = self.simulated(settings, &deployment)?;
             let arm = rig.arm().clone();
             let scores = self.trials(out, &mut deployment, (&mut rig, &arm), &groups)?;
@@ -198,7 +188,7 @@ impl DeployOptions {
                 let trial = Trial {
                     variant,
                     number,
-                    seed: self.rig.seed,
+                    seed: self.site.rig.seed,
                 };
                 let mut strip = self.video.as_ref().map(|_| Strip::default());
                 let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;

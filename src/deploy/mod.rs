@@ -33,7 +33,7 @@ pub use command::DeployOptions;
 pub use deployment::Deployment;
 pub use dry_run::{Rehearsal, Withheld};
 pub use faults::{Fault, FaultAmount, FaultSweep};
-pub use options::{CameraOptions, Faults, RigOptions, RobotKind};
+pub use options::{CameraOptions, Faults, RigOptions, RobotKind, SiteOptions};
 pub use rig::{Rig, SetUp, Trial, Verdict};
 pub use settings::SightSettings;
 pub use simulated::{SimulatedRig, SimulationSettings};

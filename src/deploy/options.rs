@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use crate::error::CoversError;
+use crate::runs::RunFolder;
 
 use super::calibrate::CalibrationFile;
+use super::deployment::Deployment;
 use super::faults::FaultAmount;
 use super::settings::SightSettings;
 use super::simulated::SimulationSettings;
@@ -69,6 +71,30 @@ pub struct CameraOptions {
     /// The camera's calibration as `covers calibrate` wrote it, in place of the robot's own.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+}
+
+/// Whose policies act on which robot, and how its camera is seen.
+#[derive(Clone, Debug, Args)]
+pub struct SiteOptions {
+    /// The folder of a run, or one that `covers pack` made.
+    pub run: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub rig: RigOptions,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub camera: CameraOptions,
+}
+
+impl SiteOptions {
+    /// The policies, which look through the camera with these settings, or with its calibration
+    /// from a file.
+    ///
+    /// # Errors
+    /// As [`CameraOptions::apply`] and [`Deployment::load`].
+    pub fn deployment(&self, sight: SightSettings) -> Result<Deployment, CoversError> {
+        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(sight)?)
+    }
 }
 
 impl CameraOptions {

@@ -117,11 +117,10 @@ impl<'a> Fit<'a> {
     /// The normal equations of the step that would bring the residuals to zero.
     pub fn equations(&self) -> Equations {
         let mut equations = Equations::new(self.free());
-        for (sighting, residual) in self.sightings.iter().zip(&self.residuals) {
-            for (row, value) in self.rows(sighting).iter().zip(residual) {
-                equations.add(row, *value);
-            }
-        }
+        let seen = self.sightings.iter().zip(&self.residuals);
+        let rows =
+            seen.flat_map(|(sighting, residual)| self.rows(sighting).into_iter().zip(residual));
+        rows.for_each(|(row, &value)| equations.add(&row, value));
         equations
     }
 

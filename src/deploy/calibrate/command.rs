@@ -160,19 +160,14 @@ fn uncertainty(of: &Uncertainty) -> Value {
 
 /// The result for programs.
 fn object(calibrated: &Calibrated) -> Value {
-    let Calibrated {
-        before,
-        found,
-        left_out,
-    } = calibrated;
-    let [moved, turned] = apart(&found.calibration, before);
+    let found = &calibrated.found;
+    let [moved, turned] = apart(&found.calibration, &calibrated.before);
     let residuals = found
         .residuals
         .iter()
         .map(|of| json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": 1e3 * of.on_table}));
-    let left_out = left_out
-        .iter()
-        .map(|left| json!({"pose": left.pose, "why": left.why}));
+    let left_out = calibrated.left_out.iter();
+    let left_out = left_out.map(|left| json!({"pose": left.pose, "why": left.why}));
     json!({
         "calibration": CalibrationFile::from(&found.calibration),
         "ball_in_hand_mm": millimetres(found.offset),

@@ -149,12 +149,8 @@ mod tests {
             ("[615.0,615.0]", "[615.0,-1]", "focal length"),
             ("[615.0,615.0]", "[615.0,1e999]", "no JSON"),
             ("0.01,", "3.0,", "distortion"),
-            (
-                "\"rotation\":[[",
-                "\"rotation\":[[3.0,0.0,0.0],[",
-                "rotation",
-            ),
-            ("\"rotation\":[[", "\"rotation\":[[9", "rotation"),
+            ("n\":[[", "n\":[[3.0,0.0,0.0],[", "rotation"),
+            ("n\":[[", "n\":[[9", "rotation"),
             ("}", "", "JSON"),
         ] {
             let spoilt = text.replacen(part, other, 1);

@@ -18,10 +18,6 @@ use super::overlay::overlay;
 const DIFFERENT: u8 = 18;
 /// Of a pixel and the eight around it, those that must differ.
 const MAJORITY: usize = 5;
-/// Largest part of the arm in any pose that a mask may leave in the picture.
-pub(super) const LARGEST_OUTSIDE: f64 = 0.02;
-/// Smallest mean overlap: below it the mask hides far more than the arm.
-pub(super) const LEAST_OVERLAP: f64 = 0.5;
 
 /// The mask of a pose beside the arm. The shares are of pixels of the policy's view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -48,7 +44,26 @@ pub struct MaskCheck {
     pub left_out: Vec<LeftOut>,
 }
 
+/// Sets the table; how the arm is seen there, and the picture of the empty table.
+fn watch(
+    deployment: &Deployment,
+    rig: &mut dyn Rig,
+    arm: &Arm,
+    trial: &Trial,
+) -> Result<(Sight, Vec<u8>), CoversError> {
+    let set_up = rig.set_up(trial);
+    let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
+    let start = rig.state()?;
+    let sight = deployment.sight(rig, arm, &set_up, start)?;
+    Ok((sight, set_up.background))
+}
+
 impl MaskCheck {
+    /// Largest part of the arm in any pose that a mask may leave in the picture.
+    pub const LARGEST_OUTSIDE: f64 = 0.02;
+    /// Smallest mean overlap: below it the mask hides far more than the arm.
+    pub const LEAST_OVERLAP: f64 = 0.5;
+
     /// Lets the arm go to `poses` over the table of `trial`, which should be empty, and holds the
     /// mask that `deployment` would use to the picture. The robot is told to stop at the end, and
     /// before an error is returned.
@@ -63,25 +78,26 @@ impl MaskCheck {
         poses: &[Pose],
         trial: &Trial,
     ) -> Result<Self, CoversError> {
-        let measured = Self::visit_all(deployment, rig, arm, poses, trial);
+        let size = deployment.camera().size;
+        let watched = watch(deployment, rig, arm, trial);
+        let measured = watched.and_then(|(sight, background)| {
+            Self::visit_all(
+                rig,
+                arm,
+                poses,
+                (sight, background, vec![0; 3 * size * size]),
+            )
+        });
         then_stop(rig, measured)
     }
 
     fn visit_all(
-        deployment: &Deployment,
         rig: &mut dyn Rig,
         arm: &Arm,
         poses: &[Pose],
-        trial: &Trial,
+        (mut sight, mut picture, mut seen): (Sight, Vec<u8>, Vec<u8>),
     ) -> Result<Self, CoversError> {
-        let set_up = rig.set_up(trial);
-        let set_up = set_up.map_err(|source| CoversError::Rig { source })?;
-        let start = rig.state()?;
-        let mut sight = deployment.sight(rig, arm, &set_up, start)?;
-        let size = deployment.camera().size;
-        let mut seen = vec![0; 3 * size * size];
         let mut check = Self::default();
-        let mut picture = set_up.background;
         for (number, target) in poses.iter().enumerate() {
             let pose = number + 1;
             match visit(rig, arm, target, &mut picture) {
@@ -126,8 +142,8 @@ impl MaskCheck {
     /// Whether the mask leaves at most 2 % of the arm in any pose, and overlaps with it by at least
     /// half on average.
     pub fn holds(&self) -> bool {
-        let hidden = |row: &MaskRow| row.outside <= LARGEST_OUTSIDE;
-        self.rows.iter().all(hidden) && self.overlap() >= LEAST_OVERLAP
+        let hidden = |row: &MaskRow| row.outside <= Self::LARGEST_OUTSIDE;
+        self.rows.iter().all(hidden) && self.overlap() >= Self::LEAST_OVERLAP
     }
 }
 

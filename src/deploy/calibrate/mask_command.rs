@@ -9,14 +9,13 @@ use envs::carriers::Arm;
 use crate::cli::say;
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
-use crate::runs::RunFolder;
 
 use super::super::deployment::Deployment;
-use super::super::options::{CameraOptions, RigOptions, RobotKind};
+use super::super::options::{RobotKind, SiteOptions};
 use super::super::rig::{Rig, Trial};
 use super::super::settings::SightSettings;
 use super::super::simulated::SimulatedRig;
-use super::mask::{LARGEST_OUTSIDE, LEAST_OVERLAP, MaskCheck};
+use super::mask::MaskCheck;
 use super::poses::poses;
 
 /// The mask of which policies, on which robot.
@@ -26,14 +25,9 @@ use super::poses::poses;
                         --pictures masks"
 )]
 pub struct MaskOptions {
-    /// The folder of a run, or one that `covers pack` made, whose policies shall not see the arm.
-    pub run: PathBuf,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub rig: RigOptions,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub camera: CameraOptions,
+    pub site: SiteOptions,
     /// Folder for a picture (PNG) of each pose: green where mask and arm agree, red where the mask
     /// leaves the arm, blue where it hides table.
     #[arg(long, value_name = "DIR")]
@@ -49,9 +43,9 @@ impl MaskOptions {
     /// # Errors
     /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
-        let (settings, sight) = self.rig.settings()?;
-        let deployment = self.deployment(sight)?;
-        let RobotKind::KinovaSim = self.rig.robot;
+        let (settings, sight) = self.site.rig.settings()?;
+        let deployment = self.site.deployment(sight)?;
+        let RobotKind::KinovaSim = self.site.rig.robot;
         let mut rig = SimulatedRig::new(settings, *deployment.camera())?;
         let arm = rig.arm().clone();
         self.check(&deployment, &mut rig, &arm, out)
@@ -68,12 +62,8 @@ impl MaskOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, CoversError> {
-        let deployment = self.deployment(SightSettings::default())?;
+        let deployment = self.site.deployment(SightSettings::default())?;
         self.check(&deployment, rig, arm, out)
-    }
-
-    fn deployment(&self, sight: SightSettings) -> Result<Deployment, CoversError> {
-        Deployment::load(&RunFolder::open(&self.run), self.camera.apply(sight)?)
     }
 
     fn check(
@@ -83,7 +73,7 @@ impl MaskOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, CoversError> {
-        let trial = Trial::on_empty_table(self.rig.seed);
+        let trial = Trial::on_empty_table(self.site.rig.seed);
         let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
         if let Some(folder) = &self.pictures {
             write(&check, folder)?;
@@ -120,16 +110,17 @@ fn table(check: &MaskCheck) -> String {
     }));
     let left_out = check.left_out.iter();
     lines.extend(left_out.map(|left| format!("pose {} was left out: {}", left.pose, left.why)));
+    let verdict = match check.holds() {
+        true => "holds",
+        false => "DOES NOT HOLD",
+    };
     lines.push(format!(
         "the mask {}: at most {:.0} % of the arm may be outside in any pose, and the mean overlap, \
-         {:.2}, must be at least {LEAST_OVERLAP}",
-        if check.holds() {
-            "holds"
-        } else {
-            "DOES NOT HOLD"
-        },
-        100.0 * LARGEST_OUTSIDE,
-        check.overlap()
+         {:.2}, must be at least {}",
+        verdict,
+        100.0 * MaskCheck::LARGEST_OUTSIDE,
+        check.overlap(),
+        MaskCheck::LEAST_OVERLAP
     ));
     lines.join("\n")
 }

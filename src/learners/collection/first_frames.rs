@@ -243,7 +243,7 @@ mod tests {
     }
 
     fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
-        let episodes = first_frames(rollout, k).into_iter();
+        let episodes = first_frames(rollout, 0, k).into_iter();
         episodes
             .map(|episode| episode.observations.images)
             .collect()
