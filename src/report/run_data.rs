@@ -72,9 +72,10 @@ impl RunData {
         })
     }
 
-    /// Seconds of learning.
-    pub fn seconds(&self) -> f64 {
-        self.timings.iter().map(|row| row.total).sum()
+    /// Seconds of learning, where those of every rollout are known.
+    pub fn seconds(&self) -> Option<f64> {
+        let all = self.timings.len() == self.rollouts.len();
+        all.then(|| self.timings.iter().fold(0.0, |sum, row| sum + row.total))
     }
 
     /// The commits that the run was made by, each once, those of changed trees marked.
@@ -245,5 +246,20 @@ impl RunData {
             units: Vec::new(),
             recognition: Vec::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+
+    #[test]
+    fn a_run_has_seconds_where_every_rollout_has() {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        assert_eq!(run.seconds(), Some(0.0));
+        // of a process after a crash that took the table with it
+        run.timings = vec![TimingRow::default()];
+        assert_eq!(run.seconds(), None);
     }
 }

@@ -128,7 +128,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     let mut mean_of = |figure: fn(&Figures) -> Result<f64, Undefined>| {
         cell(table, &figures().map(figure).collect::<Vec<_>>())
     };
-    let seconds: Vec<f64> = method.runs.iter().map(RunData::seconds).collect();
+    let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::seconds).collect();
     vec![
         title,
         method.runs.len().to_string(),
@@ -143,7 +143,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
         range(figures().map(|figures| figures.policies)),
         share(figures().map(|figures| figures.rollouts)),
         mean_of(|figures| figures.dormant),
-        format!("{:.0}", mean(&seconds)),
+        whole(seconds.map(|seconds| mean(&seconds))),
     ]
 }
 
@@ -246,12 +246,17 @@ fn runs(methods: &[MethodRuns]) -> Table {
                 format!("{:.1}", average(|group| group.reward)),
                 figures.policies.to_string(),
                 figures.decisions.to_string(),
-                format!("{:.0}", run.seconds()),
+                whole(run.seconds()),
                 run.commits().join(", "),
             ]);
         }
     }
     table
+}
+
+/// A figure without decimals, where there is one.
+fn whole(figure: Option<f64>) -> String {
+    figure.map_or_else(dash, |figure| format!("{figure:.0}"))
 }
 
 /// The least and the largest of some counts.
