@@ -1,6 +1,7 @@
 //! Finds a ball of a known colour in a picture, to a part of a pixel.
 
 use crate::error::{InpaintingError, check_picture, require};
+use crate::moments::Moments;
 
 /// Fewest pixels of a ball: fewer are noise.
 const LEAST: usize = 20;
@@ -13,8 +14,11 @@ const SEED: f64 = 0.35;
 const EDGE: [f64; 2] = [0.1, 0.7];
 /// Cosine of the largest angle between the hues of a pixel and of the ball.
 const SAME_HUE: f64 = 0.8;
-/// How much longer than wide a disc may be: a ball at a picture's edge is an ellipse.
+/// How much longer than wide a disc may be: a ball 40 degrees off the optical axis is an ellipse.
 const ROUND: f64 = 1.3;
+/// How lopsided a disc may be, as [`Moments::lopsidedness`] has it. One is more lopsided from where
+/// on a chord hides a sixteenth of it, which moves its middle by 0.04 of its radius.
+const EVEN: f64 = 0.06;
 
 /// A ball of one strong colour, which nothing else in the picture has.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,12 +32,13 @@ impl Ball {
     /// first one is at one half).
     ///
     /// It is the middle of the ball's outline. Of a ball of 40 mm at 1.3 m, that is at most 0.07
-    /// pixels farther out than the ball's own middle.
+    /// pixels farther out than the ball's own middle. Where a straight edge hides so little of the
+    /// ball that it passes, the middle is off by at most a twentieth of the radius.
     ///
     /// # Errors
     /// [`InpaintingError::NoBall`], [`InpaintingError::SeveralBalls`], [`InpaintingError::NoDisc`]
-    /// for one that is partly hidden; [`InpaintingError::Value`] for a colour that is nearly grey,
-    /// and [`InpaintingError::Length`].
+    /// for one more than a sixteenth of which is hidden; [`InpaintingError::Value`] for a colour
+    /// that is nearly grey, and [`InpaintingError::Length`].
     pub fn find(&self, picture: &[u8], width: usize) -> Result<[f64; 2], InpaintingError> {
         let hue = self.hue()?;
         let height = picture.len() / 3 / width.max(1);
@@ -164,54 +169,16 @@ fn outline(
         let place = [(pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5];
         (weight, place)
     });
-    let moments = Moments::of(weighed);
+    let moments = Moments::of(&weighed.collect::<Vec<_>>());
     let place = moments.middle();
     let cut = spot.iter().any(|pixel| {
         let (column, row) = (pixel % width, pixel / width);
         column == 0 || row == 0 || column + 1 == width || row + 1 == height
     });
-    match cut || moments.elongation() > ROUND {
-        true => Err(InpaintingError::NoDisc { place }),
-        false => Ok(place),
-    }
-}
-
-/// Sums of weights, of weighed places and of their products.
-#[derive(Default)]
-struct Moments {
-    weight: f64,
-    first: [f64; 2],
-    /// Column squared, column times row, row squared.
-    second: [f64; 3],
-}
-
-impl Moments {
-    fn of(weighed: impl Iterator<Item = (f64, [f64; 2])>) -> Self {
-        let mut sums = Self::default();
-        for (weight, [x, y]) in weighed {
-            sums.weight += weight;
-            for (sum, part) in sums.first.iter_mut().zip([x, y]) {
-                *sum += weight * part;
-            }
-            for (sum, part) in sums.second.iter_mut().zip([x * x, x * y, y * y]) {
-                *sum += weight * part;
-            }
-        }
-        sums
-    }
-
-    fn middle(&self) -> [f64; 2] {
-        self.first.map(|sum| sum / self.weight)
-    }
-
-    /// Length over width of the ellipse with these moments.
-    fn elongation(&self) -> f64 {
-        let [x, y] = self.middle();
-        let [xx, xy, yy] = self.second.map(|sum| sum / self.weight);
-        let (across, mixed, down) = (xx - x * x, xy - x * y, yy - y * y);
-        let half = (across + down) / 2.0;
-        let apart = ((across - down) / 2.0).hypot(mixed);
-        ((half + apart) / (half - apart)).sqrt()
+    let whole = !cut && moments.elongation() <= ROUND && moments.lopsidedness() <= EVEN;
+    match whole {
+        true => Ok(place),
+        false => Err(InpaintingError::NoDisc { place }),
     }
 }
 
@@ -282,12 +249,53 @@ mod tests {
         let message = find(&[([2.0, 30.0], 8.0)]).unwrap_err().to_string();
         assert!(message.contains("no disc"), "{message}");
         // an arm over half of it
-        let mut hidden = picture(&[ball], 1.0);
-        for row in 0..30 {
-            hidden[row * 3 * SIZE[0]..][..3 * SIZE[0]].fill(160);
-        }
+        let hidden = behind_an_arm(ball, 30);
         let message = BALL.find(&hidden, SIZE[0]).unwrap_err().to_string();
         assert!(message.contains("partly hidden"), "{message}");
+    }
+
+    /// A ball with a grey arm over it, which ends at a row.
+    fn behind_an_arm(ball: ([f64; 2], f64), end: usize) -> Vec<u8> {
+        let mut seen = picture(&[ball], 1.0);
+        seen[..end * 3 * SIZE[0]].fill(160);
+        seen
+    }
+
+    /// A fifth is hidden at half the radius. What passes is hardly off.
+    #[test]
+    fn a_ball_of_which_a_fifth_is_hidden_is_refused() {
+        let middle = [40.0, 30.0];
+        for radius in [5.0, 8.0, 10.0, 12.0] {
+            let top = 30 - radius as usize;
+            let a_fifth = 30 - (radius / 2.0) as usize;
+            for end in top..42 {
+                match BALL.find(&behind_an_arm((middle, radius), end), SIZE[0]) {
+                    Err(_) => assert_ne!(end, top, "{radius}: nothing is hidden"),
+                    Ok([x, y]) => {
+                        let off = (x - middle[0]).hypot(y - middle[1]);
+                        assert!(off < 0.05 * radius, "{radius}, {end}: {off}");
+                        assert!(end < a_fifth, "{radius}, {end}");
+                    }
+                }
+            }
+        }
+    }
+
+    /// The width of a line is a little less than nothing for some, by rounding.
+    #[test]
+    fn a_line_is_no_disc() {
+        for (length, column) in (22..=60).flat_map(|length| [(length, 7), (length, 63)]) {
+            let mut seen = picture(&[], 1.0);
+            for row in 0..length {
+                let shade = 1.0 - 0.3 * row as f64 / length as f64;
+                let pixel = 3 * ((row + 5) * SIZE[0] + column);
+                seen[pixel..pixel + 3]
+                    .copy_from_slice(&[255.0, 0.0, 255.0].map(|level: f64| (shade * level) as u8));
+            }
+            let found = BALL.find(&seen, SIZE[0]);
+            let refused = matches!(found, Err(InpaintingError::NoDisc { .. }));
+            assert!(refused, "{length}, {column}: {found:?}");
+        }
     }
 
     /// Balls of other hues are no balls, and the darkest and brightest pictures hold none.

@@ -12,6 +12,7 @@ mod imperfections;
 mod inpainter;
 mod links;
 mod mark;
+mod moments;
 mod noise;
 mod perception;
 mod sensor;

@@ -1,0 +1,124 @@
+//! How a spot of weighed pixels is shaped.
+
+use std::f64::consts::PI;
+
+/// Directions in half a turn in which a spot's lopsidedness is looked for.
+const DIRECTIONS: usize = 36;
+
+/// The middle of a spot, and the means of products of its pixels' distances to it.
+pub(crate) struct Moments {
+    middle: [f64; 2],
+    /// Column squared, column times row, row squared.
+    second: [f64; 3],
+    /// Column cubed, column squared times row, column times row squared, row cubed.
+    third: [f64; 4],
+}
+
+impl Moments {
+    /// Of pixels, each with its weight; the weights do not add up to zero.
+    pub fn of(weighed: &[(f64, [f64; 2])]) -> Self {
+        let [_, x, y] = sums(weighed, |[x, y]| [1.0, x, y]);
+        let all: f64 = weighed.iter().map(|(weight, _)| weight).sum();
+        let middle = [x / all, y / all];
+        let off = |[x, y]: [f64; 2]| [x - middle[0], y - middle[1]];
+        let second = sums(weighed, |place| {
+            let [x, y] = off(place);
+            [x * x, x * y, y * y]
+        });
+        let third = sums(weighed, |place| {
+            let [x, y] = off(place);
+            [x * x * x, x * x * y, x * y * y, y * y * y]
+        });
+        Self {
+            middle,
+            second: second.map(|sum| sum / all),
+            third: third.map(|sum| sum / all),
+        }
+    }
+
+    /// Column and row of the middle.
+    pub fn middle(&self) -> [f64; 2] {
+        self.middle
+    }
+
+    /// Length over width of the ellipse with these moments; infinite for a line.
+    pub fn elongation(&self) -> f64 {
+        let [across, mixed, down] = self.second;
+        let half = (across + down) / 2.0;
+        let apart = ((across - down) / 2.0).hypot(mixed);
+        // rounding may take a line's width below nothing
+        ((half + apart) / (half - apart).max(0.0)).sqrt()
+    }
+
+    /// The largest skewness along any direction: zero for all that half a turn leaves as it is,
+    /// ellipses among it.
+    pub fn lopsidedness(&self) -> f64 {
+        let angles = (0..DIRECTIONS).map(|step| PI * step as f64 / DIRECTIONS as f64);
+        angles.map(|angle| self.skewness(angle)).fold(0.0, f64::max)
+    }
+
+    /// The third moment along a direction over the second one's power of 3/2.
+    fn skewness(&self, angle: f64) -> f64 {
+        let (s, c) = angle.sin_cos();
+        let [xx, xy, yy] = self.second;
+        let [xxx, xxy, xyy, yyy] = self.third;
+        let second = xx * c * c + 2.0 * xy * c * s + yy * s * s;
+        let third = c * c * (xxx * c + 3.0 * xxy * s) + s * s * (3.0 * xyy * c + yyy * s);
+        third.abs() / second.powf(1.5)
+    }
+}
+
+fn sums<const N: usize>(
+    weighed: &[(f64, [f64; 2])],
+    parts: impl Fn([f64; 2]) -> [f64; N],
+) -> [f64; N] {
+    let mut sums = [0.0; N];
+    for &(weight, place) in weighed {
+        for (sum, part) in sums.iter_mut().zip(parts(place)) {
+            *sum += weight * part;
+        }
+    }
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An ellipse of these half axes, turned, without what is beyond a line.
+    fn ellipse([long, short]: [f64; 2], turn: f64, cut: f64) -> Vec<(f64, [f64; 2])> {
+        let (s, c) = turn.sin_cos();
+        let pixels = (0..200 * 200).map(|i| [f64::from(i % 200), f64::from(i / 200)]);
+        let inside = |[x, y]: &[f64; 2]| {
+            let [x, y] = [x - 99.5, y - 99.5];
+            let [along, across] = [(c * x + s * y) / long, (c * y - s * x) / short];
+            along.hypot(across) < 1.0 && along < cut
+        };
+        pixels.filter(inside).map(|place| (0.5, place)).collect()
+    }
+
+    #[test]
+    fn whole_ellipses_are_long_and_not_lopsided() {
+        for turn in [0.0, 0.4, 1.3] {
+            let moments = Moments::of(&ellipse([84.0, 70.0], turn, 1.0));
+            let [x, y] = moments.middle();
+            assert!((x - 99.5).hypot(y - 99.5) < 1e-9);
+            assert!((moments.elongation() - 1.2).abs() < 0.01);
+            assert!(moments.lopsidedness() < 1e-9);
+        }
+    }
+
+    /// A cut across the long axis makes an ellipse rounder, and lopsided.
+    #[test]
+    fn an_ellipse_that_is_cut_round_is_lopsided() {
+        let moments = Moments::of(&ellipse([84.0, 70.0], 0.4, 0.6));
+        assert!(moments.elongation() < 1.1, "{}", moments.elongation());
+        assert!(moments.lopsidedness() > 0.15, "{}", moments.lopsidedness());
+    }
+
+    #[test]
+    fn lines_are_infinitely_long() {
+        let line: Vec<_> = (0..30).map(|i| (1.0, [7.5, f64::from(i)])).collect();
+        assert_eq!(Moments::of(&line).elongation(), f64::INFINITY);
+    }
+}
