@@ -113,6 +113,20 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), 
     written.map_err(|error| CoversError::write(path, error))
 }
 
+/// Sees whether [`replace`] could write `path`, and leaves everything as it is.
+///
+/// # Errors
+/// [`CoversError::Write`].
+pub(crate) fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), CoversError> {
+    let partial = path.with_added_extension(PARTIAL);
+    let tried = match path.is_dir() {
+        true => Err(std::io::ErrorKind::IsADirectory.into()),
+        false => disk.write(&partial, &[]),
+    };
+    let tried = tried.and_then(|()| disk.remove(&partial));
+    tried.map_err(|error| CoversError::write(path, error))
+}
+
 /// The folder that a file or a folder is in.
 pub(crate) fn folder_of(path: &Path) -> &Path {
     match path.parent() {

@@ -15,7 +15,7 @@ use crate::render::gif;
 use crate::runs::RunFolder;
 
 use super::deployment::Deployment;
-use super::faults::FaultSweep;
+use super::faults::{Fault, FaultSweep};
 use super::options::{RobotKind, SiteOptions};
 use super::rig::{Rig, Trial};
 use super::settings::SightSettings;
@@ -145,6 +145,20 @@ impl DeployOptions {
         SimulatedRig::new(settings, *deployment.camera())
     }
 
+    /// Refuses errors of a calibration that a file would take the place of.
+    fn check_sweep(&self, fault: Fault) -> Result<(), CoversError> {
+        let replaced = matches!(fault, Fault::PositionError | Fault::AngleError);
+        if !replaced || self.site.camera.calibration.is_none() {
+            return Ok(());
+        }
+        Err(CoversError::Setting {
+            name: "sweep",
+            value: fault.name().to_owned(),
+            expected: "another fault, or no --calibration: the file takes the place of the \
+                       calibration that would be wrong, so all amounts would be one",
+        })
+    }
+
     /// Runs all trials for each amount of a fault.
     fn sweep(
         &self,
@@ -153,6 +167,7 @@ impl DeployOptions {
         settings: (SimulationSettings, SightSettings),
         out: &mut impl Write,
     ) -> Result<(), CoversError> {
+        self.check_sweep(sweep.fault)?;
         let groups = self.groups()?;
         let steps = sweep.amounts.iter().map(|&amount| {
             let settings = sweep.fault.set(amount, settings)?;

@@ -12,7 +12,7 @@ use robots::{CartesianControl, Command, ControlError, Robot, RobotState, Twist, 
 use crate::error::CoversError;
 
 use super::pilot::TICK;
-use super::rig::{Rig, SetUp, Trial, Verdict};
+use super::rig::{Rig, SetUp, Trial, Verdict, fresh_picture};
 use super::stages::{Stage, Stages};
 
 /// A command that was not sent.
@@ -154,11 +154,15 @@ impl Robot for DryRun<'_> {
 }
 
 impl Rig for DryRun<'_> {
-    /// The table as it is, with the arm where it is. What the arm hides is taken to be empty table.
+    /// The table as it is, with the arm where it is, in a picture as fresh as those of decisions.
+    /// What the arm hides is taken to be empty table.
     fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxError> {
         let inside = self.calibration().intrinsics;
         let mut background = vec![0; 3 * inside.width * inside.height];
-        self.rig.picture(&mut background)?;
+        fresh_picture(self.rig, &mut background).map_err(|error| match error {
+            CoversError::Rig { source } => source,
+            other => other.into(),
+        })?;
         Ok(SetUp {
             background,
             parked: self.rig.state()?,

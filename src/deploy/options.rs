@@ -42,7 +42,7 @@ pub struct RigOptions {
     #[arg(long, value_enum, default_value = "nominal")]
     pub faults: Faults,
     /// So much of one fault instead, as `position-error=30`, with the names and units of `covers
-    /// deploy --sweep`; may be given several times.
+    /// deploy --sweep`; may be given several times, for one fault each.
     #[arg(long, value_name = "FAULT=AMOUNT")]
     pub fault: Vec<FaultAmount>,
 }
@@ -51,14 +51,21 @@ impl RigOptions {
     /// What is wrong with a simulated rig, and how pictures are looked at.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for amounts out of range.
+    /// [`CoversError::Setting`] for amounts out of range, and for two amounts of one fault.
     pub fn settings(&self) -> Result<(SimulationSettings, SightSettings), CoversError> {
         let settings = match self.faults {
             Faults::Off => SimulationSettings::OFF,
             Faults::Nominal => SimulationSettings::NOMINAL,
         };
         let mut settings = (settings, SightSettings::default());
-        for FaultAmount { fault, amount } in &self.fault {
+        for (number, FaultAmount { fault, amount }) in self.fault.iter().enumerate() {
+            if self.fault[..number].iter().any(|of| of.fault == *fault) {
+                return Err(CoversError::Setting {
+                    name: "fault",
+                    value: format!("{}, twice", fault.name()),
+                    expected: "each fault once",
+                });
+            }
             settings = fault.set(*amount, settings)?;
         }
         Ok(settings)

@@ -75,6 +75,37 @@ pub(super) fn then_stop<T>(
     }
 }
 
+/// A picture that is older stops the arm.
+pub(super) const OLDEST: Duration = Duration::from_millis(500);
+
+/// Copies the camera's newest picture into `rgb`, and says when it was taken.
+///
+/// # Errors
+/// [`CoversError::Rig`]; [`CoversError::PictureOfTheFuture`] for a camera whose clock is ahead.
+pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duration, CoversError> {
+    let taken = rig.picture(rgb);
+    let taken = taken.map_err(|source| CoversError::Rig { source })?;
+    let now = rig.now();
+    if taken > now {
+        let ahead = taken - now;
+        return Err(CoversError::PictureOfTheFuture { ahead });
+    }
+    Ok(taken)
+}
+
+/// The same of a picture that is at most [`OLDEST`].
+///
+/// # Errors
+/// As [`newest_picture`]; [`CoversError::StalePicture`].
+pub(super) fn fresh_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Duration, CoversError> {
+    let taken = newest_picture(rig, rgb)?;
+    let (age, most) = (rig.now() - taken, OLDEST);
+    match age > most {
+        true => Err(CoversError::StalePicture { age, most }),
+        false => Ok(taken),
+    }
+}
+
 /// A robot with its table, its camera and its clock.
 ///
 /// All places are in the frame of the policy: its origin is the middle of the table, x points

@@ -11,11 +11,8 @@ use robots::RobotState;
 use crate::error::CoversError;
 
 use super::past::Past;
-use super::rig::{Rig, SetUp};
+use super::rig::{OLDEST, Rig, SetUp, fresh_picture};
 use super::settings::SightSettings;
-
-/// A picture that is older stops the arm.
-const OLDEST: Duration = Duration::from_millis(500);
 
 /// The perception of an arm that tells where its joints are.
 pub(super) struct Sight {
@@ -62,18 +59,7 @@ impl Sight {
 
     /// Takes a picture.
     pub fn shoot(&mut self, rig: &mut dyn Rig) -> Result<(), CoversError> {
-        let taken = rig.picture(&mut self.picture);
-        let taken = taken.map_err(|source| CoversError::Rig { source })?;
-        let now = rig.now();
-        if taken > now {
-            let ahead = taken - now;
-            return Err(CoversError::PictureOfTheFuture { ahead });
-        }
-        let age = now - taken;
-        if age > OLDEST {
-            return Err(CoversError::StalePicture { age, most: OLDEST });
-        }
-        self.taken = taken;
+        self.taken = fresh_picture(rig, &mut self.picture)?;
         Ok(())
     }
 

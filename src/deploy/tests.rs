@@ -17,6 +17,7 @@ use robots::{
 use symmetry::D2;
 
 use super::deployment::check;
+use super::dry_run::DryRun;
 use super::{
     Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage, Trial, Verdict,
     Withheld,
@@ -257,6 +258,32 @@ fn a_rehearsal_sends_nothing_to_the_robot() {
             .to_string()
             .contains("the cable is loose")
     );
+}
+
+/// Its background is taken before any decision, and must show the table as it is now.
+#[test]
+fn a_rehearsal_takes_no_old_background() {
+    let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
+    for (camera, says) in [
+        ((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"),
+        (ahead, "2 ms from now"),
+    ] {
+        let mut rig = dry_rig(camera);
+        rig.wait(Duration::from_secs(1)).unwrap();
+        let set_up = DryRun::new(&mut rig, &arm()).unwrap().set_up(&TRIAL);
+        let message = set_up.unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[test]
+fn a_rehearsal_without_a_table_is_refused() {
+    let mut deployment = deployment();
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let arm = rig.arm().clone();
+    let failed = deployment.rehearse(&mut rig, &arm, &TRIAL);
+    assert!(matches!(failed, Err(CoversError::Rig { .. })));
 }
 
 /// The policy was trained with another arm, and sees this one through a camera with all faults.

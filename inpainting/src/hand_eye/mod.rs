@@ -93,14 +93,15 @@ impl HandEye {
         })
     }
 
-    /// Root of the mean square of the residuals: in the picture (pixels), and on the table (metres).
-    pub fn rms(&self) -> [f64; 2] {
-        let squares = self
-            .residuals
-            .iter()
-            .map(|of| [of.pixels.powi(2), of.on_table.powi(2)]);
-        let sums = squares.fold([0.0; 2], |[a, b], [pixels, table]| [a + pixels, b + table]);
-        sums.map(|sum: f64| (sum / self.residuals.len() as f64).sqrt())
+    /// Root of the mean square of the residuals in the picture (pixels).
+    pub fn rms(&self) -> f64 {
+        let all = self.residuals.iter().map(|of| of.pixels);
+        root_mean_square(all).unwrap_or_default()
+    }
+
+    /// The same on the table (metres), of the poses whose lines of sight meet it; none of none.
+    pub fn rms_on_table(&self) -> Option<f64> {
+        root_mean_square(self.residuals.iter().filter_map(|of| of.on_table))
     }
 
     /// The largest residual; none of no poses.
@@ -108,6 +109,12 @@ impl HandEye {
         let residuals = self.residuals.iter();
         residuals.max_by(|a, b| a.pixels.total_cmp(&b.pixels))
     }
+}
+
+fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let squares: Vec<f64> = values.map(|value| value * value).collect();
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    (!squares.is_empty()).then(|| mean.sqrt())
 }
 
 fn check(

@@ -172,8 +172,8 @@ impl<'a> Fit<'a> {
                 pose: sighting.pose,
                 pixels: right.hypot(*down),
                 on_table: match places {
-                    [Some(seen), Some(expected)] => seen.distance(expected),
-                    _ => f64::INFINITY,
+                    [Some(seen), Some(expected)] => Some(seen.distance(expected)),
+                    _ => None,
                 },
             }
         };

@@ -34,6 +34,7 @@ pub struct Residual {
     pub pose: usize,
     /// In the picture (pixels).
     pub pixels: f64,
-    /// On the table, the plane z = 0, along the two lines of sight (metres).
-    pub on_table: f64,
+    /// On the table, the plane z = 0, along the two lines of sight (metres); none where one of them
+    /// does not meet it.
+    pub on_table: Option<f64>,
 }

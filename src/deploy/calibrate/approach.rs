@@ -8,7 +8,7 @@ use robots::{Command, Pose, RobotState};
 use crate::error::CoversError;
 
 use super::super::pilot::TICK;
-use super::super::rig::Rig;
+use super::super::rig::{Rig, newest_picture};
 
 /// Rate (1/s) at which what is left of the way is covered: slow enough for an arm that obeys late.
 const RATE: f64 = 4.0;
@@ -16,8 +16,8 @@ const RATE: f64 = 4.0;
 const NEAR: [f64; 2] = [0.003, 0.02];
 /// Longest time for one way.
 const LONGEST: Duration = Duration::from_secs(20);
-/// The hand stands if it moves less than this (metres) ...
-const STILL: f64 = 1e-4;
+/// The hand stands if it moves and turns less than this (metres, radians) ...
+const STILL: [f64; 2] = [1e-4, 5e-4];
 /// ... within this time.
 const PAUSE: Duration = Duration::from_millis(100);
 /// How long a hand may take to stand, and a picture to come.
@@ -51,36 +51,53 @@ pub fn approach(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), Cover
     }
 }
 
+/// A hand that stands.
+#[derive(Clone, Debug)]
+pub struct Standing {
+    /// From when on it does.
+    pub since: Duration,
+    /// Where.
+    pub state: RobotState,
+}
+
 /// Waits until the hand stands, copies a picture into `rgb` that shows it so, and says where it is.
 ///
 /// # Errors
 /// [`CoversError::Robot`], [`CoversError::Rig`]; [`CoversError::Restless`] for a hand that does not
-/// come to rest, [`CoversError::StalePicture`] for a camera that does not show it.
-pub fn look(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RobotState, CoversError> {
-    let until = rig.now() + PATIENCE;
-    let mut state = rig.state()?;
-    loop {
-        wait(rig, PAUSE)?;
-        let before = std::mem::replace(&mut state, rig.state()?);
-        if before.tip.position.distance(state.tip.position) < STILL {
-            break;
-        }
-        if rig.now() > until {
-            return Err(CoversError::Restless);
-        }
-    }
+/// come to rest, [`CoversError::StalePicture`] for a camera that does not show it, and
+/// [`CoversError::PictureOfTheFuture`] for one whose clock is ahead.
+pub fn look(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Standing, CoversError> {
+    rest(rig)?;
     let since = rig.now();
     loop {
-        let taken = rig.picture(rgb);
-        let taken = taken.map_err(|source| CoversError::Rig { source })?;
+        let taken = newest_picture(rig, rgb)?;
         if taken >= since {
-            return Ok(rig.state()?);
+            let state = rig.state()?;
+            return Ok(Standing { since, state });
         }
         if rig.now() > since + PATIENCE {
             let (age, most) = (rig.now() - taken, PATIENCE);
             return Err(CoversError::StalePicture { age, most });
         }
         wait(rig, TICK)?;
+    }
+}
+
+/// Waits until the hand neither moves nor turns.
+fn rest(rig: &mut dyn Rig) -> Result<(), CoversError> {
+    let until = rig.now() + PATIENCE;
+    let mut before = rig.state()?.tip;
+    loop {
+        wait(rig, PAUSE)?;
+        let tip = rig.state()?.tip;
+        let [moved, turned] = before.way_to(&tip).map(|way| way.length());
+        if moved < STILL[0] && turned < STILL[1] {
+            return Ok(());
+        }
+        if rig.now() > until {
+            return Err(CoversError::Restless);
+        }
+        before = tip;
     }
 }
 

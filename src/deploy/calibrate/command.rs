@@ -12,11 +12,13 @@ use inpainting::{Ball, Calibration, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::cli::say;
+use crate::disk::{LocalDisk, try_out};
 use crate::error::CoversError;
 
+use super::super::faults::Fault;
 use super::super::options::{RigOptions, RobotKind};
 use super::super::rig::{Rig, Trial};
-use super::super::simulated::SimulatedRig;
+use super::super::simulated::{SimulatedRig, SimulationSettings};
 use super::file::CalibrationFile;
 use super::measure::{CalibrateSettings, Calibrated, calibrate};
 use super::poses::poses;
@@ -34,8 +36,8 @@ pub struct CalibrateOptions {
     /// The file to write, for `covers deploy --calibration`.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Where the middle of the ball is in the frame of the hand (mm), as 0,-130,40; without it
-    /// that is found, too.
+    /// Where the middle of the ball is in the frame of the hand (mm), as 129.8,-0.1,-170.3: of the
+    /// link whose place the joints tell. Without it that is found, too.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub offset: Option<Triple>,
     /// Colour of the ball in the picture, red, green and blue of 255.
@@ -74,7 +76,7 @@ impl CalibrateOptions {
     /// # Errors
     /// As [`calibrate`]; a file and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
-        let (settings, _) = self.rig.settings()?;
+        let settings = self.simulation()?;
         let RobotKind::KinovaSim = self.rig.robot;
         let mut rig = SimulatedRig::with_ball(settings, Camera::default())?;
         let arm = rig.arm().clone();
@@ -101,24 +103,43 @@ impl CalibrateOptions {
         out: &mut impl Write,
     ) -> Result<Calibrated, CoversError> {
         let settings = self.settings()?;
+        // the arm moves for minutes: what cannot be written is told before
+        try_out(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
         let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
-        CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
         match self.json {
             true => say(out, &object(&calibrated).to_string())?,
             false => say(out, &text(&calibrated))?,
         }
+        CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
         Ok(calibrated)
+    }
+
+    /// What is wrong with a simulated rig. No mask is made here, so none can be too thick.
+    fn simulation(&self) -> Result<SimulationSettings, CoversError> {
+        if self
+            .rig
+            .fault
+            .iter()
+            .any(|of| of.fault == Fault::MaskGrowth)
+        {
+            return Err(CoversError::Setting {
+                name: "fault",
+                value: Fault::MaskGrowth.name().to_owned(),
+                expected: "a fault of the camera or the arm: a calibration makes no mask",
+            });
+        }
+        Ok(self.rig.settings()?.0)
     }
 
     fn settings(&self) -> Result<CalibrateSettings, CoversError> {
         let levels = self.color.0;
-        let is_color = levels.iter().all(|level| (0.0..=255.0).contains(level));
-        if !is_color {
+        let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
+        if !levels.iter().all(is_level) {
             return Err(CoversError::Setting {
                 name: "color",
                 value: format!("{levels:?}"),
-                expected: "three levels of 0 to 255",
+                expected: "three whole levels of 0 to 255",
             });
         }
         let offset = self
@@ -142,6 +163,14 @@ pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     [1e3 * place, angle.to_degrees()]
 }
 
+/// A distance on the table, for people.
+fn in_millimetres(distance: Option<f64>) -> String {
+    distance.map_or_else(
+        || "nowhere".to_owned(),
+        |metres| format!("{:.1} mm", 1e3 * metres),
+    )
+}
+
 fn millimetres(place: DVec3) -> [f64; 3] {
     (1e3 * place).to_array()
 }
@@ -162,23 +191,21 @@ fn uncertainty(of: &Uncertainty) -> Value {
 fn object(calibrated: &Calibrated) -> Value {
     let found = &calibrated.found;
     let [moved, turned] = apart(&found.calibration, &calibrated.before);
-    let residuals = found
-        .residuals
-        .iter()
-        .map(|of| json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": 1e3 * of.on_table}));
-    let left_out = calibrated.left_out.iter();
-    let left_out = left_out.map(|left| json!({"pose": left.pose, "why": left.why}));
+    let residuals = found.residuals.iter().map(|of| {
+        let on_table = of.on_table.map(|metres| 1e3 * metres);
+        json!({"pose": of.pose, "pixels": of.pixels, "mm_on_table": on_table})
+    });
     json!({
         "calibration": CalibrationFile::from(&found.calibration),
         "ball_in_hand_mm": millimetres(found.offset),
-        "rms_pixels": found.rms()[0],
-        "rms_mm_on_table": 1e3 * found.rms()[1],
+        "rms_pixels": found.rms(),
+        "rms_mm_on_table": found.rms_on_table().map(|place| 1e3 * place),
         "residuals": residuals.collect::<Vec<_>>(),
         "sigma": uncertainty(&found.uncertainty),
         "sigma_of_a_pixel": uncertainty(&found.dilution),
         "moved_mm": moved,
         "turned_degrees": turned,
-        "left_out": left_out.collect::<Vec<_>>(),
+        "left_out": calibrated.left_out,
     })
 }
 
@@ -195,14 +222,14 @@ fn text(calibrated: &Calibrated) -> String {
         .collect();
     let worst = found.worst();
     let worst = worst.map_or_else(String::new, |worst| {
-        let (pose, pixels, table) = (worst.pose, worst.pixels, 1e3 * worst.on_table);
-        format!("; at most {pixels:.2}, {table:.1} mm, in pose {pose}")
+        let (pose, pixels, table) = (worst.pose, worst.pixels, in_millimetres(worst.on_table));
+        format!("; at most {pixels:.2}, {table}, in pose {pose}")
     });
-    let [rms, table] = found.rms();
     lines.push(format!(
-        "{} poses; the ball is {rms:.2} pixels off (rms), {:.1} mm on the table{worst}",
+        "{} poses; the ball is {:.2} pixels off (rms), {} on the table{worst}",
         found.residuals.len(),
-        1e3 * table
+        found.rms(),
+        in_millimetres(found.rms_on_table())
     ));
     let three = |name: &str, values: [f64; 3], sigma: [f64; 3], unit: &str| {
         let values = values.map(|value| format!("{value:.1}")).join(", ");

@@ -10,6 +10,9 @@ use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
 use crate::overrides::{parse, read};
 
+/// A camera that is farther from the table's middle (metres) was measured in millimetres.
+const FARTHEST: f64 = 100.0;
+
 /// A camera as `calibration.json` has it. Lengths are in metres, the rest is in pixels or has no
 /// unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -46,7 +49,8 @@ impl CalibrationFile {
     ///
     /// # Errors
     /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`];
-    /// [`CoversError::Inpainting`] for numbers that are no camera's.
+    /// [`CoversError::Setting`] for a position in millimetres, [`CoversError::Inpainting`] for
+    /// numbers that are no camera's.
     pub fn parse(text: &str) -> Result<Calibration, CoversError> {
         let file: Self = parse(text)?;
         file.calibration()
@@ -63,6 +67,13 @@ impl CalibrationFile {
     }
 
     fn calibration(self) -> Result<Calibration, CoversError> {
+        if self.position.iter().any(|place| place.abs() > FARTHEST) {
+            return Err(CoversError::Setting {
+                name: "position",
+                value: format!("{:?}", self.position),
+                expected: "metres, each at most 100",
+            });
+        }
         let [width, height] = self.size;
         let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
         let calibration = Calibration {
@@ -136,6 +147,18 @@ mod tests {
         assert!(off < 1e-12, "{off}");
         let gone = CalibrationFile::read(&path).unwrap_err().to_string();
         assert!(gone.contains("covers-calibration"), "{gone}");
+    }
+
+    #[test]
+    fn a_camera_in_millimetres_is_refused() {
+        let mut file = CalibrationFile::from(&camera());
+        file.position = [0.3, -0.3, 1498.9];
+        let text = serde_json::to_string(&file).unwrap();
+        let message = CalibrationFile::parse(&text).unwrap_err().to_string();
+        assert!(
+            message.contains("1498.9") && message.contains("metres"),
+            "{message}"
+        );
     }
 
     #[test]

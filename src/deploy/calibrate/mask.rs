@@ -1,6 +1,7 @@
 //! Holds the arm's mask, which forward kinematics make, to where the picture shows the arm.
 
 use envs::carriers::Arm;
+use inpainting::LEAST_POSES;
 use robots::Pose;
 use serde::Serialize;
 
@@ -10,6 +11,7 @@ use crate::sheet::Picture;
 use super::super::deployment::Deployment;
 use super::super::rig::{Rig, Trial, then_stop};
 use super::super::sight::Sight;
+use super::approach::Standing;
 use super::measure::{LeftOut, is_of_the_pose, visit};
 use super::overlay::overlay;
 
@@ -63,14 +65,16 @@ impl MaskCheck {
     pub const LARGEST_OUTSIDE: f64 = 0.02;
     /// Smallest mean overlap: below it the mask hides far more than the arm.
     pub const LEAST_OVERLAP: f64 = 0.5;
+    /// Fewest poses that a mask is judged by.
+    pub const LEAST_POSES: usize = LEAST_POSES;
 
     /// Lets the arm go to `poses` over the table of `trial`, which should be empty, and holds the
     /// mask that `deployment` would use to the picture. The robot is told to stop at the end, and
     /// before an error is returned.
     ///
     /// # Errors
-    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`]; what perception
-    /// says of the camera.
+    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`],
+    /// [`CoversError::PictureOfTheFuture`]; what perception says of the camera.
     pub fn measure(
         deployment: &Deployment,
         rig: &mut dyn Rig,
@@ -101,7 +105,9 @@ impl MaskCheck {
         for (number, target) in poses.iter().enumerate() {
             let pose = number + 1;
             match visit(rig, arm, target, &mut picture) {
-                Ok(state) => {
+                Ok(Standing { since, state }) => {
+                    // pictures come late: the next one may be of any time since it stands
+                    sight.note(since, state.clone());
                     sight.note(rig.now(), state);
                     sight.shoot(rig)?;
                     sight.paint(arm, &mut seen)?;
@@ -139,9 +145,14 @@ impl MaskCheck {
         overlaps.sum::<f64>() / self.rows.len().max(1) as f64
     }
 
-    /// Whether the mask leaves at most 2 % of the arm in any pose, and overlaps with it by at least
-    /// half on average.
+    /// Whether the mask was seen in enough poses, leaves at most 2 % of the arm in any, and overlaps
+    /// with it by at least half on average.
     pub fn holds(&self) -> bool {
+        self.rows.len() >= Self::LEAST_POSES && self.fits()
+    }
+
+    /// Whether the mask holds in the poses that were seen, however few.
+    pub(super) fn fits(&self) -> bool {
         let hidden = |row: &MaskRow| row.outside <= Self::LARGEST_OUTSIDE;
         self.rows.iter().all(hidden) && self.overlap() >= Self::LEAST_OVERLAP
     }
@@ -213,9 +224,14 @@ mod tests {
             }
             .holds()
         };
-        assert!(holds(&[row(0.0, 0.7), row(0.02, 0.4)]));
-        assert!(!holds(&[row(0.0, 0.6), row(0.03, 0.6)]), "the arm shows");
-        assert!(!holds(&[row(0.0, 0.4)]), "the mask hides the table");
+        let mut rows = vec![row(0.0, 0.6); MaskCheck::LEAST_POSES];
+        rows[3] = row(0.02, 0.4);
+        assert!(holds(&rows));
+        assert!(!holds(&rows[1..]), "too little was seen");
+        rows[3] = row(0.03, 0.6);
+        assert!(!holds(&rows), "the arm shows");
+        rows.fill(row(0.0, 0.4));
+        assert!(!holds(&rows), "the mask hides the table");
         assert!(!holds(&[]), "nothing was seen");
     }
 

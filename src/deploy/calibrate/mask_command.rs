@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use envs::carriers::Arm;
+use serde_json::{Value, json};
 
 use crate::cli::say;
-use crate::disk::{LocalDisk, replace};
+use crate::disk::{LocalDisk, replace, try_out};
 use crate::error::CoversError;
 
 use super::super::deployment::Deployment;
@@ -32,7 +33,7 @@ pub struct MaskOptions {
     /// leaves the arm, blue where it hides table.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
-    /// Print one JSON array instead of a table.
+    /// Print one JSON object instead of a table.
     #[arg(long)]
     pub json: bool,
 }
@@ -73,28 +74,50 @@ impl MaskOptions {
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, CoversError> {
+        // the arm moves for minutes: what cannot be written is told before
+        self.pictures.as_deref().map_or(Ok(()), prepare)?;
         let trial = Trial::on_empty_table(self.site.rig.seed);
         let check = MaskCheck::measure(deployment, rig, arm, &poses(arm), &trial)?;
+        match self.json {
+            true => say(out, &object(&check).to_string())?,
+            false => say(out, &table(&check))?,
+        }
         if let Some(folder) = &self.pictures {
             write(&check, folder)?;
-        }
-        match self.json {
-            true => say(out, &serde_json::json!(check.rows).to_string())?,
-            false => say(out, &table(&check))?,
         }
         Ok(check.holds())
     }
 }
 
-fn write(check: &MaskCheck, folder: &Path) -> Result<(), CoversError> {
+/// Makes the folder, where there is none, and sees whether it can be written to.
+fn prepare(folder: &Path) -> Result<(), CoversError> {
     std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
-    for (row, picture) in check.rows.iter().zip(&check.pictures) {
-        let path = folder.join(format!("pose-{:02}.png", row.pose));
-        let png = picture.to_png();
+    try_out(&LocalDisk, &picture(folder, 1))
+}
+
+/// The file of a pose.
+fn picture(folder: &Path, pose: usize) -> PathBuf {
+    folder.join(format!("pose-{pose:02}.png"))
+}
+
+fn write(check: &MaskCheck, folder: &Path) -> Result<(), CoversError> {
+    for (row, drawn) in check.rows.iter().zip(&check.pictures) {
+        let path = picture(folder, row.pose);
+        let png = drawn.to_png();
         let png = png.map_err(|error| CoversError::write(&path, error))?;
         replace(&LocalDisk, &path, &png)?;
     }
     Ok(())
+}
+
+/// The result for programs.
+pub(super) fn object(check: &MaskCheck) -> Value {
+    json!({
+        "rows": check.rows,
+        "left_out": check.left_out,
+        "overlap": check.overlap(),
+        "holds": check.holds(),
+    })
 }
 
 fn table(check: &MaskCheck) -> String {
@@ -115,12 +138,14 @@ fn table(check: &MaskCheck) -> String {
         false => "DOES NOT HOLD",
     };
     lines.push(format!(
-        "the mask {}: at most {:.0} % of the arm may be outside in any pose, and the mean overlap, \
-         {:.2}, must be at least {}",
+        "the mask {}: at most {:.0} % of the arm may be outside in any pose, the mean overlap, \
+         {:.2}, must be at least {}, and the poses seen, {}, at least {}",
         verdict,
         100.0 * MaskCheck::LARGEST_OUTSIDE,
         check.overlap(),
-        MaskCheck::LEAST_OVERLAP
+        MaskCheck::LEAST_OVERLAP,
+        check.rows.len(),
+        MaskCheck::LEAST_POSES
     ));
     lines.join("\n")
 }

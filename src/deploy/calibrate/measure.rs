@@ -2,12 +2,13 @@
 
 use envs::carriers::Arm;
 use inpainting::{Ball, Calibration, HandEye, InpaintingError, LEAST_POSES, Offset, Sighting};
-use robots::{ControlError, Pose, RobotState};
+use robots::{ControlError, Pose};
+use serde::Serialize;
 
 use crate::error::CoversError;
 
 use super::super::rig::{Rig, Trial, then_stop};
-use super::approach::{approach, look};
+use super::approach::{Standing, approach, look};
 
 /// What the arm carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +20,7 @@ pub struct CalibrateSettings {
 }
 
 /// A pose that tells nothing.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
     /// Its number, counted from 1.
     pub pose: usize,
@@ -42,11 +43,12 @@ pub struct Calibrated {
 /// finds the camera from what it sees. The robot is told to stop at the end, and before an error is
 /// returned.
 ///
-/// Poses that the arm cannot reach, and those in which the ball is not seen, are left out.
+/// Poses that the arm cannot reach, in which its hand does not come to rest, and in which the ball
+/// is not seen are left out.
 ///
 /// # Errors
 /// [`CoversError::FewSightings`]; [`CoversError::Rig`], [`CoversError::Robot`],
-/// [`CoversError::StalePicture`]; as [`HandEye::solve`].
+/// [`CoversError::StalePicture`], [`CoversError::PictureOfTheFuture`]; as [`HandEye::solve`].
 pub fn calibrate(
     rig: &mut dyn Rig,
     arm: &Arm,
@@ -87,7 +89,7 @@ fn carry(
     for (number, target) in poses.iter().enumerate() {
         let pose = number + 1;
         let found = visit(rig, arm, target, &mut picture)
-            .and_then(|state| Ok((state, settings.ball.find(&picture, width)?)));
+            .and_then(|standing| Ok((standing.state, settings.ball.find(&picture, width)?)));
         match found {
             Ok((state, pixel)) => sightings.push(Sighting {
                 pose,
@@ -112,7 +114,7 @@ pub(super) fn visit(
     arm: &Arm,
     target: &Pose,
     picture: &mut [u8],
-) -> Result<RobotState, CoversError> {
+) -> Result<Standing, CoversError> {
     approach(rig, arm, target)?;
     look(rig, picture)
 }
@@ -124,6 +126,7 @@ pub(super) fn is_of_the_pose(error: &CoversError) -> bool {
         error,
         CoversError::Robot(ControlError::OutOfReach { .. })
             | CoversError::Unreached { .. }
+            | CoversError::Restless
             | CoversError::Inpainting(NoBall { .. } | NoDisc { .. } | SeveralBalls { .. })
     )
 }

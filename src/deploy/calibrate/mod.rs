@@ -11,6 +11,10 @@ mod overlay;
 mod poses;
 
 #[cfg(test)]
+mod blank;
+#[cfg(test)]
+mod refusals;
+#[cfg(test)]
 mod tests;
 
 pub use command::CalibrateOptions;
