@@ -36,7 +36,7 @@ pub struct CalibrateOptions {
     /// The file to write, for `covers deploy --calibration`.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Where the middle of the ball is in the frame of the hand (mm), as 129.8,-0.1,-170.3: of the
+    /// Where the middle of the ball is in the frame of the hand (mm), as 129.9,-0.1,-170.2: of the
     /// link whose place the joints tell. Without it that is found, too.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     pub offset: Option<Triple>,

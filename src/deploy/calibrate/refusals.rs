@@ -113,7 +113,7 @@ fn options_that_would_be_ignored_are_refused() {
         ),
         (&["--color", "254.9,0.5,255"], "whole levels"),
     ] {
-        let options = options(&[&["--out", "c.json"], arguments].concat());
+        let options = options(&[&["--out", "no/such/c.json"], arguments].concat());
         let message = options.run(&mut Vec::new()).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
     }
