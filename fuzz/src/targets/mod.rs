@@ -61,6 +61,17 @@ pub struct Reading {
     pub multiple: f64,
 }
 
+impl Reading {
+    /// Not yet compared with what the target may hold.
+    fn new(peak: u64, accepted: bool) -> Self {
+        Self {
+            peak,
+            accepted,
+            multiple: 0.0,
+        }
+    }
+}
+
 impl Target {
     /// A target that may hold no memory yet, and that the test does not mutate.
     const fn new(
@@ -119,11 +130,7 @@ impl Target {
 fn measured(read: impl FnOnce() -> bool) -> Option<Reading> {
     let mut accepted = false;
     let peak = measure(|| accepted = read()).bytes_max;
-    Some(Reading {
-        peak,
-        accepted,
-        multiple: 0.0,
-    })
+    Some(Reading::new(peak, accepted))
 }
 
 /// Texts as inputs.
