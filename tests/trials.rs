@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 use std::path::Path;
+use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
@@ -32,6 +33,10 @@ struct Script {
     heirs: Option<Vec<Option<usize>>>,
     /// Which looks of a turn show two groups: the first one, the second one.
     cuts: [bool; 2],
+    /// Decisions before the later group.
+    cut_at: usize,
+    /// Episodes that each policy kept when it was asked last.
+    kept: Arc<Mutex<Vec<usize>>>,
     /// Whether first looks are undecided.
     doubts: bool,
     /// Whether the last look was a second one.
@@ -45,7 +50,10 @@ impl Grouping for Script {
         self.needs.max(1)
     }
 
-    fn assign(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
+    fn assign(&self, candidates: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
+        let clouds = candidates.clouds()?;
+        let kept = clouds.iter().map(|cloud| cloud.buffer.episodes());
+        *self.kept.lock().unwrap() = kept.collect();
         self.settled.set(false);
         let decision = match self.doubts {
             true => Decision::Undecided,
@@ -60,7 +68,7 @@ impl Grouping for Script {
     }
 
     fn cut(&self) -> Option<usize> {
-        self.cuts[usize::from(self.settled.get())].then_some(0)
+        self.cuts[usize::from(self.settled.get())].then_some(self.cut_at)
     }
 
     fn is_unproven(&self) -> bool {
@@ -317,6 +325,25 @@ fn no_replay_takes_what_either_look_cuts_off() {
     assert_eq!(cut([false; 2]), [(100, 100), (200, 200), (200, 300)]);
     assert_eq!(cut([true, false]), [(100, 100), (200, 100), (200, 200)]);
     assert_eq!(cut([false, true]), [(100, 100), (300, 100), (350, 200)]);
+}
+
+/// Two rollouts show episodes that begin after 0, 50, 100 and 150 decisions, ten each time.
+#[test]
+fn a_policy_keeps_no_frames_of_the_group_before() {
+    let kept = |cut_at| {
+        let script = Script {
+            decisions: vec![Decision::New, Decision::Existing(1)],
+            cuts: [false, true],
+            cut_at,
+            doubts: true,
+            ..Script::default()
+        };
+        let kept = Arc::clone(&script.kept);
+        let (mut env, mut covers) = learner(script);
+        turns(&mut covers, &mut env, 3);
+        kept.lock().unwrap().clone()
+    };
+    assert_eq!([0, 100, 150].map(kept), [[20, 40], [20, 20], [20, 10]]);
 }
 
 /// The same where the policy that acted goes on.

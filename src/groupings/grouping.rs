@@ -77,7 +77,8 @@ pub trait Grouping: Send {
     }
 
     /// Where the last decision rests on a part of the episodes alone, since they show two groups:
-    /// the decisions before that part began.
+    /// the decisions before the later group. A look decides on the later part, and
+    /// [`Grouping::review`] on the earlier one.
     fn cut(&self) -> Option<usize> {
         None
     }

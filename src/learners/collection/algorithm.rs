@@ -19,7 +19,7 @@ use crate::groupings::{Answer, Episodes, Grouping};
 use crate::learners::learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
 
 use super::courses::courses;
-use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features};
+use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features, keep_later};
 use super::logged::metrics;
 use super::member::{Clouds, Member};
 use super::policies::{Collection, Exported};
@@ -52,8 +52,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
             assignment = self.settle(&frames, &courses)?;
             self.keep_if_cut(1);
         }
-        // the rest is of the group before
-        frames.retain(|episode| Some(episode.began()) >= self.grouping.cut());
+        keep_later(&mut frames, self.grouping.cut());
         let mut created = self.adopt(&assignment, frames)?;
         let mut actor = collector;
         // the paper does not say that a rollout that changes hands is off-policy

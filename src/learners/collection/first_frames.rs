@@ -134,6 +134,15 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> 
     episodes
 }
 
+/// Leaves out what began before a cut, which is of the group before. All stay where no later one
+/// showed enough observations.
+pub(super) fn keep_later(episodes: &mut Vec<FirstFrames>, cut: Option<usize>) {
+    let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
+    if episodes.iter().any(is_later) {
+        episodes.retain(is_later);
+    }
+}
+
 /// Whether `k` observations of the episode that begins at `start` are there.
 fn complete<R: Rollout>(rollout: &R, env: usize, start: usize, k: usize) -> bool {
     let ended = |step: usize| rollout.outcome(step, env).ended();
