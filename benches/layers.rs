@@ -75,6 +75,10 @@ impl Batch {
 
 fn bench(c: &mut Criterion, name: &str, layer: &dyn Layer<f32>, with_dx: bool) {
     let mut batch = Batch::new(layer);
+    batch.forward(layer);
+    batch.backward(layer, with_dx);
+    assert!(batch.y.iter().all(|y| y.is_finite()));
+    assert!(batch.gradient.iter().any(|&g| g != 0.0) || batch.gradient.is_empty());
     let mut group = c.benchmark_group(name);
     group.throughput(Throughput::Elements(SAMPLES as u64));
     group.bench_function("forward", |b| {
@@ -87,8 +91,6 @@ fn bench(c: &mut Criterion, name: &str, layer: &dyn Layer<f32>, with_dx: bool) {
         });
     });
     group.finish();
-    assert!(batch.y.iter().all(|y| y.is_finite()));
-    assert!(batch.gradient.iter().any(|&g| g != 0.0) || batch.gradient.is_empty());
 }
 
 fn layers(c: &mut Criterion) {
