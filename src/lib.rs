@@ -51,12 +51,12 @@ pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use groupings::{
-    Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Single,
+    Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Recognised, Single,
 };
 pub use learners::{
     Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Embedding, Extent,
     Handover, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
-    OffPolicySettings, Performance, Recognised, Seconds, Turn,
+    OffPolicySettings, Performance, Seconds, Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

@@ -107,6 +107,18 @@ impl Assignment {
     pub fn nearest(&self) -> Option<usize> {
         best(&self.evidence, |_| true)
     }
+
+    /// Returns the two tested candidates that fit best, accepted or not, the better one first; none
+    /// where fewer were tested.
+    pub fn rivals(&self) -> Option<[usize; 2]> {
+        let tested = |e: &Evidence| e.test().is_some();
+        let first = best(&self.evidence, tested)?;
+        let others = (0..self.evidence.len()).filter(|&index| index != first);
+        let others: Vec<_> = others.collect();
+        let evidence: Vec<_> = others.iter().map(|&index| self.evidence[index]).collect();
+        let second = best(&evidence, tested)?;
+        Some([first, others[second]])
+    }
 }
 
 /// Assigns rollouts to policies by 1-Wasserstein distances in feature space.
@@ -402,6 +414,17 @@ mod tests {
         ];
         for (evidence, decision) in cases {
             assert_eq!(decide(&evidence), decision, "{evidence:?}");
+        }
+        let cases = [
+            (vec![small(0.1), far, doubted, near], Some([2, 3])),
+            (vec![near, small(0.1), near], Some([0, 2])),
+            (vec![small(0.1), near], None),
+            (vec![], None),
+        ];
+        for (evidence, rivals) in cases {
+            let decision = decide(&evidence);
+            let assignment = Assignment { decision, evidence };
+            assert_eq!(assignment.rivals(), rivals, "{assignment:?}");
         }
     }
 }

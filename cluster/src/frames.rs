@@ -67,15 +67,7 @@ impl Frames {
     ///
     /// [`Assigner::settle`]: crate::Assigner::settle
     pub fn joined(&self, other: &Self) -> Result<Self> {
-        for (what, first, second) in self.sizes(other) {
-            if first != second {
-                return Err(ClusterError::FramesMismatch {
-                    what,
-                    first,
-                    second,
-                });
-            }
-        }
+        self.check_alike(other)?;
         let features = [self.features.as_slice(), &other.features].concat();
         Ok(Self { features, ..*self })
     }
@@ -94,6 +86,19 @@ impl Frames {
             self.frames_per_episode,
             self.dim,
         )
+    }
+
+    /// Refuses frames of another size.
+    pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
+        let mut sizes = self.sizes(other).into_iter();
+        match sizes.find(|(_, first, second)| first != second) {
+            Some((what, first, second)) => Err(ClusterError::FramesMismatch {
+                what,
+                first,
+                second,
+            }),
+            None => Ok(()),
+        }
     }
 
     /// The sizes that comparable frames share: name, ours, theirs.

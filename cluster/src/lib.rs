@@ -67,6 +67,7 @@
 mod assigner;
 mod change;
 mod check;
+mod contest;
 mod error;
 mod euclidean;
 #[cfg(test)]
@@ -83,6 +84,7 @@ mod wasserstein;
 
 pub use assigner::{Assigner, Assignment, Decision, Evidence, Judgement, Verdict};
 pub use change::{ChangeTest, change_places, change_test};
+pub use contest::{Contest, lead};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};

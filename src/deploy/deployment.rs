@@ -17,8 +17,8 @@ use symmetry::D2;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
-use crate::learners::{Learner, LearnerSettings, Recognised};
+use crate::groupings::{Labels, Recognised};
+use crate::learners::{Learner, LearnerSettings};
 use crate::runs::RunFolder;
 use crate::stream::Stream;
 

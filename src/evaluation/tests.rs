@@ -4,7 +4,8 @@ use rand::Rng;
 use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
-use crate::learners::{Extent, Recognised, Turn};
+use crate::groupings::Recognised;
+use crate::learners::{Extent, Turn};
 use crate::presets::{Budget, Method};
 
 /// Does the same whatever it sees, and keeps what it sees at the beginning of every episode.

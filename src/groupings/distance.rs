@@ -2,12 +2,12 @@
 
 use std::cell::Cell;
 
-use cluster::{Assigner, AssignerSettings, Candidate, Rule};
+use cluster::{Assigner, AssignerSettings, Candidate, Rule, Verdict, lead};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;
 
-use super::grouping::{Answer, Candidates, Grouping};
+use super::grouping::{Answer, Candidates, Grouping, Recognised};
 
 /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
 /// by a calibrated test, or by the paper's threshold.
@@ -62,8 +62,26 @@ impl Grouping for Distance {
         Ok(self.assigner.assign(&self.clouds(candidates, rng)?, rng)?)
     }
 
-    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        Ok(self.assigner.recognise(&candidates.clouds()?, rng)?)
+    /// A frame that is strange to all policies, as those of another camera are, may by chance be
+    /// less strange in the features of a wrong one. So the two that fit best compete in the
+    /// features of both. The test says whether the winner fits.
+    fn recognise(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Recognised, CoversError> {
+        let assignment = self.assigner.recognise(&candidates.clouds()?, rng)?;
+        let Some([first, second]) = assignment.rivals() else {
+            return Ok(Recognised::of(&assignment));
+        };
+        let policy = match lead(&candidates.contests([first, second])?)? < 0.0 {
+            true => second,
+            false => first,
+        };
+        Ok(Recognised {
+            policy,
+            fits: assignment.evidence[policy].verdict == Verdict::Accepted,
+        })
     }
 
     fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
@@ -77,7 +95,7 @@ impl Grouping for Distance {
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Decision, Frames};
+    use cluster::{Contest, Decision, Frames};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
@@ -109,6 +127,10 @@ mod tests {
                 rollout: rollout.clone(),
             });
             Ok(clouds.collect())
+        }
+
+        fn contests(&mut self, _: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+            panic!("nothing is recognised")
         }
 
         fn began(&self) -> Vec<usize> {
@@ -144,5 +166,78 @@ mod tests {
         assert_eq!(settled([old, new], &[old]), (Decision::New, Some(500)));
         assert_eq!(settled([old, old], &[old]), (Decision::Existing(0), None));
         assert_eq!(settled([new, new], &[old]), (Decision::New, None));
+    }
+
+    /// Policies 0 and 1 at home in -1 and 1 of two features. Both know frames in which the first
+    /// feature alone says which, and policy 1 hardly sees it.
+    struct Glance {
+        seen: [f32; 2],
+        rng: ChaCha8Rng,
+    }
+
+    impl Glance {
+        const SIGHT: [[f32; 2]; 2] = [[1.0, 1.0], [0.2, 1.0]];
+
+        fn frames(&self, policy: usize, points: &[[f32; 2]]) -> Frames {
+            let [x, y] = Self::SIGHT[policy];
+            let seen = points.iter().flat_map(|p| [x * p[0], y * p[1]]);
+            Frames::new(seen.collect(), 1, 2).unwrap()
+        }
+
+        fn home(&self, policy: usize) -> Vec<[f32; 2]> {
+            let mut rng = self.rng.clone();
+            let centre = [-1.0, 1.0][policy];
+            let mut near = |width: f32| rng.random_range(-width..width);
+            let points = (0..40).map(|_| [centre + near(0.5), near([0.5, 1.5][policy])]);
+            points.collect()
+        }
+    }
+
+    impl Candidates for Glance {
+        fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+            let clouds = [0, 1].map(|policy| Candidate {
+                buffer: self.frames(policy, &self.home(policy)),
+                rollout: self.frames(policy, &[self.seen]),
+            });
+            Ok(clouds.into())
+        }
+
+        fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+            Ok(rivals.map(|policy| Contest {
+                rollout: self.frames(policy, &[self.seen]),
+                rivals: rivals.map(|rival| self.frames(policy, &self.home(rival))),
+            }))
+        }
+
+        fn began(&self) -> Vec<usize> {
+            vec![0]
+        }
+
+        fn episodes(&self) -> Episodes<'_> {
+            panic!("distances are those of frames")
+        }
+    }
+
+    /// The second feature of the frame is beyond what policy 0 knows and within what policy 1 does:
+    /// by its own distance it is policy 1's.
+    #[test]
+    fn a_strange_frame_goes_to_the_policy_whose_frames_it_is_nearer_to() {
+        let distance = Distance::new(Rule::default()).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut glance = Glance {
+            seen: [-1.0, 1.2],
+            rng: rng.clone(),
+        };
+        let clouds = glance.clouds().unwrap();
+        let alone = distance.assigner.recognise(&clouds, &mut rng).unwrap();
+        assert_eq!(alone.nearest(), Some(1));
+        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
+        assert_eq!((recognised.policy, recognised.fits), (0, false));
+        glance.seen = [-1.0, 0.1];
+        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
+        assert_eq!((recognised.policy, recognised.fits), (0, true));
+        glance.seen = [1.0, 0.1];
+        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
+        assert_eq!((recognised.policy, recognised.fits), (1, true));
     }
 }

@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::error::CoversError;
 
-use super::grouping::{Answer, Candidates, Episodes, Grouping};
+use super::grouping::{Answer, Candidates, Episodes, Grouping, Recognised};
 
 /// Compares accounts of episodes with those on which each policy learnt ([`evidence::Recogniser`]);
 /// a policy that is proposed must act itself before it is believed.
@@ -84,17 +84,22 @@ impl Grouping for Evident {
     }
 
     /// Fewer episodes than the tests need are weighed by probabilities.
-    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
+    fn recognise(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Recognised, CoversError> {
         let episodes = candidates.episodes();
         if episodes.courses.len() >= self.min_episodes() {
-            return self.look(candidates, Look::First, rng);
+            let assignment = self.look(candidates, Look::First, rng)?;
+            return Ok(Recognised::of(&assignment));
         }
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
         let likeliest = self.recogniser.recognise(&accounts, rng)?.likeliest();
-        Ok(Assignment {
-            decision: likeliest.map_or(Decision::New, Decision::Existing),
-            evidence: Vec::new(),
+        Ok(Recognised {
+            policy: likeliest.unwrap_or(0),
+            fits: likeliest.is_some(),
         })
     }
 

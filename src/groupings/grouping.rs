@@ -1,6 +1,6 @@
 //! What every grouping can do.
 
-use cluster::{Assignment, Candidate};
+use cluster::{Assignment, Candidate, Contest, Decision};
 use evidence::{Course, Merge};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
@@ -20,6 +20,13 @@ pub trait Candidates {
     /// What a network says.
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
 
+    /// Two policies' frames and those of the rollout, in the features of the one and then of the
+    /// other, as both are now.
+    ///
+    /// # Errors
+    /// What a network says.
+    fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError>;
+
     /// When each of the rollout's episodes began whose frames these are: decisions of all
     /// environments before it.
     fn began(&self) -> Vec<usize>;
@@ -37,6 +44,34 @@ pub struct Episodes<'a> {
     pub collector: usize,
     /// The episodes; what was not seen to its end is marked so.
     pub courses: &'a [Course],
+}
+
+/// The policy that episodes seem to belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Recognised {
+    /// The policy that fits best.
+    pub policy: usize,
+    /// Whether it may be the right one; otherwise none of the policies is known to fit.
+    pub fits: bool,
+}
+
+impl Recognised {
+    /// The policy that an assignment names; the nearest where it names none, or policy 0 where no
+    /// distances were measured.
+    pub(super) fn of(assignment: &Assignment) -> Self {
+        match assignment.decision {
+            Decision::Existing(policy) => Self { policy, fits: true },
+            Decision::New | Decision::Undecided => Self {
+                policy: assignment.nearest().unwrap_or(0),
+                fits: false,
+            },
+        }
+    }
+
+    /// The policy that is taken for the right one.
+    pub fn named(self) -> Option<usize> {
+        self.fits.then_some(self.policy)
+    }
 }
 
 /// Decides which policy a rollout belongs to (lines 8 to 15 of the paper's Algorithm 1).
@@ -62,13 +97,16 @@ pub trait Grouping: Send {
     }
 
     /// Names the policy of episodes that nothing is learnt from, one or more: fewer than
-    /// [`Grouping::min_episodes`] must do, too. Where the decision names none, no policy is known
-    /// to fit.
+    /// [`Grouping::min_episodes`] must do, too.
     ///
     /// # Errors
     /// Frames that cannot be compared.
-    fn recognise(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        self.assign(candidates, rng)
+    fn recognise(
+        &self,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Recognised, CoversError> {
+        Ok(Recognised::of(&self.assign(candidates, rng)?))
     }
 
     /// The policies that the last decision put out of question in this matter.

@@ -12,7 +12,7 @@ mod single;
 pub use distance::Distance;
 pub use evidence::Evident;
 pub(crate) use grouping::Answer;
-pub use grouping::{Candidates, Episodes, Grouping};
+pub use grouping::{Candidates, Episodes, Grouping, Recognised};
 pub use oracle::Labels;
 pub use settings::GroupingSettings;
 pub use single::Single;

@@ -98,7 +98,7 @@ pub(super) fn unlabelled() -> CoversError {
 
 #[cfg(test)]
 mod tests {
-    use cluster::Candidate;
+    use cluster::{Candidate, Contest};
     use rand::SeedableRng;
 
     use super::*;
@@ -109,6 +109,10 @@ mod tests {
 
     impl Candidates for Blind {
         fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+            panic!("an oracle does not compare")
+        }
+
+        fn contests(&mut self, _: [usize; 2]) -> Result<[Contest; 2], CoversError> {
             panic!("an oracle does not compare")
         }
 

@@ -8,6 +8,7 @@ use rl::{Activity, Answers, Observations, PlainPolicy, RolloutStats, VectorEnv};
 
 use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
+use crate::groupings::Recognised;
 
 use super::metrics::Metrics;
 
@@ -83,22 +84,6 @@ pub trait Learner: Send {
     /// As [`encode`](Learner::encode), and [`CoversError::Write`].
     fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
         replace(&LocalDisk, path, &self.encode(path, extent, note)?)
-    }
-}
-
-/// The answer of [`Learner::recognise`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Recognised {
-    /// The policy that fits best.
-    pub policy: usize,
-    /// Whether it may be the right one; otherwise none of the policies is known to fit.
-    pub fits: bool,
-}
-
-impl Recognised {
-    /// The policy that is taken for the right one.
-    pub fn named(self) -> Option<usize> {
-        self.fits.then_some(self.policy)
     }
 }
 

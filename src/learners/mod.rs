@@ -15,7 +15,7 @@ pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPol
 pub(crate) use collection::{per_policy_columns, read_note};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
-pub use learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
+pub use learner::{Extent, Learner, Performance, Seconds, Turn};
 pub use metrics::{Metric, Metrics};
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

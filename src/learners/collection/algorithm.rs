@@ -15,8 +15,8 @@ use rl::{
 };
 
 use crate::error::CoversError;
-use crate::groupings::{Answer, Episodes, Grouping};
-use crate::learners::learner::{Extent, Learner, Performance, Recognised, Seconds, Turn};
+use crate::groupings::{Answer, Episodes, Grouping, Recognised};
+use crate::learners::learner::{Extent, Learner, Performance, Seconds, Turn};
 
 use super::courses::courses;
 use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features, keep_later};
@@ -88,8 +88,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
     }
 
     /// Looks at the first frames of the episodes that are asked for, or of as many as the grouping
-    /// needs, at least one in each environment. Where the grouping accepts no policy, the nearest
-    /// one answers, or policy 0 where the grouping measures no distances.
+    /// needs, at least one in each environment.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -97,9 +96,11 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         rng: &mut ChaCha8Rng,
     ) -> Result<Recognised, CoversError> {
         let (frames, courses) = self.glimpse(env, episodes, rng)?;
-        let recognised = |policy, fits| Ok(Recognised { policy, fits });
         if !self.has_learnt() {
-            return recognised(0, true);
+            return Ok(Recognised {
+                policy: 0,
+                fits: true,
+            });
         }
         let mut clouds = Clouds {
             members: &mut self.members,
@@ -110,13 +111,9 @@ impl<S: CollectionSettings> Learner for Collection<S> {
                 courses: &courses,
             },
         };
-        let assignment = self.grouping.recognise(&mut clouds, rng)?;
-        match assignment.decision {
-            Decision::Existing(index) => recognised(self.check_policy(index)?, true),
-            Decision::New | Decision::Undecided => {
-                recognised(assignment.nearest().unwrap_or(0), false)
-            }
-        }
+        let recognised = self.grouping.recognise(&mut clouds, rng)?;
+        self.check_policy(recognised.policy)?;
+        Ok(recognised)
     }
 
     fn perform(

@@ -1,6 +1,6 @@
 //! One policy of the collection, and what a grouping sees of all of them.
 
-use cluster::{Candidate, Reservoir};
+use cluster::{Candidate, Contest, Reservoir};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -34,6 +34,23 @@ impl<S: CollectionSettings> Candidates for Clouds<'_, S> {
             })
         });
         clouds.collect()
+    }
+
+    fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+        let members = self.members.iter_mut();
+        let (mut policies, buffers): (Vec<_>, Vec<_>) = members
+            .map(|member| (&mut member.policy, member.buffer.episodes()))
+            .unzip();
+        let mut contest = |policy: usize| -> Result<Contest, CoversError> {
+            let policy = &mut *policies[policy];
+            let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
+            Ok(Contest {
+                rollout: embed(policy, self.rollout)?,
+                rivals: [first?, second?],
+            })
+        };
+        let [first, second] = rivals.map(&mut contest);
+        Ok([first?, second?])
     }
 
     fn began(&self) -> Vec<usize> {

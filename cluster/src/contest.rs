@@ -1,0 +1,120 @@
+//! Which of two clouds a rollout is nearer to.
+
+use crate::error::{ClusterError, Result};
+use crate::euclidean::EuclideanCosts;
+use crate::frames::Frames;
+
+/// A rollout and two buffers, all in one feature space.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contest {
+    /// The rollout.
+    pub rollout: Frames,
+    /// The buffers that it may belong to.
+    pub rivals: [Frames; 2],
+}
+
+/// How much nearer the rollout is to the first of two rivals than to the second: above 0 for the
+/// first, below for the second. Each contest shows the same rivals in another feature space.
+///
+/// In each space, the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
+/// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of
+/// Statistical Planning and Inference 143 (2013)) over the mean distance within and between the
+/// rivals. So a wide cloud has no advantage and no disadvantage, not even where the rollout is a
+/// single frame, and the scale of a space does not count.
+///
+/// # Errors
+/// No contest, or frames of one contest that cannot be compared.
+pub fn lead(contests: &[Contest]) -> Result<f64> {
+    match contests {
+        [] => Err(ClusterError::Empty { what: "contests" }),
+        contests => contests.iter().map(Contest::lead).sum(),
+    }
+}
+
+impl Contest {
+    fn lead(&self) -> Result<f64> {
+        let mean = |x: &Frames, y: &Frames| {
+            x.check_alike(y)?;
+            let mut costs = EuclideanCosts::new();
+            let distances = costs.compute(x.features(), y.features(), x.dim())?;
+            Ok(distances.iter().sum::<f64>() / distances.len() as f64)
+        };
+        let (x, [y, z]) = (&self.rollout, &self.rivals);
+        let (within_y, within_z) = (mean(y, y)?, mean(z, z)?);
+        let scale = (within_y + within_z + 2.0 * mean(y, z)?) / 4.0;
+        // E|X - X'| is the same for both
+        let lead = 2.0 * (mean(x, z)? - mean(x, y)?) + within_y - within_z;
+        Ok(match scale > 0.0 {
+            true => lead / scale,
+            false => 0.0,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::draw;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    fn frames(features: Vec<f32>) -> Frames {
+        Frames::new(features, 1, 1).unwrap()
+    }
+
+    fn contest(rollout: &[f32], rivals: [&[f32]; 2]) -> Contest {
+        Contest {
+            rollout: frames(rollout.to_vec()),
+            rivals: rivals.map(|features| frames(features.to_vec())),
+        }
+    }
+
+    /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 1 on average, and 0; between
+    /// them 2.
+    #[test]
+    fn the_lead_is_that_of_the_definition() {
+        let rivals: [&[f32]; 2] = [&[-1.0, 1.0], &[2.0, 2.0]];
+        let expected = (2.0 * (2.0 - 1.0) + 1.0 - 0.0) / ((1.0 + 0.0 + 2.0 * 2.0) / 4.0);
+        let one = contest(&[0.0], rivals);
+        assert!((lead(&[one.clone()]).unwrap() - expected).abs() < 1e-12);
+        let [first, second] = rivals;
+        let turned = contest(&[0.0], [second, first]);
+        assert!((lead(&[turned.clone()]).unwrap() + expected).abs() < 1e-12);
+        // in another unit, and with both votes
+        let doubled = contest(&[0.0], [&[-2.0, 2.0], &[4.0, 4.0]]);
+        assert!((lead(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs() < 1e-12);
+        assert!(lead(&[one, turned]).unwrap().abs() < 1e-12);
+    }
+
+    /// A frame from a wide cloud around 0 is farther from it on average than from a narrow cloud
+    /// beside it, and yet belongs to it.
+    #[test]
+    fn a_wide_cloud_loses_nothing_by_its_width() {
+        let wide: Vec<f32> = (-20..=20).map(|i| i as f32 / 2.0).collect();
+        let narrow = [4.0, 4.1, 4.2];
+        let mean = |x: f32, cloud: &[f32]| cloud.iter().map(|y| (x - y).abs()).sum::<f32>();
+        assert!(mean(0.0, &wide) / 41.0 > mean(0.0, &narrow) / 3.0);
+        assert!(lead(&[contest(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
+    }
+
+    #[test]
+    fn clouds_that_cannot_be_told_apart_have_no_lead() {
+        let still = contest(&[1.0], [&[1.0, 1.0], &[1.0]]);
+        assert_eq!(lead(&[still]).unwrap(), 0.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let [x, y] = [5, 9].map(|count| draw(count, 0.0, &mut rng));
+        assert_eq!(lead(&[contest(&x, [&y, &y])]).unwrap(), 0.0);
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_refused() {
+        assert!(lead(&[]).is_err());
+        let mut other = contest(&[0.0], [&[0.0], &[1.0]]);
+        other.rivals[1] = Frames::new(vec![0.0, 1.0], 1, 2).unwrap();
+        let message = lead(&[other]).unwrap_err().to_string();
+        assert!(
+            message.contains("dim") && message.contains('2'),
+            "{message}"
+        );
+    }
+}
