@@ -28,7 +28,7 @@ pub enum Method {
     CoversCnn,
     /// COVERS with ordinary networks of about as many parameters, half as wide.
     CoversCnnSlim,
-    /// COVERS that learns from randomised pictures, for policies that a real camera shall see for.
+    /// COVERS that learns from randomised pictures, as those of a real camera.
     CoversRandomised,
     /// One D2-equivariant policy for everything.
     Equi,
