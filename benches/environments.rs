@@ -1,13 +1,13 @@
 //! Environments of one thread: a decision of 10 control steps, a 64 x 64 picture, a reset, and a
-//! vector environment's step of one control step and one picture. `EMBODIMENT=hand` measures
-//! another embodiment than `sawyer`.
+//! vector environment's step of one control step and one picture, perfect and randomised.
+//! `EMBODIMENT=hand` measures another embodiment than `sawyer`.
 
 use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer,
-    TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Backdrop, Batch, Camera, Control, Embodiment, EnvError, RGB, Randomisation, Scene,
+    SceneRenderer, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -75,7 +75,11 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     Ok(())
 }
 
-fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
+fn vector(
+    c: &mut Criterion,
+    task: TaskGroup,
+    (name, randomisation): (&str, Option<Randomisation>),
+) -> Result<(), EnvError> {
     let settings = VecEnvSettings {
         num_envs: ENVS,
         threads: 1,
@@ -86,6 +90,7 @@ fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
             displacement: 0.01,
             ..Control::default()
         },
+        randomisation,
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, task, &D2::ALL)?;
@@ -93,7 +98,7 @@ fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     env.reset(batch.observations())?;
     let mut group = c.benchmark_group(task.name());
     group.throughput(Throughput::Elements(ENVS as u64));
-    group.bench_function("vec_env_step", |b| {
+    group.bench_function(name, |b| {
         b.iter(|| {
             let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step());
             assert!(failures.is_ok_and(<[_]>::is_empty));
@@ -103,9 +108,16 @@ fn vector(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     Ok(())
 }
 
+fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
+    one_table(c, task)?;
+    vector(c, task, ("vec_env_step", None))?;
+    let nominal = Some(Randomisation::NOMINAL);
+    vector(c, task, ("vec_env_step_randomised", nominal))
+}
+
 fn environments(c: &mut Criterion) {
     for task in TaskGroup::STANDARD {
-        if let Err(error) = one_table(c, task).and_then(|()| vector(c, task)) {
+        if let Err(error) = measure(c, task) {
             panic!("{error}");
         }
     }

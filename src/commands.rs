@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use envs::{Embodiment, TaskRegistry};
+use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::cli::{TrainOptions, Work, say, thread_count};
 use crate::error::CoversError;
@@ -89,6 +89,10 @@ pub struct EvalOptions {
     /// What carries the gripper (default: as in the run).
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
+    /// Randomise the pictures as in the run, or, where they were perfect there, as
+    /// `covers-randomised` does (default: perfect pictures).
+    #[arg(long)]
+    pub randomised: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub work: Work,
@@ -292,7 +296,11 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let learner = &experiment.learner;
     let mut learner = folder.load_learner(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
-    let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
+    let envs = match options.randomised {
+        true => with_randomisation(experiment.envs),
+        false => experiment.envs.clean(),
+    };
+    let tasks = TaskRegistry::standard();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
@@ -303,6 +311,15 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
         say(out, &serde_json::json!(scores).to_string())
     } else {
         say(out, &score_table(&scores))
+    }
+}
+
+/// Environments with pictures that are wrong by the amounts that they have, or by nominal ones.
+fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
+    let amounts = envs.randomisation.unwrap_or_default();
+    VecEnvSettings {
+        randomisation: Some(amounts),
+        ..envs
     }
 }
 

@@ -85,7 +85,7 @@ impl Evaluator {
     }
 
     /// The environments that score a run: their episodes depend on the plan of the evaluation
-    /// alone, so all methods and seeds are scored on the same ones.
+    /// alone, so all methods and seeds are scored on the same ones. Their pictures are perfect.
     ///
     /// # Errors
     /// As [`Evaluator::new`].
@@ -95,7 +95,7 @@ impl Evaluator {
         labels: Labels,
     ) -> Result<Self, CoversError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
-        Self::new(run.envs, tasks, schedule, seed, labels)
+        Self::new(run.envs.clean(), tasks, schedule, seed, labels)
     }
 
     /// All variants of the groups of the schedule, in the order in which they are scored.

@@ -45,7 +45,7 @@ fn lines<V: ValueEnum>() -> String {
     let line = |value: &V| {
         let value = value.to_possible_value()?;
         let help = value.get_help().map(ToString::to_string);
-        Some(format!("  {:<16} {}", value.get_name(), help?))
+        Some(format!("  {:<17} {}", value.get_name(), help?))
     };
     values.filter_map(line).collect::<Vec<_>>().join("\n")
 }

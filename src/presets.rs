@@ -1,7 +1,7 @@
 //! Experiments as they come: a method, and how long it may take.
 
 use clap::ValueEnum;
-use envs::{TaskGroup, VecEnvSettings};
+use envs::{Randomisation, TaskGroup, VecEnvSettings};
 use rl::NetworkSettings;
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -28,6 +28,8 @@ pub enum Method {
     CoversCnn,
     /// COVERS with ordinary networks of about as many parameters, half as wide.
     CoversCnnSlim,
+    /// COVERS that learns from randomised pictures, as those of a real camera.
+    CoversRandomised,
     /// One D2-equivariant policy for everything.
     Equi,
     /// One ordinary policy for everything.
@@ -50,11 +52,12 @@ pub enum Method {
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
         Self::CoversCnnSlim,
+        Self::CoversRandomised,
         Self::Equi,
         Self::Cnn,
         Self::CnnAug,
@@ -72,6 +75,7 @@ impl Method {
             Self::CoversGt => "covers-gt",
             Self::CoversCnn => "covers-cnn",
             Self::CoversCnnSlim => "covers-cnn-slim",
+            Self::CoversRandomised => "covers-randomised",
             Self::Equi => "equi",
             Self::Cnn => "cnn",
             Self::CnnAug => "cnn-aug",
@@ -129,8 +133,10 @@ impl Method {
             num_envs: NUM_ENVS,
             ..VecEnvSettings::default()
         };
-        if self == Self::Paper {
-            envs.camera.size = PAPER_PICTURES;
+        match self {
+            Self::Paper => envs.camera.size = PAPER_PICTURES,
+            Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
+            _ => {}
         }
         envs
     }
@@ -350,6 +356,16 @@ mod tests {
         let ratio = |method| parameters(method) / covers;
         assert!((ratio(Method::CoversCnnSlim) - 1.0).abs() < 0.02);
         assert!(ratio(Method::CoversCnn) > 3.5);
+    }
+
+    #[test]
+    fn randomised_pictures_are_all_that_a_preset_changes() {
+        for budget in Budget::value_variants() {
+            let mut run = budget.experiment(Method::CoversRandomised);
+            assert_eq!(run.envs.randomisation, Some(Randomisation::NOMINAL));
+            run.envs = run.envs.clean();
+            assert_eq!(run, budget.experiment(Method::Covers));
+        }
     }
 
     #[test]

@@ -210,7 +210,8 @@ fn every_other_method_runs_its_smoke_budget() {
 }
 
 #[test]
-fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_threads() {
+fn replays_mirrored_rollouts_and_randomised_pictures_go_on_to_the_same_bytes_on_any_number_of_threads()
+ {
     let scratch = Scratch::new("replays");
     let off_policy = [
         Method::Clear,
@@ -218,7 +219,8 @@ fn replays_and_mirrored_rollouts_go_on_to_the_same_bytes_on_any_number_of_thread
         Method::ThreeRl,
         Method::EquiSac,
     ];
-    for method in [&off_policy[..], &[Method::CnnAug]].concat() {
+    let others = [Method::CnnAug, Method::CoversRandomised];
+    for method in [&off_policy[..], &others].concat() {
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();
         assert_eq!(summary.policies > 1, many, "{method:?}");
@@ -357,6 +359,8 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     );
     let other = command(&["eval", packed, "--seed", "9", "--episodes", "16", "--json"]);
     assert_ne!(other, scores);
+    let random = ["eval", packed, "--randomised", "--episodes", "16", "--json"];
+    assert_ne!(command(&random), scores);
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, few.to_str().unwrap(), "--episodes", "8"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);

@@ -146,18 +146,30 @@ impl Camera {
         self.size as f64 / (2.0 * self.half_extent)
     }
 
+    /// How many pixels so many millimetres of the table take.
+    pub(crate) fn pixels(&self, millimetres: f64) -> f64 {
+        millimetres / 1e3 * self.pixels_per_metre()
+    }
+
     /// Draws `mark` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
     pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
-        draw_ring([u, -v], radii, mark.color, self.size, rgb);
+        on_ring([u, -v], radii, self.size, |pixel| {
+            rgb[pixel * 3..][..3].copy_from_slice(&mark.color);
+        });
     }
 }
 
-/// Colours the pixels of `rgb` `[size, size, 3]` whose middles are nearer than `radii[0]` and not
-/// nearer than `radii[1]` to the point `offset` (right, down) from the picture's middle; all in
+/// Goes through the pixels of a picture `[size, size]` whose middles are nearer than `radii[0]` and
+/// not nearer than `radii[1]` to the point `offset` (right, down) from the picture's middle; all in
 /// pixels. Mirroring the offset mirrors the ring exactly.
-fn draw_ring(offset: [f64; 2], radii: [f64; 2], color: [u8; 3], size: usize, rgb: &mut [u8]) {
+pub(crate) fn on_ring(
+    offset: [f64; 2],
+    radii: [f64; 2],
+    size: usize,
+    mut visit: impl FnMut(usize),
+) {
     let middle = size as f64 / 2.0;
     // pixels outside of these ranges cannot be reached
     let reach = |axis: usize| {
@@ -172,7 +184,7 @@ fn draw_ring(offset: [f64; 2], radii: [f64; 2], color: [u8; 3], size: usize, rgb
             let dx = ((column as f64 + 0.5) - middle) - offset[0];
             let distance = dx * dx + dy * dy;
             if distance < squares[0] && distance >= squares[1] {
-                rgb[(row * size + column) * 3..][..3].copy_from_slice(&color);
+                visit(row * size + column);
             }
         }
     }

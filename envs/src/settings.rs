@@ -7,6 +7,7 @@ use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
+use crate::randomisation::Randomisation;
 use crate::renderer::IMAGE_CHANNELS;
 
 /// The most worker threads: a slip in a file must not start a million.
@@ -30,6 +31,9 @@ pub struct VecEnvSettings {
     pub control: Control,
     /// Seed of all placements and variant draws.
     pub seed: u64,
+    /// What may be wrong with the pictures; nothing where it is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub randomisation: Option<Randomisation>,
 }
 
 impl Default for VecEnvSettings {
@@ -42,6 +46,7 @@ impl Default for VecEnvSettings {
             camera: Camera::default(),
             control: Control::default(),
             seed: 0,
+            randomisation: None,
         }
     }
 }
@@ -50,6 +55,14 @@ impl VecEnvSettings {
     /// Length of one environment's image, size x size x 6.
     pub fn image_len(&self) -> usize {
         self.camera.size * self.camera.size * IMAGE_CHANNELS
+    }
+
+    /// The same environments with perfect pictures.
+    pub fn clean(self) -> Self {
+        Self {
+            randomisation: None,
+            ..self
+        }
     }
 
     /// Refuses settings out of range.
@@ -61,6 +74,8 @@ impl VecEnvSettings {
         let few = (1..=MAX_THREADS).contains(&self.threads);
         require(few, "threads", &self.threads, "1 to 1024")?;
         self.camera.check()?;
+        let mut amounts = self.randomisation.iter();
+        amounts.try_for_each(|amounts| amounts.check(&self.camera))?;
         self.control.check()
     }
 }

@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::disturber::{Disturber, Sight};
 use crate::error::EnvError;
 use crate::renderer::{RGB, SceneRenderer, stack};
 #[cfg(test)]
@@ -22,11 +23,12 @@ use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
-/// One environment slot: its random stream, its episode's first picture, and what stands still in
-/// that episode.
+/// One environment slot: its random stream, its camera, its episode's first picture, and what stands
+/// still in that episode.
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,
+    sight: Sight,
     first: Vec<u8>,
     backdrop: Backdrop,
     #[cfg(test)]
@@ -47,6 +49,8 @@ pub(crate) struct SubEnvs {
     parked: BTreeMap<TaskGroup, Vec<TableTop>>,
     elements: Vec<D2>,
     picture: Vec<u8>,
+    /// Where pictures are randomised; renderers then draw no marks.
+    disturber: Option<Disturber>,
 }
 
 impl SubEnvs {
@@ -55,11 +59,13 @@ impl SubEnvs {
         let slots = envs.map(|index| Slot {
             index,
             rng: slot_rng(settings.seed, index),
+            sight: Sight::new(settings.seed, index),
             first: vec![0; pixels],
             backdrop: Backdrop::default(),
             #[cfg(test)]
             fault: None,
         });
+        let disturber = |amounts| Disturber::new(amounts, settings.camera);
         Self {
             settings,
             slots: slots.collect(),
@@ -68,6 +74,7 @@ impl SubEnvs {
             parked: BTreeMap::new(),
             elements: Vec::new(),
             picture: vec![0; pixels],
+            disturber: settings.randomisation.map(disturber),
         }
     }
 
@@ -102,13 +109,18 @@ impl SubEnvs {
     fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
         for slot in &mut self.slots {
             slot.rng = slot_rng(seed, slot.index);
+            slot.sight = Sight::new(seed, slot.index);
         }
         Ok(())
     }
 
     fn prepare(&mut self, scene: Arc<Scene>) -> Result<(), EnvError> {
         if let Entry::Vacant(entry) = self.renderers.entry(scene.group) {
-            entry.insert(SceneRenderer::new(scene)?);
+            let renderer = match self.disturber {
+                None => SceneRenderer::new(scene),
+                Some(_) => SceneRenderer::of_table(scene),
+            };
+            entry.insert(renderer?);
         }
         Ok(())
     }
@@ -208,6 +220,10 @@ impl SubEnvs {
         table.reset(element, &mut slot.rng)?;
         renderer.draw_backdrop(table, &mut slot.backdrop)?;
         renderer.render_over(table, &mut slot.backdrop, &mut slot.first)?;
+        if let Some(disturber) = &mut self.disturber {
+            disturber.begin(&mut slot.sight);
+            disturber.disturb(&mut slot.sight, table.hand(), &mut slot.first);
+        }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
         stack(&slot.first, &slot.first, image);
         row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
@@ -225,6 +241,9 @@ impl SubEnvs {
         let step = table.step(&action)?;
         let vector = table.observe()?;
         renderer.render_over(table, &mut slot.backdrop, &mut self.picture)?;
+        if let Some(disturber) = &mut self.disturber {
+            disturber.disturb(&mut slot.sight, table.hand(), &mut self.picture);
+        }
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
         stack(&self.picture, &slot.first, image);

@@ -12,6 +12,7 @@ mod foreign_tasks;
 mod inpainting;
 mod layouts;
 mod pictures;
+mod randomisation;
 mod rewards;
 mod scenes;
 mod simulated_arm;

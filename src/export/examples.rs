@@ -22,7 +22,7 @@ pub(super) fn observations(run: &Experiment) -> Result<Observations, CoversError
     let settings = VecEnvSettings {
         num_envs: ENVS,
         threads: 1,
-        ..run.envs
+        ..run.envs.clean()
     };
     let mut stream = Stream::new(settings, &groups)?;
     let mut all = Observations {

@@ -87,8 +87,8 @@ fn unseeded(run: &RunData) -> Experiment {
     run.experiment.clone().with_seed(0).with_threads(1)
 }
 
-/// What all methods share: the stream and the evaluation. A method has its own picture's size, its
-/// own number of environments, and a learner of its own: what evaluations have in common are
+/// What all methods share: the stream and the evaluation. A method has its own picture's size and
+/// randomisation, its own number of environments, and a learner of its own: what evaluations have in common are
 /// episodes of a variant, and decisions from one to the next.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
@@ -99,6 +99,7 @@ fn world(experiment: &Experiment) -> Experiment {
     plan.every = plan.every.map(|every| every.saturating_mul(rollout));
     let any = VecEnvSettings::default();
     (world.envs.num_envs, world.envs.camera.size) = (any.num_envs, any.camera.size);
+    world.envs = world.envs.clean();
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
     world

@@ -319,7 +319,7 @@ mod tests {
         }
         let all = Method::ALL.into_iter();
         let missing: Vec<Method> = all.filter(|method| !methods.contains(method)).collect();
-        assert_eq!(missing, [Method::Paper]);
+        assert_eq!(missing, [Method::CoversRandomised, Method::Paper]);
     }
 
     const STUDY: &str = r#"{"methods": ["covers"], "seeds": [1000], "budget": "smoke",

@@ -1,0 +1,148 @@
+//! What may be wrong with the pictures that a policy learns from.
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::error::{EnvError, require};
+
+/// Widest blur (pixels): each pixel more takes two more passes over the picture.
+const WIDEST: f64 = 4.0;
+
+/// How far pictures are from those of a perfect camera, at random, so that a policy learns to bear
+/// what a real camera and in-painting do to them.
+///
+/// The camera's place, exposure, white balance and blur are drawn once an episode: the episode's
+/// first picture has the same. Patches and noise are drawn for every picture. The gripper's mark is
+/// drawn afterwards, in its right place, as it is drawn over pictures of a real camera.
+///
+/// No draw prefers a side: a mirrored table is seen in a mirrored way as often as the table is seen
+/// in that way. So pictures of no variant are harder than those of another.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Randomisation {
+    /// How far the camera is at most from where it is taken to be (mm, 0 to 100). The distance is
+    /// uniform up to this, and all directions are alike.
+    pub position_error: f64,
+    /// How far it is turned at most (degrees, 0 to 10): uniform up to this, about any axis.
+    pub angle_error: f64,
+    /// Standard deviation of the logarithm of the exposure (%, 0 to 100).
+    pub exposure: f64,
+    /// Standard deviation of the logarithms of the gains of red and of blue (%, 0 to 100).
+    pub balance: f64,
+    /// Largest standard deviation of the blur (mm on the table, 0 to 4 pixels): uniform up to it.
+    pub blur: f64,
+    /// Standard deviation of a level of 255 (0 to 64).
+    pub noise: f64,
+    /// Most patches of a wrong colour in a picture (0 to 100): uniform up to it. They are discs
+    /// around the gripper, as remains of an arm that was painted out are.
+    pub patches: usize,
+    /// Largest radius of a patch (mm, 0 to 200): uniform up to it.
+    pub patch_radius: f64,
+    /// Standard deviation of how far a patch is off in each channel (levels of 255, 0 to 255).
+    pub patch_color: f64,
+}
+
+impl Randomisation {
+    /// Perfect pictures.
+    pub const OFF: Self = Self {
+        position_error: 0.0,
+        angle_error: 0.0,
+        exposure: 0.0,
+        balance: 0.0,
+        blur: 0.0,
+        noise: 0.0,
+        patches: 0,
+        patch_radius: 0.0,
+        patch_color: 0.0,
+    };
+
+    /// Around what `covers deploy` takes for nominal: the camera is as far off on average,
+    /// exposure and white balance wander as far before they are corrected, and noise is that of a
+    /// middle grey, which a median then lessens.
+    pub const NOMINAL: Self = Self {
+        position_error: 10.0,
+        angle_error: 1.0,
+        exposure: 10.0,
+        balance: 3.0,
+        blur: 8.0,
+        noise: 3.0,
+        patches: 2,
+        patch_radius: 40.0,
+        patch_color: 40.0,
+    };
+
+    /// Refuses amounts out of range, for pictures of `camera`.
+    ///
+    /// # Errors
+    /// [`EnvError::Setting`].
+    pub fn check(&self, camera: &Camera) -> Result<(), EnvError> {
+        let ranges = [
+            ("position_error", self.position_error, 100.0, "0 to 100 mm"),
+            ("angle_error", self.angle_error, 10.0, "0 to 10 degrees"),
+            ("exposure", self.exposure, 100.0, "0 to 100 %"),
+            ("balance", self.balance, 100.0, "0 to 100 %"),
+            ("noise", self.noise, 64.0, "0 to 64 levels of 255"),
+            ("patch_radius", self.patch_radius, 200.0, "0 to 200 mm"),
+            ("patch_color", self.patch_color, 255.0, "0 to 255 levels"),
+        ];
+        for (name, amount, most, expected) in ranges {
+            require((0.0..=most).contains(&amount), name, &amount, expected)?;
+        }
+        let blurred = (0.0..=WIDEST).contains(&camera.pixels(self.blur));
+        require(blurred, "blur", &self.blur, BLUR)?;
+        let few = self.patches <= 100;
+        require(few, "patches", &self.patches, "0 to 100")
+    }
+}
+
+impl Default for Randomisation {
+    fn default() -> Self {
+        Self::NOMINAL
+    }
+}
+
+const BLUR: &str = "0 mm to 4 pixels of the picture";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn amounts_out_of_range_are_refused_by_name() {
+        let camera = Camera::default();
+        Randomisation::OFF.check(&camera).unwrap();
+        Randomisation::NOMINAL.check(&camera).unwrap();
+        type Change = fn(&mut Randomisation);
+        let changes: [(Change, &str); 9] = [
+            (|of| of.position_error = 101.0, "`position_error` is 101"),
+            (|of| of.angle_error = -1.0, "`angle_error` is -1"),
+            (|of| of.exposure = f64::NAN, "`exposure` is NaN"),
+            (|of| of.balance = f64::INFINITY, "`balance` is inf"),
+            (|of| of.blur = 80.0, "`blur` is 80"),
+            (|of| of.noise = 65.0, "`noise` is 65"),
+            (|of| of.patches = 101, "`patches` is 101"),
+            (|of| of.patch_radius = 201.0, "`patch_radius` is 201"),
+            (|of| of.patch_color = 256.0, "`patch_color` is 256"),
+        ];
+        for (change, says) in changes {
+            let mut amounts = Randomisation::NOMINAL;
+            change(&mut amounts);
+            let message = amounts.check(&camera).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_in_a_file_is_nominal_and_what_is_unknown_is_refused() {
+        let read = serde_json::from_str::<Randomisation>;
+        assert_eq!(read("{}").unwrap(), Randomisation::NOMINAL);
+        let little = read(r#"{"noise": 0.5}"#).unwrap();
+        let expected = Randomisation {
+            noise: 0.5,
+            ..Randomisation::NOMINAL
+        };
+        assert_eq!(little, expected);
+        let message = read(r#"{"nois": 1}"#).unwrap_err().to_string();
+        assert!(message.contains("nois"), "{message}");
+    }
+}

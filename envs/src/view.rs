@@ -1,0 +1,110 @@
+//! Where a camera that hangs a little wrong sees the table.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::camera::Camera;
+
+/// What a camera's pictures of the table's plane are in those of a camera that hangs right: a
+/// homography.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct View {
+    /// A place's two numbers and what both are divided by, of a pixel's offset (right, up, 1).
+    rows: [[f32; 3]; 3],
+    /// Added to the place (pixels).
+    shift: [f32; 2],
+}
+
+impl View {
+    /// The camera as it should hang.
+    pub const RIGHT: Self = Self {
+        rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        shift: [0.0; 2],
+    };
+
+    /// `camera`, moved by `position` (metres) and then turned by the length of `turn` (radians)
+    /// about its direction.
+    ///
+    /// Its pixel at (u, v) looks along R (u, v, -f), from a height that is larger by `position.z`;
+    /// that ray meets the table at what the right camera has at the pixel returned by
+    /// [`View::place`].
+    pub fn new(camera: &Camera, position: DVec3, turn: DVec3) -> Self {
+        let focal = camera.pixels(1e3 * camera.height);
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+        let higher = 1.0 + position.z / camera.height;
+        let across = |axis| {
+            let row = higher * rotation.row(axis);
+            [row.x, row.y, -focal * row.z]
+        };
+        let down = rotation.row(2);
+        let down = [-down.x / focal, -down.y / focal, down.z];
+        Self {
+            rows: [across(0), across(1), down].map(|row| row.map(|number| number as f32)),
+            shift: [position.x, position.y].map(|metres| camera.pixels(1e3 * metres) as f32),
+        }
+    }
+
+    /// Where the right camera has what this one has at an offset (right, up) from the picture's
+    /// middle (pixels).
+    pub fn place(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
+        let scale = 1.0 / divisor;
+        [self.shift[0] + x * scale, self.shift[1] + y * scale]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where `camera`, moved and turned, has a point of the table: the slow way, by projection.
+    fn projected(camera: &Camera, position: DVec3, turn: DVec3, point: DVec3) -> [f64; 2] {
+        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+        let eye = position + camera.height * DVec3::Z;
+        let ray = rotation.transpose() * (point - eye);
+        let focal = camera.pixels(1e3 * camera.height);
+        [ray.x, ray.y].map(|across| -focal * across / ray.z)
+    }
+
+    #[test]
+    fn a_view_is_the_projection_read_backwards() {
+        let camera = Camera::default();
+        let position = DVec3::new(0.02, -0.01, 0.03);
+        let turn = DVec3::new(0.01, 0.02, -0.05);
+        let view = View::new(&camera, position, turn);
+        for point in [[0.0, 0.0], [0.3, -0.2], [-0.4, 0.35]] {
+            let point = DVec3::new(point[0], point[1], 0.0);
+            let seen = projected(&camera, position, turn, point);
+            let place = view.place(seen.map(|offset| offset as f32));
+            let right = camera.project(point);
+            for axis in 0..2 {
+                let off = (f64::from(place[axis]) - right[axis]).abs();
+                assert!(off < 1e-4, "{place:?} {right:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn without_an_error_every_place_is_itself_to_the_bit() {
+        let view = View::new(&Camera::default(), DVec3::ZERO, DVec3::ZERO);
+        assert_eq!(view, View::RIGHT);
+        for offset in [[0.5, -23.5], [-7.5, 11.5]] {
+            assert_eq!(view.place(offset), offset);
+        }
+    }
+
+    /// Half a degree, 1.5 m high: the middle shows what is 13 mm beside.
+    #[test]
+    fn a_tilt_moves_the_picture_and_a_height_scales_it() {
+        let camera = Camera::default();
+        let tilt = View::new(&camera, DVec3::ZERO, 0.5_f64.to_radians() * DVec3::Y);
+        let [x, y] = tilt.place([0.0; 2]);
+        let moved = camera.pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
+        assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
+        let high = View::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
+        let [x, y] = high.place([10.0, -20.0]);
+        assert!(
+            (x - 11.0).abs() < 1e-4 && (y + 22.0).abs() < 1e-4,
+            "{x} {y}"
+        );
+    }
+}

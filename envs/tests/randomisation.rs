@@ -1,0 +1,138 @@
+//! Environments with randomised pictures beside those with perfect ones.
+
+use envs::{ACTION_DIM, Batch, IMAGE_CHANNELS, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
+use symmetry::D2;
+
+const N: usize = 3;
+/// Steps of a walk, over two ends of episodes of six decisions.
+const STEPS: usize = 14;
+
+fn settings(threads: usize, randomisation: Option<Randomisation>) -> VecEnvSettings {
+    let mut settings = VecEnvSettings {
+        num_envs: N,
+        threads,
+        seed: 11,
+        randomisation,
+        ..VecEnvSettings::default()
+    };
+    settings.control.horizon = 60;
+    settings
+}
+
+/// Everything that some steps of a group show, the reset first.
+fn walk(settings: VecEnvSettings, group: TaskGroup, seed: Option<u64>) -> Vec<Batch> {
+    let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
+    let mut batch = Batch::new(&settings);
+    if let Some(seed) = seed {
+        env.reset(batch.observations()).unwrap();
+        env.reseed(seed).unwrap();
+    }
+    env.reset(batch.observations()).unwrap();
+    let mut seen = vec![batch.clone()];
+    for step in 0..STEPS {
+        let action = |i: usize| ((i * 7 + step * 3) % 5) as f32 / 2.0 - 1.0;
+        let actions: Vec<f32> = (0..N * ACTION_DIM).map(action).collect();
+        env.step(&actions, batch.step()).unwrap();
+        seen.push(batch.clone());
+    }
+    seen
+}
+
+#[test]
+fn amounts_of_zero_show_what_perfect_pictures_show() {
+    let group = TaskGroup::DRAWER_CLOSE;
+    let clean = walk(settings(2, None), group, None);
+    let off = walk(settings(2, Some(Randomisation::OFF)), group, None);
+    assert!(off == clean);
+}
+
+#[test]
+fn pictures_alone_are_others_and_they_have_the_same_shape() {
+    let group = TaskGroup::PLATE_SLIDE;
+    let clean = walk(settings(2, None), group, None);
+    let random = walk(settings(2, Some(Randomisation::NOMINAL)), group, None);
+    for (clean, random) in clean.iter().zip(&random) {
+        assert_eq!(random.images.len(), clean.images.len());
+        let image = clean.images.len() / N;
+        for (clean, random) in clean.images.chunks(image).zip(random.images.chunks(image)) {
+            let off = clean
+                .iter()
+                .zip(random)
+                .map(|(a, b)| f64::from(a.abs_diff(*b)));
+            let off = off.sum::<f64>() / image as f64;
+            assert!(off > 1.0 && off < 60.0, "{off} levels off on average");
+        }
+        let same = Batch {
+            images: clean.images.clone(),
+            final_images: clean.final_images.clone(),
+            ..random.clone()
+        };
+        assert!(same == *clean, "placements, vectors and rewards stay");
+    }
+}
+
+#[test]
+fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
+    let amounts = Some(Randomisation::NOMINAL);
+    let group = TaskGroup::BUTTON_PRESS;
+    let one = walk(settings(1, amounts), group, None);
+    for threads in [2, 3] {
+        assert!(
+            walk(settings(threads, amounts), group, None) == one,
+            "{threads} threads"
+        );
+    }
+    assert!(walk(settings(2, amounts), group, Some(11)) == one);
+    assert!(walk(settings(2, amounts), group, Some(12)) != one);
+}
+
+/// Light and white balance show in a corner of the table, where nothing moves.
+#[test]
+fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another() {
+    let amounts = Randomisation {
+        exposure: 20.0,
+        balance: 10.0,
+        ..Randomisation::OFF
+    };
+    let walk = walk(settings(2, Some(amounts)), TaskGroup::GOAL_REACH, None);
+    let corners = |batch: &Batch| -> Vec<Vec<u8>> {
+        let image = batch.images.len() / N;
+        let images = batch.images.chunks(image);
+        images
+            .map(|image| image[..IMAGE_CHANNELS].to_vec())
+            .collect()
+    };
+    let mut episodes = vec![corners(&walk[0])];
+    for (step, batch) in walk.iter().enumerate().skip(1) {
+        if batch.truncated[0] {
+            assert_ne!(episodes.last(), Some(&corners(batch)), "step {step}");
+            episodes.push(corners(batch));
+        }
+        let constant = episodes.last().unwrap();
+        assert_eq!(corners(batch), *constant, "step {step}");
+        assert!(constant.iter().all(|corner| corner[..3] == corner[3..]));
+        assert!(constant[0] != constant[1] && constant[1] != constant[2]);
+    }
+    assert_eq!(episodes.len(), 3);
+}
+
+#[test]
+fn settings_without_it_read_and_write_as_before() {
+    let clean = serde_json::to_string(&settings(2, None)).unwrap();
+    assert!(!clean.contains("random"), "{clean}");
+    let random = settings(2, Some(Randomisation::NOMINAL));
+    let text = serde_json::to_string(&random).unwrap();
+    assert_eq!(
+        serde_json::from_str::<VecEnvSettings>(&text).unwrap(),
+        random
+    );
+    assert_eq!(random.clean(), settings(2, None));
+    let mut wild = Randomisation::NOMINAL;
+    wild.position_error = 500.0;
+    let refused = VecEnv::new(settings(2, Some(wild)), TaskGroup::GOAL_REACH, &D2::ALL);
+    let message = refused.err().unwrap().to_string();
+    assert!(
+        message.contains("`position_error` is 500, expected 0 to 100 mm"),
+        "{message}"
+    );
+}
