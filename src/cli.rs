@@ -162,6 +162,11 @@ pub struct TrainOptions {
     /// Where policies learn; an update is the same but for rounding, and runs drift apart.
     #[arg(long, value_enum, default_value = "cpu")]
     pub device: DeviceChoice,
+    /// Draw curves, groups and policies, distances and the newest picture on the terminal; `q` ends
+    /// the run with a checkpoint.
+    #[cfg(feature = "tui")]
+    #[arg(long)]
+    pub tui: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub run: RunOptions,

@@ -170,11 +170,21 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
+    #[cfg(feature = "tui")]
+    if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
+        return Err(CoversError::NoTerminal);
+    }
     let folder = options
         .run
         .output
         .run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
+    #[cfg(feature = "tui")]
+    if options.tui {
+        crate::watch::screen::train(&mut run)?;
+        run.stop_at(Stop::on_signals()?);
+        return conclude(&mut run, options.run.output.json, out);
+    }
     finish(&mut run, options.run.output.json, out)
 }
 

@@ -30,6 +30,7 @@ pub mod evaluation;
 mod events;
 mod experiment;
 pub mod export;
+mod glimpse;
 mod groupings;
 mod learners;
 mod overrides;
@@ -45,11 +46,13 @@ mod stream;
 pub mod sweep;
 pub mod tables;
 mod timetable;
+pub mod watch;
 mod world;
 
 pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
+pub use glimpse::Glimpse;
 pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Single,
 };

@@ -15,6 +15,7 @@ use covers::doctor::DoctorOptions;
 use covers::export::ExportOptions;
 use covers::preset_list::PresetsOptions;
 use covers::render::RenderOptions;
+use covers::watch::WatchOptions;
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
@@ -32,6 +33,8 @@ enum Subcommands {
     Deploy(DeployOptions),
     /// Finds where a robot's camera is, by a ball that the arm carries.
     Calibrate(CalibrateOptions),
+    /// Shows a run while it goes on: curves, groups and policies, distances.
+    Watch(WatchOptions),
     /// Shows policies at work, as a GIF or an mp4.
     Render(RenderOptions),
     /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
@@ -50,6 +53,7 @@ fn main() -> ExitCode {
         Subcommands::Learner(command) => command.run(&mut stdout()).map(Outcome::exit_code),
         Subcommands::Deploy(deploy) => deploy.run(&mut stdout()).map(|()| 0),
         Subcommands::Calibrate(calibrate) => calibrate.run(&mut stdout()).map(|()| 0),
+        Subcommands::Watch(watch) => watch.run(&mut stdout()),
         Subcommands::Render(render) => render.run(&mut stdout()).map(|()| 0),
         Subcommands::Export(export) => export.run(&mut stdout()).map(|()| 0),
         Subcommands::Check(check) => check.run(&mut stdout()).map(|held| u8::from(!held)),

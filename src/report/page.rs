@@ -165,6 +165,7 @@ mod tests {
             inference: 0.2,
             assignment: 0.1,
             update: 0.6,
+            ..TimingRow::default()
         };
         let bar = time(&[row, row]);
         assert!(bar.contains("4 s of learning"), "{bar}");
