@@ -149,6 +149,10 @@ pub struct StreamOptions {
 
 /// A stream to learn from.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers train --budget short\n  covers train --preset equi --seed 3 \
+    --set covers.ppo.gamma=0.97\n  covers train --config experiment.json --folder runs/mine"
+)]
 pub struct TrainOptions {
     /// The method.
     #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]

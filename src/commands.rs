@@ -39,6 +39,7 @@ pub enum Command {
 
 /// What to go on with.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers resume runs/covers-seed0")]
 pub struct ResumeOptions {
     /// The run's folder.
     pub run: PathBuf,
@@ -52,6 +53,9 @@ pub struct ResumeOptions {
 
 /// Which runs to do.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers sweep plan.json --runs runs\n  covers sweep plan.json --slurm > job.sh"
+)]
 pub struct SweepOptions {
     /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
     /// of them for a study.
@@ -76,6 +80,9 @@ pub struct SweepOptions {
 
 /// What to score.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-seed0 --embodiment hand --json"
+)]
 pub struct EvalOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -116,6 +123,7 @@ pub struct ReportOptions {
 
 /// What to pack.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers pack runs/covers-seed0 small")]
 pub struct PackOptions {
     /// The run's folder.
     pub run: PathBuf,

@@ -30,6 +30,7 @@ const REPLAY: u64 = 3 << 30;
 
 /// How a machine is examined.
 #[derive(Clone, Copy, Debug, Args)]
+#[command(after_help = "Example: covers doctor --threads 2")]
 pub struct DoctorOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
