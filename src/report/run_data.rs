@@ -36,6 +36,17 @@ pub struct RunData {
     pub units: Vec<UnitsRow>,
     /// One row an answer; none of a run that did not ask.
     pub recognition: Vec<RecognitionRow>,
+    /// Films of its policies; none unless they were asked for.
+    pub films: Vec<GroupFilm>,
+}
+
+/// A film of the four variants of a group, each played by the policy that the learner chose.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GroupFilm {
+    /// The group's name.
+    pub group: String,
+    /// A GIF file.
+    pub gif: Vec<u8>,
 }
 
 impl RunData {
@@ -70,6 +81,7 @@ impl RunData {
             scores,
             units,
             recognition,
+            films: Vec::new(),
         })
     }
 
@@ -96,6 +108,7 @@ impl RunData {
             scores: whole_rows(&folder.file("evaluation.csv"))?,
             units: Vec::new(),
             recognition: Vec::new(),
+            films: Vec::new(),
         })
     }
 
@@ -285,6 +298,7 @@ impl RunData {
             scores: Vec::new(),
             units: Vec::new(),
             recognition: Vec::new(),
+            films: Vec::new(),
         }
     }
 }
