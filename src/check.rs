@@ -29,6 +29,7 @@ pub use parity::{ParityRow, parity};
 #[derive(Clone, Debug, Subcommand)]
 pub enum Check {
     /// Scripted experts on all 16 variants.
+    #[command(after_help = "Example: covers check experts --embodiment hand --seeds 10")]
     Experts {
         /// `sawyer`, `hand` or `kinova_gen3`; the first two where none is named.
         #[arg(long)]
@@ -43,6 +44,7 @@ pub enum Check {
     /// The mask that hides a robot's arm beside where the camera shows the arm.
     Mask(MaskOptions),
     /// Recordings of Meta-World beside ours: rewards, single steps, replay.
+    #[command(after_help = "Example: covers check parity tests/recordings")]
     Parity {
         /// Folder of recordings named ENGINE_TASK_POLICY.npz.
         folder: PathBuf,
@@ -51,6 +53,7 @@ pub enum Check {
         json: bool,
     },
     /// Variants beside their canonical twins, open loop and closed loop.
+    #[command(after_help = "Example: covers check symmetry --embodiment hand")]
     Symmetry {
         /// `sawyer`, `hand` or `kinova_gen3`.
         #[arg(long)]

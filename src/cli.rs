@@ -149,6 +149,10 @@ pub struct StreamOptions {
 
 /// A stream to learn from.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers train --budget short\n  covers train --preset equi --seed 3 \
+    --set covers.ppo.gamma=0.97\n  covers train --config experiment.json --folder runs/mine"
+)]
 pub struct TrainOptions {
     /// The method.
     #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]
@@ -162,6 +166,11 @@ pub struct TrainOptions {
     /// Where policies learn; an update is the same but for rounding, and runs drift apart.
     #[arg(long, value_enum, default_value = "cpu")]
     pub device: DeviceChoice,
+    /// Draw curves, groups and policies, distances and the newest picture on the terminal; `q` ends
+    /// the run with a checkpoint.
+    #[cfg(feature = "tui")]
+    #[arg(long)]
+    pub tui: bool,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub run: RunOptions,

@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
-use crate::cli::{TrainOptions, Work, say, thread_count};
+use crate::cli::{Threads, TrainOptions, Work, say, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::events::write_events;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
-use crate::report::{Report, RunData};
+use crate::render::gallery;
+use crate::report::{GroupFilm, Report, RunData};
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
@@ -39,6 +40,7 @@ pub enum Command {
 
 /// What to go on with.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers resume runs/covers-seed0")]
 pub struct ResumeOptions {
     /// The run's folder.
     pub run: PathBuf,
@@ -52,6 +54,9 @@ pub struct ResumeOptions {
 
 /// Which runs to do.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers sweep plan.json --runs runs\n  covers sweep plan.json --slurm > job.sh"
+)]
 pub struct SweepOptions {
     /// The plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants`
     /// of them for a study.
@@ -76,6 +81,9 @@ pub struct SweepOptions {
 
 /// What to score.
 #[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-seed0 --embodiment hand --json"
+)]
 pub struct EvalOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -102,6 +110,7 @@ pub struct EvalOptions {
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
+    covers report runs/covers-seed0 --out report --films\n  \
     covers report runs/covers-seed0 --tensorboard boards"
 )]
 pub struct ReportOptions {
@@ -113,6 +122,10 @@ pub struct ReportOptions {
     /// in any case.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Put a GIF of each group's policies at work into `report.html`, some 10 kB each. Runs without
+    /// checkpoints have none.
+    #[arg(long, requires = "out")]
+    pub films: bool,
     /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
     pub tensorboard: Option<PathBuf>,
@@ -120,6 +133,7 @@ pub struct ReportOptions {
 
 /// What to pack.
 #[derive(Clone, Debug, Args)]
+#[command(after_help = "Example: covers pack runs/covers-seed0 small")]
 pub struct PackOptions {
     /// The run's folder.
     pub run: PathBuf,
@@ -174,11 +188,21 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
+    #[cfg(feature = "tui")]
+    if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
+        return Err(CoversError::NoTerminal);
+    }
     let folder = options
         .run
         .output
         .run_folder(&options.run_name(&experiment))?;
     let mut run = Run::start(experiment, folder)?;
+    #[cfg(feature = "tui")]
+    if options.tui {
+        crate::watch::screen::train(&mut run)?;
+        run.stop_at(Stop::on_signals()?);
+        return conclude(&mut run, options.run.output.json, out);
+    }
     finish(&mut run, options.run.output.json, out)
 }
 
@@ -330,11 +354,44 @@ fn report(options: &ReportOptions, out: &mut impl Write) -> Result<(), CoversErr
         return paths.try_for_each(|path| say(out, &path));
     }
     let runs = options.runs.iter().map(|run| RunData::read(run));
-    let report = Report::new(runs.collect::<Result<_, _>>()?)?;
+    let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
+    let mut films = Vec::new();
+    if options.films {
+        let own = options.runs.iter().zip(&mut runs);
+        films = own
+            .map(|(path, run)| film(path, run))
+            .collect::<Result<_, _>>()?;
+    }
+    let report = Report::new(runs)?;
     if let Some(folder) = &options.out {
         report.write(folder)?;
     }
-    say(out, report.markdown().trim_end())
+    say(out, report.markdown().trim_end())?;
+    films.iter().try_for_each(|line| say(out, line))
+}
+
+/// Films the policies of a run, and says how large the films are or why there are none.
+fn film(path: &Path, run: &mut RunData) -> Result<String, CoversError> {
+    let threads = Threads { threads: None }.count();
+    match gallery(&RunFolder::open(path), threads) {
+        Ok(films) => {
+            let films = films.into_iter();
+            run.films = films.map(|(group, gif)| GroupFilm { group, gif }).collect();
+            let size: usize = run.films.iter().map(|film| film.gif.len()).sum();
+            let (number, size) = (run.films.len(), size.div_ceil(1000));
+            Ok(format!(
+                "\n{}: {number} films, {size} kB in report.html",
+                run.name
+            ))
+        }
+        Err(CoversError::NoCheckpoint { problems, .. }) => {
+            let name = &run.name;
+            Ok(format!(
+                "\n{name}: no films, for want of policies ({problems})"
+            ))
+        }
+        Err(error) => Err(error),
+    }
 }
 
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), CoversError> {

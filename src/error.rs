@@ -295,6 +295,21 @@ pub enum CoversError {
         /// The reason.
         source: std::io::Error,
     },
+    /// A folder that has policies and no tables.
+    #[error(
+        "{} has no tables to watch: `covers pack` leaves policies alone. Watch the run's own folder",
+        folder.display()
+    )]
+    NoTables {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A screen where there is none.
+    #[error(
+        "`--tui` draws on a terminal, and standard output is none: leave it out, or follow the run \
+         with `covers watch`"
+    )]
+    NoTerminal,
     /// A learner that has no policies for other programs.
     #[error("this learner's policies cannot be written for other programs")]
     Unexportable,

@@ -22,6 +22,7 @@ pub mod check;
 pub mod cli;
 mod colours;
 pub mod commands;
+mod completions;
 pub mod deploy;
 mod disk;
 pub mod doctor;
@@ -30,11 +31,14 @@ pub mod evaluation;
 mod events;
 mod experiment;
 pub mod export;
+mod glimpse;
 mod groupings;
 mod learners;
+mod manual;
 mod overrides;
 pub mod preset_list;
 pub mod presets;
+pub mod program;
 mod proto;
 pub mod render;
 pub mod report;
@@ -45,11 +49,13 @@ mod stream;
 pub mod sweep;
 pub mod tables;
 mod timetable;
+pub mod watch;
 mod world;
 
 pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
+pub use glimpse::Glimpse;
 pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Recognised, Single,
 };

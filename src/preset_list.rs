@@ -10,6 +10,8 @@ use crate::presets::{Budget, Method};
 
 /// What to list.
 #[derive(Clone, Copy, Debug, Args)]
+#[command(after_help = "Examples:\n  covers presets\n  \
+    covers presets covers --budget short > experiment.json")]
 pub struct PresetsOptions {
     /// Print the settings of this preset as JSON instead: a file to change and to train with
     /// `--config`.

@@ -36,6 +36,21 @@ impl Picture {
         writer.finish()?;
         Ok(bytes)
     }
+
+    /// Reads a PNG file of RGB bytes; nothing of any other.
+    #[cfg(feature = "tui")]
+    pub(crate) fn from_png(bytes: &[u8]) -> Option<Self> {
+        let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info();
+        let mut reader = reader.ok()?;
+        let mut rgb = vec![0; reader.output_buffer_size()?];
+        let info = reader.next_frame(&mut rgb).ok()?;
+        let fits = (info.color_type, info.bit_depth) == (png::ColorType::Rgb, png::BitDepth::Eight);
+        fits.then_some(Self {
+            width: info.width as usize,
+            height: info.height as usize,
+            rgb,
+        })
+    }
 }
 
 /// Each pixel of a variant becomes a square of this side.
@@ -120,6 +135,28 @@ pub fn contact_sheet(
         }
     }
     Ok(Picture { width, height, rgb })
+}
+
+/// The first variant of a group on a contact sheet of pictures of `size` pixels a side; none where the
+/// sheet does not reach so far.
+#[cfg(feature = "tui")]
+pub(crate) fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
+    let side = size * ENLARGE;
+    let (top, left) = (GAP + group * (side + GAP), GAP);
+    if left + side > sheet.width || top + side > sheet.height {
+        return None;
+    }
+    let rows = sheet
+        .rgb
+        .chunks_exact(sheet.width * RGB)
+        .skip(top)
+        .take(side);
+    let rows = rows.map(|row| &row[left * RGB..(left + side) * RGB]);
+    Some(Picture {
+        width: side,
+        height: side,
+        rgb: rows.flatten().copied().collect(),
+    })
 }
 
 fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {

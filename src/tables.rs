@@ -1,6 +1,6 @@
 //! What a person reads: one line a rollout, and a table at the end.
 
-use std::fmt::Write;
+use std::fmt::{self, Write};
 
 use crate::evaluation::{Score, by_group};
 use crate::runs::{Event, Progress, Summary};
@@ -17,33 +17,63 @@ pub fn event_text(event: &Event) -> String {
 /// second rollout to recall it), mean reward, success, W1 to each policy that was compared.
 pub fn rollout_line(progress: &Progress) -> String {
     let turn = &progress.turn;
-    let distances: Vec<String> = turn
-        .evidence
-        .iter()
-        .map(|evidence| match evidence.score() {
-            Some(score) => format!("{:.2} (z {score:.1})", evidence.distance),
-            None => format!("{:.2}", evidence.distance),
-        })
-        .collect();
-    let remark = match (turn.created, &turn.first_look) {
-        (true, _) => " new",
-        (false, Some(_)) => " 2nd",
-        (false, None) => "    ",
+    let evidence = turn.evidence.iter();
+    let line = RolloutLine {
+        decisions: progress.decisions,
+        group: progress.group.name(),
+        policy: turn.policy,
+        created: turn.created,
+        second_look: turn.first_look.is_some(),
+        reward: progress.reward(),
+        success: progress.success(),
+        evidence: evidence
+            .map(|evidence| (Some(evidence.distance), evidence.score()))
+            .collect(),
     };
-    format!(
-        "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
-        progress.decisions,
-        progress.group.name(),
-        turn.policy,
-        number(progress.reward(), 1),
-        number(progress.success(), 2),
-        distances.join(", "),
-    )
+    line.to_string()
+}
+
+/// What is told of a rollout, by the run itself or by who reads its tables.
+pub(crate) struct RolloutLine<'a> {
+    pub decisions: usize,
+    pub group: &'a str,
+    pub policy: usize,
+    pub created: bool,
+    pub second_look: bool,
+    pub reward: Option<f64>,
+    pub success: Option<f64>,
+    /// The distance to each policy that was compared, and its score.
+    pub evidence: Vec<(Option<f64>, Option<f64>)>,
+}
+
+impl fmt::Display for RolloutLine<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let evidence = self.evidence.iter().map(|&(distance, score)| match score {
+            Some(score) => format!("{} (z {score:.1})", number(distance, 2)),
+            None => number(distance, 2),
+        });
+        let remark = match (self.created, self.second_look) {
+            (true, _) => " new",
+            (false, true) => " 2nd",
+            (false, false) => "    ",
+        };
+        write!(
+            f,
+            "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
+            self.decisions,
+            self.group,
+            self.policy,
+            number(self.reward, 1),
+            number(self.success, 2),
+            evidence.collect::<Vec<_>>().join(", "),
+        )
+    }
 }
 
 /// A figure with `digits` decimals; a dash where there is none.
-fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
+    let finite = value.filter(|value| value.is_finite());
+    finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
 /// The table of one evaluation: a line a group, with the success of its variants, those that were

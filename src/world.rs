@@ -5,6 +5,7 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
 use crate::error::CoversError;
 use crate::experiment::{Experiment, Seeds};
+use crate::glimpse::Glimpse;
 use crate::groupings::Labels;
 use crate::schedule::{Clock, Visit};
 use crate::stream::Stream;
@@ -35,6 +36,8 @@ pub(crate) struct World {
     is_begun: bool,
     /// Their first observations, for a learner that asks for a reset then.
     begun: Observations,
+    /// Where pictures are left, if somebody looks on.
+    glimpse: Option<Glimpse>,
 }
 
 /// The visits that one turn showed, by their indices.
@@ -73,12 +76,18 @@ impl World {
             shown: None,
             labels,
             steps: 0,
+            glimpse: None,
         })
     }
 
     /// The environments.
     pub fn stream(&self) -> &Stream {
         &self.stream
+    }
+
+    /// Leaves the newest picture there from now on.
+    pub fn show_to(&mut self, glimpse: Glimpse) {
+        self.glimpse = Some(glimpse);
     }
 
     /// The index of the visit that the turn of this number begins in; none behind the last.
@@ -193,6 +202,9 @@ impl VectorEnv for World {
             self.stream.reset(&mut out.observations)?;
             self.begun.clone_from(&out.observations);
             self.is_begun = true;
+        }
+        if let Some(glimpse) = &self.glimpse {
+            glimpse.leave(self.spec(), &out.observations);
         }
         Ok(())
     }

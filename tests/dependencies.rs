@@ -27,7 +27,7 @@ const LICENCES: [&str; 11] = [
 const EXCEPTIONS: [&str; 1] = ["LLVM-exception"];
 
 /// Crates that are compiled in several versions, how many, and who asks for the older ones.
-const SEVERAL_VERSIONS: [(&str, usize); 7] = [
+const SEVERAL_VERSIONS: [(&str, usize); 8] = [
     // 0.2 by nano-gemm, which is faer's; 0.6 by faer itself
     ("equator", 2),
     // as equator
@@ -36,6 +36,8 @@ const SEVERAL_VERSIONS: [(&str, usize); 7] = [
     ("hashbrown", 2),
     // 0.8 by png; 0.9 by flate2, which is png's and zip's
     ("miniz_oxide", 2),
+    // 0.3 by crossterm, which is ratatui's; 0.4 by this program
+    ("signal-hook", 2),
     // 1 by interpol and 2 by equator-macro 0.2, both faer's; 3 by all others
     ("syn", 3),
     // 1 by serde-xml-rs, which is urdf-rs'; 2 by all others

@@ -1,6 +1,6 @@
 //! The networks and the update embed in a program that has neither MuJoCo nor a command line: a
-//! crate outside this repository depends on `covers-rl` and `covers-equivariant` by path. What such
-//! a crate would compile is looked at here; that every package compiles by itself is seen where
+//! crate outside this repository depends on `covers-rl` and `covers-equivariant` by path. The learner
+//! embeds without a screen. What such a crate would compile is looked at here; that every package compiles by itself is seen where
 //! `make test` packages them.
 
 use std::fs;
@@ -10,13 +10,14 @@ use std::process::Command;
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
 /// Crates that only simulation, pictures and the command line need.
-const UNWANTED: [&str; 7] = [
+const UNWANTED: [&str; 8] = [
     "covers-mujoco",
     "covers-mujoco-sys",
     "covers-envs",
     "bindgen",
     "clap",
     "png",
+    "ratatui",
     "zip",
 ];
 
@@ -36,16 +37,17 @@ struct Stranger(PathBuf);
 impl Stranger {
     /// Depends on these folders of the repository, and on the versions that its lock file names.
     fn new(dependencies: &[(&str, &str)]) -> Self {
-        let name = format!(
-            "covers-stranger-{}-{}",
-            dependencies[0].1,
-            std::process::id()
-        );
-        let folder = std::env::temp_dir().join(name);
         let lines = dependencies.iter();
         let lines: String = lines
             .map(|(package, folder)| format!("{package} = {{ path = \"{ROOT}/{folder}\" }}\n"))
             .collect();
+        Self::with(dependencies[0].1, &lines)
+    }
+
+    /// Has these lines of dependencies, and a folder of this name.
+    fn with(name: &str, lines: &str) -> Self {
+        let name = format!("covers-stranger-{name}-{}", std::process::id());
+        let folder = std::env::temp_dir().join(name);
         let head = "[package]\nname = \"stranger\"\nedition = \"2024\"\n\n[dependencies]\n";
         let manifest = format!("{head}{lines}");
         fs::create_dir_all(folder.join("src")).unwrap();
@@ -103,5 +105,15 @@ fn the_environments_bring_the_simulator() {
             unwanted.iter().any(|name| name == expected),
             "{expected}: {unwanted:?}"
         );
+    }
+}
+
+#[test]
+fn the_learner_embeds_without_a_screen() {
+    for (features, expected) in [("", true), (", default-features = false", false)] {
+        let lines = format!("covers = {{ path = \"{ROOT}\"{features} }}\n");
+        let stranger = Stranger::with(&format!("learner-{expected}"), &lines);
+        let screen = stranger.unwanted().iter().any(|name| name == "ratatui");
+        assert_eq!(screen, expected, "{features}");
     }
 }

@@ -24,6 +24,7 @@ mod report;
 mod runs;
 mod trials;
 mod variants;
+mod watch;
 
 #[path = "../rl/tests/common/guess.rs"]
 mod guess;

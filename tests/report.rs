@@ -205,6 +205,33 @@ fn with_cell(table: &str, column: &str, cell: &str) -> String {
 }
 
 #[test]
+fn films_are_inside_of_the_page_where_they_are_asked_for() {
+    let scratch = Scratch::new("films");
+    scratch.run("equi-seed0", small(Method::Equi, 0));
+    let folder = scratch.0.join("report");
+    let html = |more: &[&str]| {
+        let out = ["--out", folder.to_str().unwrap()];
+        let text = scratch
+            .report(&["equi-seed0"], &[&out, more].concat())
+            .unwrap();
+        (
+            text,
+            fs::read_to_string(folder.join("report.html")).unwrap(),
+        )
+    };
+    let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
+    let (text, page) = html(&[]);
+    assert!(gifs(&page) == 0 && !text.contains("films"));
+    let (text, page) = html(&["--films"]);
+    assert_eq!((gifs(&page), page.matches("src=").count()), (2, 2));
+    assert!(text.contains("\nequi-seed0: 2 films, "), "{text}");
+    fs::remove_dir_all(scratch.0.join("equi-seed0/checkpoints")).unwrap();
+    let (text, page) = html(&["--films"]);
+    assert!(text.contains("\nequi-seed0: no films"), "{text}");
+    assert_eq!(gifs(&page), 0);
+}
+
+#[test]
 fn the_papers_row_follows_the_settings_and_not_the_name() {
     let scratch = Scratch::new("names");
     let paper = |text: &str| {

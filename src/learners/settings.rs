@@ -133,6 +133,14 @@ impl LearnerSettings {
         }
     }
 
+    /// The distance above which a rollout is of another group, where the grouping has one for good.
+    pub(crate) fn fixed_threshold(&self) -> Option<f64> {
+        match each!(self, settings => settings.grouping) {
+            GroupingSettings::Threshold { threshold } => Some(threshold),
+            _ => None,
+        }
+    }
+
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
         each!(self, settings => settings.rollout_steps)

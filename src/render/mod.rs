@@ -3,6 +3,7 @@
 mod command;
 mod film;
 mod font;
+mod gallery;
 mod gif;
 mod mosaic;
 mod mp4;
@@ -13,6 +14,7 @@ mod target;
 
 pub use command::RenderOptions;
 pub use film::Film;
+pub(crate) use gallery::gallery;
 pub(crate) use gif::encode as gif;
 pub(crate) use mosaic::{Cell, Row, mosaic};
 pub use studio::View;

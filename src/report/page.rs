@@ -2,6 +2,7 @@
 
 use super::bands;
 use super::curves;
+use super::films;
 use super::matrix::Matrix;
 use super::method::MethodRuns;
 use super::rows::TimingRow;
@@ -113,10 +114,11 @@ fn of_run(run: &RunData) -> String {
     matrices.extend(SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
     let matrices: String = matrices.iter().map(Matrix::html).collect();
     format!(
-        "<details>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}\
+        "<details>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\
          <h4>Settings</h4>\n<pre>{}</pre>\n<h4>Where it ran</h4>\n<pre>{}</pre>\n</details>\n",
         escaped(&run.name),
         wide(&curves::run(run)),
+        films::html(run),
         time(&run.timings),
         escaped(&format!("{:#}", serde_json::json!(run.experiment))),
         escaped(&format!("{:#}", serde_json::json!(run.provenance))),
@@ -165,6 +167,7 @@ mod tests {
             inference: 0.2,
             assignment: 0.1,
             update: 0.6,
+            ..TimingRow::default()
         };
         let bar = time(&[row, row]);
         assert!(bar.contains("4 s of learning"), "{bar}");

@@ -4,10 +4,10 @@ use std::fmt::Display;
 use std::str::FromStr;
 
 use serde::de::Error as _;
-use serde::{Deserialize, Deserializer};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// A row of `metrics.csv`, without what a learner adds of its own.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RolloutRow {
     /// Decisions taken by the end of the rollout.
     pub decisions: usize,
@@ -19,6 +19,12 @@ pub struct RolloutRow {
     pub straddles: bool,
     /// The policy that learnt.
     pub policy: usize,
+    /// Whether it was opened in this turn.
+    #[serde(default)]
+    pub created: bool,
+    /// Rollouts that were looked at before a policy was named; none where the learner does not say.
+    #[serde(default)]
+    pub looks: Option<f64>,
     /// Mean return on the paper's scale, in `[0, 500]`; none where no episode ended.
     pub reward: Option<f64>,
     /// Share of episodes that succeeded, in `[0, 1]`; none where none ended.
@@ -34,6 +40,9 @@ pub struct RolloutRow {
     /// For each of them the largest distance of the permutations.
     #[serde(default, deserialize_with = "numbers")]
     pub null_maxima: Vec<Option<f64>>,
+    /// For each of them how many standard deviations the distance is above that of a permutation.
+    #[serde(default, deserialize_with = "numbers")]
+    pub scores: Vec<Option<f64>>,
 }
 
 /// Numbers with semicolons between them, some of which are missing.
@@ -55,7 +64,7 @@ where
 }
 
 /// A row of `evaluation.csv`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow {
     /// Rollouts learnt from before the evaluation.
     pub rollouts: usize,
@@ -106,6 +115,9 @@ pub struct RecognitionRow {
 /// A row of `timings.csv`: seconds of one rollout and what became of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 pub struct TimingRow {
+    /// Decisions of the rollout.
+    #[serde(default)]
+    pub decisions: usize,
     /// All of it.
     pub total: f64,
     /// Physics and pictures.
@@ -127,6 +139,7 @@ impl TimingRow {
             inference,
             assignment,
             update,
+            ..
         } = *self;
         let seconds = [total, environments, inference, assignment, update];
         seconds.iter().all(|part| part.is_finite() && *part >= 0.0)

@@ -1,5 +1,6 @@
 //! The files of one run's folder.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
@@ -35,6 +36,17 @@ pub struct RunData {
     pub units: Vec<UnitsRow>,
     /// One row an answer; none of a run that did not ask.
     pub recognition: Vec<RecognitionRow>,
+    /// Films of its policies; none unless they were asked for.
+    pub films: Vec<GroupFilm>,
+}
+
+/// A film of the four variants of a group, each played by the policy that the learner chose.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GroupFilm {
+    /// The group's name.
+    pub group: String,
+    /// A GIF file.
+    pub gif: Vec<u8>,
 }
 
 impl RunData {
@@ -69,6 +81,34 @@ impl RunData {
             scores,
             units,
             recognition,
+            films: Vec::new(),
+        })
+    }
+
+    /// Reads the folder of a run that may go on meanwhile: the rows that are whole.
+    ///
+    /// # Errors
+    /// [`CoversError::NoRun`], [`CoversError::Read`], and [`CoversError::UnfitRun`] for a policy
+    /// that cannot have been opened yet.
+    pub fn so_far(path: &Path) -> Result<Self, CoversError> {
+        let folder = RunFolder::open(path);
+        let name = name_of(path)?;
+        let experiment = folder.experiment()?;
+        let rollouts: Vec<RolloutRow> = whole_rows(&folder.file("metrics.csv"))?;
+        let mut turns = rollouts.iter().enumerate();
+        if turns.any(|(turn, row)| row.policy > turn) {
+            return Err(unfit(path, "metrics.csv holds a row that cannot be"));
+        }
+        Ok(Self {
+            name,
+            experiment,
+            rollouts,
+            provenance: Vec::new(),
+            timings: whole_rows(&folder.file("timings.csv"))?,
+            scores: whole_rows(&folder.file("evaluation.csv"))?,
+            units: Vec::new(),
+            recognition: Vec::new(),
+            films: Vec::new(),
         })
     }
 
@@ -232,6 +272,19 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError
     }
 }
 
+/// The rows of a file that somebody may be writing to: the last one counts once its line is ended.
+fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
+    let text = match std::fs::read(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
+        read => read.map_err(|error| CoversError::read(path, error))?,
+    };
+    let end = text.iter().rposition(|&byte| byte == b'\n');
+    let whole = &text[..end.map_or(0, |end| end + 1)];
+    let rows = csv::Reader::from_reader(whole).into_deserialize();
+    let rows = rows.collect::<Result<_, _>>();
+    rows.map_err(|error| CoversError::read(path, error))
+}
+
 #[cfg(test)]
 impl RunData {
     /// A run without rows.
@@ -245,6 +298,7 @@ impl RunData {
             scores: Vec::new(),
             units: Vec::new(),
             recognition: Vec::new(),
+            films: Vec::new(),
         }
     }
 }

@@ -20,6 +20,7 @@ mod timings;
 mod workers;
 
 pub use folder::RunFolder;
+pub(crate) use folder::SUMMARY;
 pub(crate) use heirs::acting;
 pub use ledger::Ledger;
 pub use progress::{Evaluation, Event, Progress};

@@ -10,11 +10,12 @@ use rayon::ThreadPool;
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
+use crate::glimpse::Glimpse;
 use crate::learners::{DeviceChoice, Extent, Learner, Turn};
 use crate::world::World;
 
 use super::checkpoints;
-use super::folder::{RunFolder, SUMMARY};
+use super::folder::RunFolder;
 use super::ledger::Ledger;
 use super::lock::Lock;
 use super::logs::Logs;
@@ -169,6 +170,11 @@ impl Run {
     /// The run stops at `stop`'s wish.
     pub fn stop_at(&mut self, stop: Stop) {
         self.stop = stop;
+    }
+
+    /// The run leaves the newest picture there while it learns.
+    pub fn show_to(&mut self, glimpse: Glimpse) {
+        self.world.show_to(glimpse);
     }
 
     /// How the run began: anew, or from which checkpoint, and why not from a newer one.
@@ -387,9 +393,7 @@ impl Run {
             variants: self.last_scores.clone(),
         };
         if self.is_finished() {
-            let text = serde_json::to_string_pretty(&summary);
-            let text = text.map_err(|error| CoversError::write(self.folder.path(), error))?;
-            self.folder.replace(SUMMARY, text.as_bytes())?;
+            summary.write(&self.folder)?;
         }
         Ok(Some(summary))
     }

@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
+use crate::error::CoversError;
 use crate::evaluation::{GroupScore, Score};
+
+use super::folder::{RunFolder, SUMMARY};
 
 /// Figures of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -31,4 +34,13 @@ pub struct Summary {
     pub groups: Vec<GroupScore>,
     /// Scores of all their variants.
     pub variants: Vec<Score>,
+}
+
+impl Summary {
+    /// Leaves the figures in the folder of a run, which says that it is finished.
+    pub(super) fn write(&self, folder: &RunFolder) -> Result<(), CoversError> {
+        let text = serde_json::to_string_pretty(self);
+        let text = text.map_err(|error| CoversError::write(folder.path(), error))?;
+        folder.replace(SUMMARY, text.as_bytes())
+    }
 }

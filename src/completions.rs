@@ -1,0 +1,35 @@
+//! `covers completions`: what lets a shell complete commands and options.
+
+use std::io::Write;
+use std::path::Path;
+
+use clap::{Args, Command};
+use clap_complete::Shell;
+
+use crate::error::CoversError;
+
+/// Which shell.
+#[derive(Clone, Copy, Debug, Args)]
+#[command(after_help = "Examples:\n  \
+    covers completions bash > ~/.local/share/bash-completion/completions/covers\n  \
+    covers completions zsh > ~/.zfunc/_covers\n  \
+    covers completions fish > ~/.config/fish/completions/covers.fish")]
+pub struct CompletionsOptions {
+    /// The shell.
+    #[arg(value_enum)]
+    pub shell: Shell,
+}
+
+impl CompletionsOptions {
+    /// Prints the shell's script for `program`.
+    ///
+    /// # Errors
+    /// An `out` that cannot be written to.
+    pub fn run(&self, mut program: Command, out: &mut impl Write) -> Result<(), CoversError> {
+        let mut script = Vec::new();
+        let name = program.get_name().to_owned();
+        clap_complete::generate(self.shell, &mut program, name, &mut script);
+        let written = out.write_all(&script);
+        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+    }
+}

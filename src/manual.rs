@@ -1,0 +1,83 @@
+//! `covers man`: manual pages.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Command};
+use clap_mangen::Man;
+
+use crate::cli::say;
+use crate::error::CoversError;
+
+/// Which page.
+#[derive(Clone, Debug, Args)]
+#[command(
+    after_help = "Examples:\n  covers man | man -l -\n  covers man check mask | man -l -\n  \
+    covers man --out ~/.local/share/man/man1"
+)]
+pub struct ManualOptions {
+    /// The command whose page is printed, as `check mask` (default: `covers` itself).
+    #[arg(value_name = "COMMAND")]
+    pub command: Vec<String>,
+    /// Write the pages of all commands to this folder, which is created.
+    #[arg(long, value_name = "DIR", conflicts_with = "command")]
+    pub out: Option<PathBuf>,
+}
+
+impl ManualOptions {
+    /// Prints the page of one of `program`'s commands in roff, or writes those of all.
+    ///
+    /// # Errors
+    /// [`CoversError::Setting`] for a command that there is not; a folder or an `out` that cannot be
+    /// written to.
+    pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), CoversError> {
+        let mut program = program.disable_help_subcommand(true);
+        program.build();
+        match &self.out {
+            Some(folder) => {
+                let pages = write(&program, folder)?;
+                say(out, &format!("{pages} pages in {}", folder.display()))
+            }
+            None => {
+                let page = render(self.chosen(&program)?);
+                let written = page.and_then(|page| out.write_all(&page));
+                written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+            }
+        }
+    }
+
+    fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, CoversError> {
+        let mut words = self.command.iter();
+        let chosen = words.try_fold(program, |command, word| command.find_subcommand(word));
+        chosen.ok_or_else(|| CoversError::Setting {
+            name: "command",
+            value: self.command.join(" "),
+            expected: "a command that `covers --help` lists",
+        })
+    }
+}
+
+/// Writes the pages of a command and of those below it; returns how many.
+fn write(command: &Command, folder: &Path) -> Result<usize, CoversError> {
+    fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
+    let path = folder.join(format!("{}.1", title(command)));
+    let written = render(command).and_then(|page| fs::write(&path, page));
+    written.map_err(|error| CoversError::write(&path, error))?;
+    let below = command.get_subcommands().map(|own| write(own, folder));
+    below.sum::<Result<usize, _>>().map(|below| 1 + below)
+}
+
+/// The name of a command's page: its words with hyphens between them.
+fn title(command: &Command) -> &str {
+    command
+        .get_display_name()
+        .unwrap_or_else(|| command.get_name())
+}
+
+fn render(command: &Command) -> std::io::Result<Vec<u8>> {
+    let mut page = Vec::new();
+    let source = concat!("covers ", env!("CARGO_PKG_VERSION"));
+    Man::new(command.clone()).source(source).render(&mut page)?;
+    Ok(page)
+}

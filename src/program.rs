@@ -1,0 +1,187 @@
+//! The command `covers`: its subcommands, and what its exit codes mean.
+
+use std::io::Write;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::check::Check;
+use crate::commands::{Command, Outcome};
+use crate::completions::CompletionsOptions;
+use crate::deploy::{CalibrateOptions, DeployOptions};
+use crate::doctor::DoctorOptions;
+use crate::error::CoversError;
+use crate::export::ExportOptions;
+use crate::manual::ManualOptions;
+use crate::preset_list::PresetsOptions;
+use crate::render::RenderOptions;
+use crate::watch::WatchOptions;
+
+/// What `covers --help` and its manual page say below the options.
+const BELOW: &str = "\
+Examples:
+  covers train --budget short
+  covers watch runs/covers-short-seed0
+  covers report runs/covers-short-seed0 --out report
+
+Exit codes:
+  0    all was done, every check held, everything works
+  1    an error, which standard error names; a check that failed; a machine that lacks something
+  2    wrong options
+  3    a signal stopped a run, which left a checkpoint: `covers resume` goes on
+  128 and the number of a signal: it ended the program at once (130 for Ctrl-C, 143 for SIGTERM)";
+
+/// Continual vision-based reinforcement learning with group symmetries.
+#[derive(Debug, Parser)]
+#[command(version, after_help = BELOW)]
+pub struct Program {
+    #[command(subcommand)]
+    subcommand: Subcommands,
+}
+
+#[derive(Debug, Subcommand)]
+enum Subcommands {
+    #[command(flatten)]
+    Learner(Command),
+    /// Lets the policies of a run act on a robot that a camera watches.
+    Deploy(DeployOptions),
+    /// Finds where a robot's camera is, by a ball that the arm carries.
+    Calibrate(CalibrateOptions),
+    /// Shows a run while it goes on: curves, groups and policies, distances.
+    Watch(WatchOptions),
+    /// Shows policies at work, as a GIF or an mp4.
+    Render(RenderOptions),
+    /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
+    Export(ExportOptions),
+    /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
+    #[command(
+        subcommand,
+        after_help = "Example: covers check symmetry --embodiment hand"
+    )]
+    Check(Check),
+    /// Says what this machine has, how fast it is, and how to cure what is missing.
+    Doctor(DoctorOptions),
+    /// Lists methods and budgets, or prints all that a preset sets.
+    Presets(PresetsOptions),
+    /// Prints what lets a shell complete commands and options.
+    Completions(CompletionsOptions),
+    /// Prints manual pages.
+    Man(ManualOptions),
+}
+
+impl Program {
+    /// Does what was asked for, prints to `out`, and returns the exit code, whose meanings
+    /// `covers --help` lists.
+    ///
+    /// # Errors
+    /// What any part says, or an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
+        match &self.subcommand {
+            Subcommands::Learner(command) => command.run(out).map(Outcome::exit_code),
+            Subcommands::Deploy(deploy) => deploy.run(out).map(|()| 0),
+            Subcommands::Calibrate(calibrate) => calibrate.run(out).map(|()| 0),
+            Subcommands::Watch(watch) => watch.run(out),
+            Subcommands::Render(render) => render.run(out).map(|()| 0),
+            Subcommands::Export(export) => export.run(out).map(|()| 0),
+            Subcommands::Check(check) => check.run(out).map(|held| u8::from(!held)),
+            Subcommands::Doctor(doctor) => doctor.run(out).map(|works| u8::from(!works)),
+            Subcommands::Presets(presets) => presets.run(out).map(|()| 0),
+            Subcommands::Completions(shell) => shell.run(Self::command(), out).map(|()| 0),
+            Subcommands::Man(manual) => manual.run(Self::command(), out).map(|()| 0),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the program prints for these words.
+    fn printed(words: &[&str]) -> Result<String, CoversError> {
+        let mut out = Vec::new();
+        let program = Program::try_parse_from([&["covers"], words].concat()).unwrap();
+        assert_eq!(program.run(&mut out)?, 0);
+        Ok(String::from_utf8(out).unwrap())
+    }
+
+    /// The words of every command below `command`, which are not `help`.
+    fn commands(command: &clap::Command, words: &[String]) -> Vec<Vec<String>> {
+        let below = command.get_subcommands().flat_map(|own| {
+            let words = [words, &[own.get_name().to_owned()]].concat();
+            let deeper = commands(own, &words);
+            std::iter::once(words).chain(deeper)
+        });
+        below.collect()
+    }
+
+    #[test]
+    fn options_agree_with_one_another() {
+        Program::command().debug_assert();
+    }
+
+    #[test]
+    fn every_help_has_an_example() {
+        for words in commands(&Program::command(), &[]) {
+            let mut command = Program::command();
+            for word in &words {
+                command = command.find_subcommand(word).unwrap().clone();
+            }
+            let help = command.render_help().to_string();
+            let example = format!("covers {}", words.join(" "));
+            let (_, below) = help.split_once("Example").unwrap_or_default();
+            assert!(below.contains(&example), "{example}: {help}");
+        }
+        let help = Program::command().render_help().to_string();
+        assert!(
+            help.contains("Example") && help.contains("Exit codes"),
+            "{help}"
+        );
+    }
+
+    #[test]
+    fn completions_know_every_command_in_every_shell() {
+        for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+            let script = printed(&["completions", shell]).unwrap();
+            for words in commands(&Program::command(), &[]) {
+                let name = words.last().unwrap();
+                assert!(script.contains(name.as_str()), "{shell}: {name}");
+            }
+        }
+        let script = printed(&["completions", "bash"]).unwrap();
+        for words in commands(&Program::command(), &[]) {
+            let case = format!("covers__subcmd__{}", words.join("__subcmd__"));
+            assert!(script.contains(&case), "{case}: {script}");
+        }
+    }
+
+    #[test]
+    fn every_command_has_a_manual_page() {
+        let page = printed(&["man"]).unwrap();
+        for expected in [".TH covers 1", "Exit codes", "covers\\-watch(1)"] {
+            assert!(page.contains(expected), "{expected}: {page}");
+        }
+        for words in commands(&Program::command(), &[]) {
+            let words: Vec<&str> = words.iter().map(String::as_str).collect();
+            let page = printed(&[&["man"], &words[..]].concat()).unwrap();
+            let title = format!(".TH covers-{} 1", words.join("-"));
+            assert!(
+                page.contains(&title) && page.contains("Example"),
+                "{title}: {page}"
+            );
+        }
+        let unknown = printed(&["man", "fly"]).unwrap_err().to_string();
+        assert!(unknown.contains("`command` is fly"), "{unknown}");
+    }
+
+    #[test]
+    fn pages_are_files_of_a_folder() {
+        let folder = std::env::temp_dir().join(format!("covers-man-{}", std::process::id()));
+        let said = printed(&["man", "--out", folder.to_str().unwrap()]).unwrap();
+        let pages = 1 + commands(&Program::command(), &[]).len();
+        assert!(said.starts_with(&format!("{pages} pages in ")), "{said}");
+        for name in ["covers.1", "covers-train.1", "covers-check-mask.1"] {
+            assert!(folder.join(name).is_file(), "{name}");
+        }
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), pages);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}

@@ -1,0 +1,10 @@
+//! A run while it goes on: as a screen, as lines, or as JSON, from the tables in its folder.
+
+mod command;
+mod pace;
+#[cfg(feature = "tui")]
+pub(crate) mod screen;
+mod told;
+mod view;
+
+pub use command::WatchOptions;

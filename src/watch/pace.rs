@@ -1,0 +1,76 @@
+//! How far a run is, and how fast it goes on.
+
+use serde::Serialize;
+
+use crate::report::RunData;
+
+/// Rollouts whose seconds say how fast a run is now.
+const RECENT: usize = 20;
+
+/// How far a run is. Evaluations are not timed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(super) struct Pace {
+    /// Decisions of the whole stream.
+    pub stream: usize,
+    /// Decisions a second in the last rollouts; none where no seconds are known.
+    pub decisions_per_second: Option<f64>,
+    /// Seconds of learning that are left at this pace.
+    pub seconds_left: Option<f64>,
+}
+
+impl Pace {
+    /// The pace of a run after the first of its rollouts, so many of them.
+    pub fn after(run: &RunData, rollouts: usize) -> Self {
+        let timed = &run.timings[..rollouts.min(run.timings.len())];
+        let recent = &timed[timed.len().saturating_sub(RECENT)..];
+        let seconds: f64 = recent.iter().map(|row| row.total).sum();
+        let decisions: f64 = recent.iter().map(|row| row.decisions as f64).sum();
+        let rate = Some(decisions / seconds).filter(|rate| rate.is_finite() && *rate > 0.0);
+        let stream = run.experiment.schedule.total_decisions();
+        let done = match rollouts {
+            0 => 0,
+            _ => run
+                .rollouts
+                .get(rollouts - 1)
+                .map_or(0, |row| row.decisions),
+        };
+        let left = stream.saturating_sub(done) as f64;
+        Self {
+            stream,
+            decisions_per_second: rate,
+            seconds_left: rate.map(|rate| left / rate),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::presets::{Budget, Method};
+    use crate::report::{RolloutRow, TimingRow};
+
+    #[test]
+    fn the_last_rollouts_say_how_long_the_rest_takes() {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let stream = run.experiment.schedule.total_decisions();
+        let nothing = Pace::after(&run, 0);
+        assert_eq!((nothing.stream, nothing.seconds_left), (stream, None));
+        for turn in 1..=40 {
+            run.rollouts.push(RolloutRow {
+                decisions: turn * stream / 80,
+                ..RolloutRow::default()
+            });
+            // the first ones were slow
+            let total = if turn > 20 { 0.5 } else { 50.0 };
+            run.timings.push(TimingRow {
+                decisions: 100,
+                total,
+                ..TimingRow::default()
+            });
+        }
+        let now = Pace::after(&run, 40);
+        assert_eq!(now.decisions_per_second, Some(200.0));
+        assert_eq!(now.seconds_left, Some((stream - stream / 2) as f64 / 200.0));
+        assert_eq!(Pace::after(&run, 20).decisions_per_second, Some(2.0));
+    }
+}

@@ -1,0 +1,236 @@
+//! Keys and signals of who looks on, beside a run of another process or of this one.
+
+use std::fs;
+use std::panic::resume_unwind;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::{flag, low_level};
+
+use crate::error::CoversError;
+use crate::glimpse::Glimpse;
+use crate::runs::{Run, Stop};
+use crate::sheet::{Picture, first_variant};
+
+use super::View;
+use super::draw::{Shown, draw};
+use super::terminal::{Screen, broken};
+
+/// From one look at keys, signals and tables to the next.
+const TICK: Duration = Duration::from_millis(200);
+/// The exit code of a program that a signal ended is this and the signal's number.
+const SIGNALLED: usize = 128;
+/// That after Ctrl-C.
+const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
+
+/// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128 and
+/// its number after a signal.
+///
+/// # Errors
+/// A terminal that is gone, tables that cannot be read.
+pub(in crate::watch) fn watch(mut view: View) -> Result<u8, CoversError> {
+    let (wish, sheet) = (Wish::listen()?, sheet(&view));
+    let mut screen = Screen::open()?;
+    loop {
+        let picture = newest_group(&view, sheet.as_ref());
+        show(&mut screen, &view, picture, "q quits")?;
+        if let Some(code) = wish.uttered()? {
+            return Ok(code);
+        }
+        view.refresh()?;
+    }
+}
+
+/// Learns to the end, or until somebody quits, and shows it meanwhile.
+///
+/// # Errors
+/// What the run says; a terminal that is gone, after which the run is saved.
+pub(crate) fn train(run: &mut Run) -> Result<(), CoversError> {
+    let (stop, glimpse) = (Stop::default(), Glimpse::default());
+    run.stop_at(stop.clone());
+    run.show_to(glimpse.clone());
+    let onlooker = Onlooker {
+        wish: Wish::listen()?,
+        view: View::open(run.folder().path())?,
+        screen: Screen::open()?,
+        stop,
+        glimpse,
+    };
+    let over = AtomicBool::new(false);
+    let (learnt, shown) = thread::scope(|scope| {
+        let onlooker = scope.spawn(|| onlooker.look_on(&over));
+        let learnt = {
+            let _over = Over(&over);
+            learn(run)
+        };
+        (learnt, onlooker.join())
+    });
+    let shown = shown.unwrap_or_else(|panic| resume_unwind(panic));
+    learnt?;
+    if shown.is_err() {
+        run.save()?;
+    }
+    shown
+}
+
+fn learn(run: &mut Run) -> Result<(), CoversError> {
+    while run.advance()?.is_some() {}
+    Ok(())
+}
+
+/// Says that a run is over when it is dropped, also by a panic.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::SeqCst);
+    }
+}
+
+/// Who draws while a run learns in this process.
+struct Onlooker {
+    wish: Wish,
+    view: View,
+    screen: Screen,
+    stop: Stop,
+    glimpse: Glimpse,
+}
+
+impl Onlooker {
+    /// Draws until the run is over. The first wish to end stops the run, the second one ends the
+    /// process.
+    fn look_on(mut self, over: &AtomicBool) -> Result<(), CoversError> {
+        // a run that nobody sees any more stops, whatever became of the screen
+        let _last = Last(self.stop.clone());
+        while !over.load(Ordering::SeqCst) {
+            let picture = self.glimpse.look();
+            let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
+            let keys = match self.stop.requested() {
+                true => "stops after this rollout; q again ends at once",
+                false => "q stops with a checkpoint",
+            };
+            show(&mut self.screen, &self.view, picture, keys)?;
+            if let Some(code) = self.wish.uttered()? {
+                if self.stop.requested() {
+                    drop(self.screen);
+                    // `q` ends a run as Ctrl-C does
+                    low_level::exit(i32::from(if code == 0 { INTERRUPTED } else { code }));
+                }
+                self.stop.request();
+            }
+            self.view.refresh()?;
+        }
+        Ok(())
+    }
+}
+
+/// Stops a run when it is dropped.
+struct Last(Stop);
+
+impl Drop for Last {
+    fn drop(&mut self) {
+        self.0.request();
+    }
+}
+
+fn show(
+    screen: &mut Screen,
+    view: &View,
+    picture: Option<(String, Picture)>,
+    keys: &str,
+) -> Result<(), CoversError> {
+    let shown = Shown {
+        run: &view.run,
+        finished: view.finished,
+        silence: view.silence(),
+        picture,
+        keys,
+    };
+    screen.draw(|frame| draw(&shown, frame))
+}
+
+/// The pictures with which episodes begin, where the run left them.
+fn sheet(view: &View) -> Option<Picture> {
+    let bytes = fs::read(view.folder.file("contact_sheet.png")).ok()?;
+    Picture::from_png(&bytes)
+}
+
+/// How episodes of the group that runs begin.
+fn newest_group(view: &View, sheet: Option<&Picture>) -> Option<(String, Picture)> {
+    let group = &view.run.rollouts.last()?.last_group;
+    let mut plans = view.run.experiment.schedule.groups.iter();
+    let number = plans.position(|plan| plan.group == *group)?;
+    let size = view.run.experiment.envs.camera.size;
+    let picture = first_variant(sheet?, size, number)?;
+    Some((format!("how {group} begins"), picture))
+}
+
+/// The wish to end, by a key or a signal.
+struct Wish {
+    /// The number of the last signal; 0 before any.
+    signal: Arc<AtomicUsize>,
+}
+
+impl Wish {
+    fn listen() -> Result<Self, CoversError> {
+        let signal = Arc::new(AtomicUsize::new(0));
+        for number in [SIGHUP, SIGINT, SIGTERM] {
+            flag::register_usize(number, Arc::clone(&signal), number as usize)
+                .map_err(|source| CoversError::Signals { source })?;
+        }
+        Ok(Self { signal })
+    }
+
+    /// Waits for a moment; returns an exit code where somebody wished to end since the last call.
+    fn uttered(&self) -> Result<Option<u8>, CoversError> {
+        let mut code = None;
+        if event::poll(TICK).map_err(broken)?
+            && let Event::Key(key) = event::read().map_err(broken)?
+        {
+            code = code_of(key);
+        }
+        let signal = self.signal.swap(0, Ordering::SeqCst);
+        Ok(match signal {
+            0 => code,
+            number => Some((SIGNALLED + number) as u8),
+        })
+    }
+}
+
+/// The exit code that a key asks for: Ctrl-C comes as a key while a screen is up.
+fn code_of(key: KeyEvent) -> Option<u8> {
+    match key.code {
+        _ if !key.is_press() => None,
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(INTERRUPTED),
+        KeyCode::Char('q') => Some(0),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn q_and_ctrl_c_end_and_other_keys_do_not() {
+        let key = |code, modifiers| code_of(KeyEvent::new(code, modifiers));
+        assert_eq!(key(KeyCode::Char('q'), KeyModifiers::NONE), Some(0));
+        assert_eq!(key(KeyCode::Char('c'), KeyModifiers::CONTROL), Some(130));
+        assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
+        assert_eq!(key(KeyCode::Enter, KeyModifiers::NONE), None);
+    }
+
+    #[test]
+    fn a_run_is_over_also_after_a_panic() {
+        let over = AtomicBool::new(false);
+        let caught = std::panic::catch_unwind(|| {
+            let _over = Over(&over);
+            panic!("the run fell over");
+        });
+        assert!(caught.is_err() && over.load(Ordering::SeqCst));
+    }
+}

@@ -1,0 +1,93 @@
+//! What `covers watch` prints of runs, and what it refuses.
+
+use std::fs;
+use std::path::Path;
+
+use clap::Parser;
+use covers::presets::{Budget, Method};
+use covers::tables::event_text;
+use covers::watch::WatchOptions;
+use covers::{CoversError, Event, Run, RunFolder};
+use envs::Embodiment;
+use serde_json::Value;
+
+use crate::common::packed;
+use crate::common::scratch::Scratch;
+
+/// The options as the program has them.
+#[derive(Debug, Parser)]
+struct Options {
+    #[command(flatten)]
+    watch: WatchOptions,
+}
+
+/// What `covers watch` prints of a folder, as a program hears it.
+fn watched(folder: &Path, json: bool) -> Result<String, CoversError> {
+    let folder = folder.to_str().unwrap();
+    let words = ["watch", folder, "--json"];
+    let words = &words[..2 + usize::from(json)];
+    let mut out = Vec::new();
+    let options = Options::try_parse_from(words).unwrap();
+    options.watch.print(&mut out)?;
+    Ok(String::from_utf8(out).unwrap())
+}
+
+fn refusal(folder: &Path) -> String {
+    watched(folder, false).unwrap_err().to_string()
+}
+
+#[test]
+fn lines_are_those_of_the_run_itself_and_end_with_it() {
+    let scratch = Scratch::new("watch");
+    let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(2);
+    experiment = experiment.with_embodiment(Embodiment::HAND);
+    experiment.schedule.groups.truncate(2);
+    experiment.evaluation.visit_rounds = 1;
+    let folder = RunFolder::create(&scratch.0, "covers-seed0").unwrap();
+    let path = folder.path().to_owned();
+    let mut run = Run::start(experiment, folder).unwrap();
+    let (mut rollouts, mut evaluations) = (Vec::new(), 0);
+    while let Some(event) = run.advance().unwrap() {
+        match event {
+            Event::Rollout(_) => rollouts.push(event_text(&event)),
+            Event::Evaluation(_) => evaluations += 1,
+        }
+    }
+    let summary = run.summary().unwrap().unwrap();
+    let text = watched(&path, false).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), rollouts.len() + evaluations + 1, "{text}");
+    let told = lines.iter().filter(|line| line.contains("  policy "));
+    assert_eq!(told.copied().collect::<Vec<_>>(), rollouts);
+    assert!(lines[0].starts_with("      0  evaluation    success [goal-reach "));
+    assert!(lines.last().unwrap().starts_with("finished: "));
+    let events = events(&watched(&path, true).unwrap());
+    assert_eq!(events.len(), lines.len());
+    let figures = &events.last().unwrap()["summary"];
+    assert_eq!(figures["decisions"], summary.decisions);
+    let of = |kind: &str| events.iter().filter(|event| event["event"] == kind).count();
+    assert_eq!(of("rollout"), rollouts.len());
+    assert_eq!(of("evaluation"), evaluations);
+}
+
+/// Objects, one a line.
+fn events(text: &str) -> Vec<Value> {
+    let lines = text.lines();
+    lines
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
+}
+
+#[test]
+fn what_is_no_run_is_refused() {
+    let scratch = Scratch::new("unwatched");
+    let message = refusal(&scratch.0.join("nowhere"));
+    assert!(message.contains("nowhere holds no run"), "{message}");
+    assert!(refusal(&scratch.0).contains("holds no run"));
+    let packed = scratch.pack(&packed::small(Method::Equi));
+    let message = refusal(&packed);
+    assert!(message.contains("has no tables to watch"), "{message}");
+    let text = "rollout,decisions,group,last_group,straddles,policy\n0,500,a,a,false,9\n";
+    fs::write(packed.join("metrics.csv"), text).unwrap();
+    assert!(refusal(&packed).contains("metrics.csv holds a row that cannot be"));
+}
