@@ -85,12 +85,12 @@ fn vector(
         threads: 1,
         embodiment: embodiment()?,
         camera: camera(),
+        randomisation,
         control: Control {
             action_repeat: 1,
             displacement: 0.01,
             ..Control::default()
         },
-        randomisation,
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, task, &D2::ALL)?;

@@ -1,7 +1,7 @@
 //! Colours by number: of groups in the order of a run's schedule, and of methods.
 
-/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on a
-/// light and on a dark page.
+/// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on
+/// a light and on a dark page.
 const COLOURS: [&str; 8] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
 ];

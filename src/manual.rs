@@ -29,8 +29,8 @@ impl ManualOptions {
     /// Prints the page of one of `program`'s commands in roff, or writes those of all.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a command that there is not; a folder or an `out` that cannot be
-    /// written to.
+    /// [`CoversError::Setting`] for a command that there is not; a folder or an `out` that cannot
+    /// be written to.
     pub fn run(&self, program: Command, out: &mut impl Write) -> Result<(), CoversError> {
         let mut program = program.disable_help_subcommand(true);
         program.build();

@@ -137,8 +137,8 @@ pub fn contact_sheet(
     Ok(Picture { width, height, rgb })
 }
 
-/// The first variant of a group on a contact sheet of pictures of `size` pixels a side; none where the
-/// sheet does not reach so far.
+/// The first variant of a group on a contact sheet of pictures of `size` pixels a side; none where
+/// the sheet does not reach so far.
 #[cfg(feature = "tui")]
 pub(crate) fn first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
     let side = size * ENLARGE;

@@ -1,6 +1,7 @@
 //! The networks and the update embed in a program that has neither MuJoCo nor a command line: a
-//! crate outside this repository depends on `covers-rl` and `covers-equivariant` by path. The learner
-//! embeds without a screen. What such a crate would compile is looked at here; that every package compiles by itself is seen where
+//! crate outside this repository depends on `covers-rl` and `covers-equivariant` by path. The
+//! learner embeds without a screen. What such a crate would compile is looked at here; that every
+//! package compiles by itself is seen where
 //! `make test` packages them.
 
 use std::fs;

@@ -77,15 +77,15 @@ impl Randomisation {
     /// [`EnvError::Setting`].
     pub fn check(&self, camera: &Camera) -> Result<(), EnvError> {
         let ranges = [
-            ("position_error", self.position_error, 100.0, "0 to 100 mm"),
-            ("angle_error", self.angle_error, 10.0, "0 to 10 degrees"),
-            ("exposure", self.exposure, 100.0, "0 to 100 %"),
-            ("balance", self.balance, 100.0, "0 to 100 %"),
-            ("noise", self.noise, 64.0, "0 to 64 levels of 255"),
-            ("patch_radius", self.patch_radius, 200.0, "0 to 200 mm"),
-            ("patch_color", self.patch_color, 255.0, "0 to 255 levels"),
+            (self.position_error, 100.0, "position_error", "0 to 100 mm"),
+            (self.angle_error, 10.0, "angle_error", "0 to 10 degrees"),
+            (self.exposure, 100.0, "exposure", "0 to 100 %"),
+            (self.balance, 100.0, "balance", "0 to 100 %"),
+            (self.noise, 64.0, "noise", "0 to 64 levels of 255"),
+            (self.patch_radius, 200.0, "patch_radius", "0 to 200 mm"),
+            (self.patch_color, 255.0, "patch_color", "0 to 255 levels"),
         ];
-        for (name, amount, most, expected) in ranges {
+        for (amount, most, name, expected) in ranges {
             require((0.0..=most).contains(&amount), name, &amount, expected)?;
         }
         let blurred = (0.0..=WIDEST).contains(&camera.pixels(self.blur));

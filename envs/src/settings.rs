@@ -29,11 +29,11 @@ pub struct VecEnvSettings {
     pub camera: Camera,
     /// Action scale, action repeat and horizon.
     pub control: Control,
-    /// Seed of all placements and variant draws.
-    pub seed: u64,
     /// What may be wrong with the pictures; nothing where it is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub randomisation: Option<Randomisation>,
+    /// Seed of all placements and variant draws.
+    pub seed: u64,
 }
 
 impl Default for VecEnvSettings {

@@ -23,8 +23,8 @@ use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
-/// One environment slot: its random stream, its camera, its episode's first picture, and what stands
-/// still in that episode.
+/// One environment slot: its random stream, its camera, its episode's first picture, and what
+/// stands still in that episode.
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,

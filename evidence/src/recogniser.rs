@@ -146,9 +146,9 @@ impl Recogniser {
     }
 
     /// Decides on one rollout of `collector`, or for good on two ([`Look`]). `Existing` of another
-    /// policy asks for a rollout of that one and for [`Recogniser::review`]; `Undecided`, of a first
-    /// look alone, asks for one more of the same policy and for a second look at both. Of episodes
-    /// that show two groups, the later group counts.
+    /// policy asks for a rollout of that one and for [`Recogniser::review`]; `Undecided`, of a
+    /// first look alone, asks for one more of the same policy and for a second look at both. Of
+    /// episodes that show two groups, the later group counts.
     ///
     /// # Errors
     /// Too few episodes, no such collector, or points that cannot be compared.

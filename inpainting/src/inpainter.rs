@@ -86,8 +86,8 @@ impl Inpainter {
         &self.mask
     }
 
-    /// How far each pixel of the last frame, in corrected colours, is from the first background: the
-    /// largest difference of a channel (levels), `[H W]`.
+    /// How far each pixel of the last frame, in corrected colours, is from the first background:
+    /// the largest difference of a channel (levels), `[H W]`.
     pub fn difference(&self) -> impl Iterator<Item = u8> {
         let pixels = self.corrected.chunks_exact(3);
         let pairs = pixels.zip(self.reference.chunks_exact(3));

@@ -41,8 +41,8 @@ pub enum Distribution {
         /// Logarithms of the standard deviations `[A]`, the same for every state.
         log_std: Vec<f32>,
     },
-    /// The tanh of a Gaussian: means `[A]`, then `[A]` numbers whose tanh, in [-1, 1], is brought to
-    /// the range of log_std.
+    /// The tanh of a Gaussian: means `[A]`, then `[A]` numbers whose tanh, in [-1, 1], is brought
+    /// to the range of log_std.
     TanhGaussian {
         /// The range.
         log_std: [f32; 2],

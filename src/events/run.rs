@@ -26,8 +26,8 @@ const START: Moment = Moment {
     seconds: 0.0,
 };
 
-/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`; one
-/// that is there is replaced. Returns where they are.
+/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`;
+/// one that is there is replaced. Returns where they are.
 ///
 /// # Errors
 /// [`CoversError::NoRun`], [`CoversError::SameName`], [`CoversError::Read`],

@@ -40,8 +40,8 @@ impl ExportOptions {
     /// Writes the files and prints to `out`.
     ///
     /// # Errors
-    /// A folder without policies, or one that exists; a policy that does not exist, or whose network
-    /// has parts that are no ordinary layers.
+    /// A folder without policies, or one that exists; a policy that does not exist, or whose
+    /// network has parts that are no ordinary layers.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         if self.out.exists() {
             let path = self.out.clone();

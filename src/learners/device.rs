@@ -6,9 +6,9 @@ use crate::error::CoversError;
 
 /// Where the updates of policies run.
 ///
-/// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance names
-/// the GPU. Sums are rounded in another
-/// way there, so the same bits come only where nothing changes.
+/// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance
+/// names the GPU. Sums are rounded in another way there, so the same bits come only where nothing
+/// changes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum LearningDevice {
     /// On the processor.

@@ -14,8 +14,8 @@ use super::studio::View;
 /// Decisions that a film shows, three seconds of the table.
 const DECISIONS: usize = 24;
 
-/// Plays one episode of each variant with the policies of the newest intact checkpoint; returns each
-/// group's name and a GIF file of its four variants as the policies see them.
+/// Plays one episode of each variant with the policies of the newest intact checkpoint; returns
+/// each group's name and a GIF file of its four variants as the policies see them.
 ///
 /// # Errors
 /// A folder without policies; what the environments or the learner say.

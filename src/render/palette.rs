@@ -8,8 +8,9 @@ type Rgb = [u8; 3];
 /// At most 255 colours, and the nearest of them for every colour of a film.
 ///
 /// The colours are split as in P. Heckbert's median cut ("Color image quantization for frame buffer
-/// display", SIGGRAPH 1982, section 4.2), but the set with the largest sum of squared distances from
-/// its mean is cut next, and at its mean: a small mark in a colour of its own keeps that colour.
+/// display", SIGGRAPH 1982, section 4.2), but the set with the largest sum of squared distances
+/// from its mean is cut next, and at its mean: a small mark in a colour of its own keeps that
+/// colour.
 pub(super) struct Palette {
     colours: Vec<Rgb>,
     index: HashMap<Rgb, u8>,

@@ -88,8 +88,8 @@ fn unseeded(run: &RunData) -> Experiment {
 }
 
 /// What all methods share: the stream and the evaluation. A method has its own picture's size and
-/// randomisation, its own number of environments, and a learner of its own: what evaluations have in common are
-/// episodes of a variant, and decisions from one to the next.
+/// randomisation, its own number of environments, and a learner of its own: what evaluations have
+/// in common are episodes of a variant, and decisions from one to the next.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());

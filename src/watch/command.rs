@@ -40,7 +40,8 @@ impl WatchOptions {
     /// code: 0, or 128 and the number of the signal that ended it.
     ///
     /// # Errors
-    /// [`CoversError::NoRun`], [`CoversError::NoTables`], files that cannot be read, an `out` that cannot be written to.
+    /// [`CoversError::NoRun`], [`CoversError::NoTables`], files that cannot be read, an `out` that
+    /// cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
         #[cfg(feature = "tui")]
         if !self.json && std::io::IsTerminal::is_terminal(&std::io::stdout()) {

@@ -9,8 +9,8 @@ use crate::tables::{RolloutLine, number};
 
 use super::pace::Pace;
 
-/// Where an event stands in a run: how many rollouts there were, and, of two after the same rollout,
-/// the evaluation second.
+/// Where an event stands in a run: how many rollouts there were, and, of two after the same
+/// rollout, the evaluation second.
 type Moment = (usize, u8);
 
 /// One thing that a run's tables tell.
@@ -89,8 +89,8 @@ fn successes(scores: &[&ScoreRow]) -> String {
     format!("success [{}]", successes.join(", "))
 }
 
-/// What each distance of a rollout is held to: the grouping's own threshold, or the largest distance
-/// of the permutations, which is that of chance.
+/// What each distance of a rollout is held to: the grouping's own threshold, or the largest
+/// distance of the permutations, which is that of chance.
 pub(super) fn thresholds(run: &RunData, row: &RolloutRow) -> Vec<Option<f64>> {
     match run.experiment.learner.fixed_threshold() {
         Some(threshold) => vec![Some(threshold); row.distances.len()],

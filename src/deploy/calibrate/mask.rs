@@ -145,8 +145,8 @@ impl MaskCheck {
         overlaps.sum::<f64>() / self.rows.len().max(1) as f64
     }
 
-    /// Whether the mask was seen in enough poses, leaves at most 2 % of the arm in any, and overlaps
-    /// with it by at least half on average.
+    /// Whether the mask was seen in enough poses, leaves at most 2 % of the arm in any, and
+    /// overlaps with it by at least half on average.
     pub fn holds(&self) -> bool {
         self.rows.len() >= Self::LEAST_POSES && self.fits()
     }

@@ -7,8 +7,8 @@ use glam::{DQuat, DVec3};
 use robots::Pose;
 
 /// Places of the hand (metres, world), and how it is turned there from how it works: a rotation
-/// vector with the axes of the world (degrees). They are spread over the table that policies see and
-/// over three heights, and a hand that turns about all axes tells where in it the ball is.
+/// vector with the axes of the world (degrees). They are spread over the table that policies see
+/// and over three heights, and a hand that turns about all axes tells where in it the ball is.
 const POSES: [([f64; 3], [f64; 3]); 14] = [
     ([0.0, 0.0, 0.22], [0.0, 0.0, 0.0]),
     ([-0.18, -0.12, 0.12], [12.0, 0.0, 20.0]),

@@ -17,9 +17,9 @@ const BAR: usize = 20;
 /// Least rows of a panel that shows earlier rollouts, too.
 const BOTH: u16 = 14;
 
-/// Draws a row for each policy that the newest rollout was compared with: the distance, the threshold,
-/// and a bar of their ratio in whose middle the threshold stands. Where there is room, the ratios of
-/// all rollouts are below.
+/// Draws a row for each policy that the newest rollout was compared with: the distance, the
+/// threshold, and a bar of their ratio in whose middle the threshold stands. Where there is room,
+/// the ratios of all rollouts are below.
 pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);

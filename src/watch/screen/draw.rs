@@ -15,8 +15,7 @@ use crate::tables::number;
 use super::{Pace, curves, distances, groups, ink, picture, strips};
 
 /// Least columns and rows of a screen that shows everything.
-const WIDE: u16 = 100;
-const HIGH: u16 = 30;
+const WHOLE: [u16; 2] = [100, 30];
 /// Least rows of what is not head or foot, where there are tables.
 const MOST: u16 = 20;
 /// Least columns at which curves stand beside each other.
@@ -44,7 +43,8 @@ pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
     let rows = [rows[0], Constraint::Fill(1), rows[2]];
     let [head, body, foot] = Layout::vertical(rows).areas(area);
     frame.render_widget(Paragraph::new(headline(shown).to_vec()), head);
-    match (area.width >= WIDE && area.height >= HIGH, body.height) {
+    let [width, height] = WHOLE;
+    match (area.width >= width && area.height >= height, body.height) {
         (true, _) => everything(shown, frame, body),
         (false, MOST..) => most(shown, frame, body),
         (false, _) => least(shown, frame, body),
@@ -136,7 +136,7 @@ fn most(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
         false => curves::draw(&curves::REWARD, shown.run, frame, top),
     }
     framed_strips(shown.run, frame, middle);
-    match area.width >= WIDE {
+    match area.width >= WHOLE[0] {
         true => both_tables(shown.run, frame, bottom),
         false => groups::draw(shown.run, frame, bottom),
     }

@@ -11,8 +11,8 @@ use crate::tables::number;
 
 use super::ink;
 
-/// Draws a row for each group: the newest rollout's policy, reward and success, and the success of the
-/// last evaluation, over all variants.
+/// Draws a row for each group: the newest rollout's policy, reward and success, and the success of
+/// the last evaluation, over all variants.
 pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let plans = run.experiment.schedule.groups.iter();
     let rows = plans.map(|plan| row(run, &plan.group));

@@ -27,8 +27,8 @@ const SIGNALLED: usize = 128;
 /// That after Ctrl-C.
 const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
 
-/// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128 and
-/// its number after a signal.
+/// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128
+/// and its number after a signal.
 ///
 /// # Errors
 /// A terminal that is gone, tables that cannot be read.

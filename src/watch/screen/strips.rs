@@ -11,9 +11,9 @@ use super::ink;
 /// Columns that the names of the strips take.
 const NAMES: u16 = 7;
 
-/// Draws two strips, one below the other, of the newest rollouts for which there is room: the group's
-/// first letter on its colour, and the policy's number on the colour of the group that it was opened
-/// for. Where the colours differ, the learner was wrong.
+/// Draws two strips, one below the other, of the newest rollouts for which there is room: the
+/// group's first letter on its colour, and the policy's number on the colour of the group that it
+/// was opened for. Where the colours differ, the learner was wrong.
 pub fn draw(run: &RunData, area: Rect, buffer: &mut Buffer) {
     let room = usize::from(area.width.saturating_sub(NAMES));
     let newest = &run.rollouts[run.rollouts.len().saturating_sub(room)..];

@@ -25,8 +25,8 @@ pub(super) fn permuted_channels(x: &Tensor) -> Channels {
     }
 }
 
-/// Adds the kernels of a layer: one that makes y of x, and one that makes the gradient in x of x and
-/// of that in y. With each map goes where the numbers of its fields lie.
+/// Adds the kernels of a layer: one that makes y of x, and one that makes the gradient in x of x
+/// and of that in y. With each map goes where the numbers of its fields lie.
 pub(super) fn passes(
     plan: &mut Plan,
     [(x, of_x), (y, of_y)]: [(&Tensor, &Channels); 2],
