@@ -211,7 +211,7 @@ fn the_disk(runs: &Path) -> Finding {
         Err(error) => Finding::bad(
             "disk",
             &format!("{}: {error}", runs.display()),
-            "name a folder that can be read, for runs to go to (`covers train --runs DIR`)",
+            "name a folder that can be written to, for runs to go to (`covers train --runs DIR`)",
         ),
     }
 }
@@ -222,7 +222,12 @@ fn free_disk(folder: &Path) -> std::io::Result<u64> {
     let absolute = std::path::absolute(folder)?;
     let mut folders = absolute.ancestors();
     let there = folders.find(|folder| folder.exists());
-    let disk = rustix::fs::statvfs(there.unwrap_or(&absolute))?;
+    let there = there.unwrap_or(&absolute);
+    if !there.is_dir() {
+        return Err(std::io::ErrorKind::NotADirectory.into());
+    }
+    rustix::fs::access(there, rustix::fs::Access::WRITE_OK)?;
+    let disk = rustix::fs::statvfs(there)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
@@ -353,6 +358,8 @@ mod tests {
         let there = std::env::temp_dir();
         let to_come = there.join("covers-doctor-to-come").join("runs");
         assert!(free_disk(&there).unwrap() > 0);
+        let file = Path::new(env!("CARGO_MANIFEST_PATH"));
+        assert_eq!(the_disk(file).health, Health::Bad, "a file is no folder");
         assert_eq!(the_disk(&to_come).part, "disk");
         assert!(the_disk(&to_come).found.contains("covers-doctor-to-come"));
         // a file system without room

@@ -141,9 +141,11 @@ mod tests {
     fn completions_know_every_command_in_every_shell() {
         for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
             let script = printed(&["completions", shell]).unwrap();
+            let apart = |letter: char| !letter.is_alphanumeric();
+            let said: Vec<&str> = script.split(apart).collect();
             for words in commands(&Program::command(), &[]) {
                 let name = words.last().unwrap();
-                assert!(script.contains(name.as_str()), "{shell}: {name}");
+                assert!(said.contains(&name.as_str()), "{shell}: {name}");
             }
         }
         let script = printed(&["completions", "bash"]).unwrap();

@@ -1,4 +1,4 @@
-//! The contact sheet: every variant as the learner sees it.
+//! The contact sheet: every variant as the learner sees it in evaluations.
 
 use std::sync::Arc;
 

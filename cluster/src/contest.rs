@@ -20,7 +20,8 @@ pub struct Contest {
 /// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of
 /// Statistical Planning and Inference 143 (2013)) over the mean distance within and between the
 /// rivals. So a wide cloud has no advantage and no disadvantage, not even where the rollout is a
-/// single frame, and the scale of a space does not count.
+/// single frame, and the scale of a space does not count. Distances within a rival are those
+/// between different episodes, so that neither does the number of its episodes.
 ///
 /// # Errors
 /// No contest, or frames of one contest that cannot be compared.
@@ -33,22 +34,37 @@ pub fn lead(contests: &[Contest]) -> Result<f64> {
 
 impl Contest {
     fn lead(&self) -> Result<f64> {
-        let mean = |x: &Frames, y: &Frames| {
-            x.check_alike(y)?;
-            let mut costs = EuclideanCosts::new();
-            let distances = costs.compute(x.features(), y.features(), x.dim())?;
-            Ok(distances.iter().sum::<f64>() / distances.len() as f64)
-        };
         let (x, [y, z]) = (&self.rollout, &self.rivals);
-        let (within_y, within_z) = (mean(y, y)?, mean(z, z)?);
-        let scale = (within_y + within_z + 2.0 * mean(y, z)?) / 4.0;
+        let (within_y, within_z) = (within(y)?, within(z)?);
+        let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
         // E|X - X'| is the same for both
-        let lead = 2.0 * (mean(x, z)? - mean(x, y)?) + within_y - within_z;
+        let lead = 2.0 * (between(x, z)? - between(x, y)?) + within_y - within_z;
         Ok(match scale > 0.0 {
             true => lead / scale,
             false => 0.0,
         })
     }
+}
+
+/// The mean distance of two clouds' frames.
+fn between(x: &Frames, y: &Frames) -> Result<f64> {
+    x.check_alike(y)?;
+    let mut costs = EuclideanCosts::new();
+    let distances = costs.compute(x.features(), y.features(), x.dim())?;
+    Ok(distances.iter().sum::<f64>() / distances.len() as f64)
+}
+
+/// The mean distance of frames of different episodes; 0 for a single episode.
+fn within(x: &Frames) -> Result<f64> {
+    let mut costs = EuclideanCosts::new();
+    let distances = costs.compute(x.features(), x.features(), x.dim())?;
+    let (k, episodes) = (x.frames_per_episode(), x.episodes());
+    let others = distances.iter().enumerate().filter(|(index, _)| {
+        let (row, column) = (index / (episodes * k), index % (episodes * k));
+        row / k != column / k
+    });
+    let sum: f64 = others.map(|(_, distance)| distance).sum();
+    Ok(sum / (k * k * episodes * (episodes - 1).max(1)) as f64)
 }
 
 #[cfg(test)]
@@ -69,21 +85,22 @@ mod tests {
         }
     }
 
-    /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 1 on average, and 0; between
-    /// them 2.
+    /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 2, and 0; between them 2 on
+    /// average.
     #[test]
     fn the_lead_is_that_of_the_definition() {
         let rivals: [&[f32]; 2] = [&[-1.0, 1.0], &[2.0, 2.0]];
-        let expected = (2.0 * (2.0 - 1.0) + 1.0 - 0.0) / ((1.0 + 0.0 + 2.0 * 2.0) / 4.0);
-        let one = contest(&[0.0], rivals);
-        assert!((lead(&[one.clone()]).unwrap() - expected).abs() < 1e-12);
+        let expected = (2.0 * (2.0 - 1.0) + 2.0 - 0.0) / ((2.0 + 0.0 + 2.0 * 2.0) / 4.0);
+        let one = [contest(&[0.0], rivals)];
+        assert!((lead(&one).unwrap() - expected).abs() < 1e-12);
         let [first, second] = rivals;
-        let turned = contest(&[0.0], [second, first]);
-        assert!((lead(&[turned.clone()]).unwrap() + expected).abs() < 1e-12);
+        let turned = [contest(&[0.0], [second, first])];
+        assert!((lead(&turned).unwrap() + expected).abs() < 1e-12);
         // in another unit, and with both votes
-        let doubled = contest(&[0.0], [&[-2.0, 2.0], &[4.0, 4.0]]);
-        assert!((lead(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs() < 1e-12);
-        assert!(lead(&[one, turned]).unwrap().abs() < 1e-12);
+        let doubled = [contest(&[0.0], [&[-2.0, 2.0], &[4.0, 4.0]])];
+        let both = [&one[..], &doubled].concat();
+        assert!((lead(&both).unwrap() - 2.0 * expected).abs() < 1e-12);
+        assert!(lead(&[&one[..], &turned].concat()).unwrap().abs() < 1e-12);
     }
 
     /// A frame from a wide cloud around 0 is farther from it on average than from a narrow cloud
@@ -95,6 +112,27 @@ mod tests {
         let mean = |x: f32, cloud: &[f32]| cloud.iter().map(|y| (x - y).abs()).sum::<f32>();
         assert!(mean(0.0, &wide) / 41.0 > mean(0.0, &narrow) / 3.0);
         assert!(lead(&[contest(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
+    }
+
+    /// Eight episodes and a hundred of one distribution, two frames each of which are alike.
+    #[test]
+    fn a_small_cloud_loses_nothing_by_its_size() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut episodes = |count: usize| {
+            let features = draw(count, 0.0, &mut rng).into_iter().flat_map(|x| [x; 2]);
+            Frames::new(features.collect(), 2, 1).unwrap()
+        };
+        let leads = (0..400).map(|_| {
+            let contest = Contest {
+                rollout: episodes(1),
+                rivals: [8, 100].map(&mut episodes),
+            };
+            lead(&[contest]).unwrap()
+        });
+        // with a frame's distance to itself it would be -0.12 or less; one is 0.6 off, so their
+        // mean 0.03
+        let mean = leads.sum::<f64>() / 400.0;
+        assert!(mean.abs() < 0.08, "{mean}");
     }
 
     #[test]

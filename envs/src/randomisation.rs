@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::error::{EnvError, require};
 
-/// Widest blur (pixels): each pixel more takes two more passes over the picture.
+/// Widest blur (pixels): passes over the picture grow with its square, to 32.
 const WIDEST: f64 = 4.0;
 
 /// How far pictures are from those of a perfect camera, at random, so that a policy learns to bear
@@ -90,8 +90,22 @@ impl Randomisation {
         }
         let blurred = (0.0..=WIDEST).contains(&camera.pixels(self.blur));
         require(blurred, "blur", &self.blur, BLUR)?;
+        require(
+            self.sees_the_table(camera),
+            "angle_error",
+            &self.angle_error,
+            SEEN,
+        )?;
         let few = self.patches <= 100;
         require(few, "patches", &self.patches, "0 to 100")
+    }
+}
+
+impl Randomisation {
+    /// Whether the corner of a picture stays well below the horizon, however the camera turns.
+    fn sees_the_table(&self, camera: &Camera) -> bool {
+        let corner = (2_f64.sqrt() * camera.half_extent / camera.height).atan();
+        corner + self.angle_error.to_radians() < 80_f64.to_radians()
     }
 }
 
@@ -101,6 +115,7 @@ impl Default for Randomisation {
     }
 }
 
+const SEEN: &str = "degrees that leave the picture's corners 10 degrees below the horizon";
 const BLUR: &str = "0 mm to 4 pixels of the picture";
 
 #[cfg(test)]
@@ -130,6 +145,23 @@ mod tests {
             let message = amounts.check(&camera).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");
         }
+    }
+
+    #[test]
+    fn a_wide_camera_may_turn_by_less() {
+        let turned = Randomisation {
+            angle_error: 10.0,
+            ..Randomisation::NOMINAL
+        };
+        turned.check(&Camera::default()).unwrap();
+        let wide = Camera {
+            height: 0.6,
+            half_extent: 2.0,
+            ..Camera::default()
+        };
+        let message = turned.check(&wide).unwrap_err().to_string();
+        assert!(message.contains("below the horizon"), "{message}");
+        Randomisation::NOMINAL.check(&wide).unwrap();
     }
 
     #[test]

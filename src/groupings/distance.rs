@@ -2,7 +2,9 @@
 
 use std::cell::Cell;
 
-use cluster::{Assigner, AssignerSettings, Candidate, Rule, Verdict, lead};
+use cluster::{
+    Assigner, AssignerSettings, Candidate, Contest, Decision, Frames, Rule, Verdict, lead,
+};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;
@@ -50,6 +52,28 @@ impl Distance {
     }
 }
 
+impl Distance {
+    /// As many episodes as enter a test.
+    fn thinned(&self, contests: &[Contest]) -> Result<Vec<Contest>, CoversError> {
+        let Rule::Calibrated(settings) = &self.assigner.settings().rule else {
+            return Ok(contests.to_vec());
+        };
+        let first = |frames: &Frames, most: usize| {
+            let kept: Vec<usize> = (0..frames.episodes().min(most)).collect();
+            frames.select(&kept)
+        };
+        let thinned = contests.iter().map(|contest| {
+            let [one, other] = &contest.rivals;
+            let most = settings.buffer_episodes;
+            Ok(Contest {
+                rollout: first(&contest.rollout, settings.rollout_episodes)?,
+                rivals: [first(one, most)?, first(other, most)?],
+            })
+        });
+        thinned.collect()
+    }
+}
+
 impl Grouping for Distance {
     fn min_episodes(&self) -> usize {
         match &self.assigner.settings().rule {
@@ -64,17 +88,24 @@ impl Grouping for Distance {
 
     /// A frame that is strange to all policies, as those of another camera are, may by chance be
     /// less strange in the features of a wrong one. So the two that fit best compete in the
-    /// features of both. The test says whether the winner fits.
+    /// features of both. The test says whether the winner fits. A policy that remembers too little
+    /// for a test is named where all others are doubted.
     fn recognise(
         &self,
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
     ) -> Result<Recognised, CoversError> {
         let assignment = self.assigner.recognise(&candidates.clouds()?, rng)?;
-        let Some([first, second]) = assignment.rivals() else {
-            return Ok(Recognised::of(&assignment));
+        let untested = |policy: usize| assignment.evidence[policy].test().is_none();
+        let [first, second] = match (assignment.decision, assignment.rivals()) {
+            (Decision::Existing(policy), _) if untested(policy) => {
+                return Ok(Recognised::of(&assignment));
+            }
+            (_, None) => return Ok(Recognised::of(&assignment)),
+            (_, Some(rivals)) => rivals,
         };
-        let policy = match lead(&candidates.contests([first, second])?)? < 0.0 {
+        let contests = candidates.contests([first, second])?;
+        let policy = match lead(&self.thinned(&contests)?)? < 0.0 {
             true => second,
             false => first,
         };
@@ -95,7 +126,6 @@ impl Grouping for Distance {
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Contest, Decision, Frames};
     use rand::{RngExt, SeedableRng};
 
     use super::*;

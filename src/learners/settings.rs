@@ -141,6 +141,12 @@ impl LearnerSettings {
         }
     }
 
+    /// Whether the distances of a rollout are of one unit with those of its permutations.
+    pub(crate) fn permutes_distances(&self) -> bool {
+        let grouping = each!(self, settings => settings.grouping);
+        !matches!(grouping, GroupingSettings::Evidence(_))
+    }
+
     /// Decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
         each!(self, settings => settings.rollout_steps)

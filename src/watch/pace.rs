@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use crate::report::RunData;
+use crate::schedule::Clock;
 
 /// Rollouts whose seconds say how fast a run is now.
 const RECENT: usize = 20;
@@ -12,6 +13,9 @@ const RECENT: usize = 20;
 pub(super) struct Pace {
     /// Decisions of the whole stream.
     pub stream: usize,
+    /// Those of them that are done, by the stream's clock: where it counts turns, a rollout that a
+    /// learner threw away does not count.
+    pub done: usize,
     /// Decisions a second in the last rollouts; none where no seconds are known.
     pub decisions_per_second: Option<f64>,
     /// Seconds of learning that are left at this pace.
@@ -25,20 +29,27 @@ impl Pace {
         let recent = &timed[timed.len().saturating_sub(RECENT)..];
         let seconds: f64 = recent.iter().map(|row| row.total).sum();
         let decisions: f64 = recent.iter().map(|row| row.decisions as f64).sum();
-        let rate = Some(decisions / seconds).filter(|rate| rate.is_finite() && *rate > 0.0);
-        let stream = run.experiment.schedule.total_decisions();
-        let done = match rollouts {
-            0 => 0,
-            _ => run
-                .rollouts
-                .get(rollouts - 1)
-                .map_or(0, |row| row.decisions),
+        let rate = |decisions: f64| {
+            let rate = Some(decisions / seconds);
+            rate.filter(|rate| rate.is_finite() && *rate > 0.0)
         };
+        let (schedule, turn) = (
+            &run.experiment.schedule,
+            run.experiment.learner.rollout_steps(),
+        );
+        let newest = rollouts.checked_sub(1);
+        let newest = newest.and_then(|newest| run.rollouts.get(newest));
+        let (done, pace) = match schedule.clock {
+            Clock::World => (newest.map_or(0, |row| row.decisions), decisions),
+            Clock::Turns => (rollouts.saturating_mul(turn), (recent.len() * turn) as f64),
+        };
+        let stream = schedule.total_decisions();
         let left = stream.saturating_sub(done) as f64;
         Self {
             stream,
-            decisions_per_second: rate,
-            seconds_left: rate.map(|rate| left / rate),
+            done: done.min(stream),
+            decisions_per_second: rate(decisions),
+            seconds_left: rate(pace).map(|rate| left / rate),
         }
     }
 }
@@ -72,5 +83,13 @@ mod tests {
         assert_eq!(now.decisions_per_second, Some(200.0));
         assert_eq!(now.seconds_left, Some((stream - stream / 2) as f64 / 200.0));
         assert_eq!(Pace::after(&run, 20).decisions_per_second, Some(2.0));
+        assert_eq!((now.done, Pace::after(&run, 0).done), (stream / 2, 0));
+        // second looks do not bring the end nearer where the stream counts turns
+        run.experiment.schedule.clock = Clock::Turns;
+        let turn = run.experiment.learner.rollout_steps();
+        let now = Pace::after(&run, 2);
+        assert_eq!((now.done, now.decisions_per_second), (2 * turn, Some(2.0)));
+        let left = (stream - 2 * turn) as f64 / (turn as f64 / 50.0);
+        assert!((now.seconds_left.unwrap() / left - 1.0).abs() < 1e-12);
     }
 }

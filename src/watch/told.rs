@@ -90,11 +90,14 @@ fn successes(scores: &[&ScoreRow]) -> String {
 }
 
 /// What each distance of a rollout is held to: the grouping's own threshold, or the largest
-/// distance of the permutations, which is that of chance.
+/// distance of the permutations, which is that of chance. Nothing where a grouping permutes scores
+/// of several sources.
 pub(super) fn thresholds(run: &RunData, row: &RolloutRow) -> Vec<Option<f64>> {
-    match run.experiment.learner.fixed_threshold() {
+    let learner = &run.experiment.learner;
+    match learner.fixed_threshold() {
         Some(threshold) => vec![Some(threshold); row.distances.len()],
-        None => row.null_maxima.clone(),
+        None if learner.permutes_distances() => row.null_maxima.clone(),
+        None => vec![None; row.distances.len()],
     }
 }
 

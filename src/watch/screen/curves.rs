@@ -103,7 +103,8 @@ fn evaluations(figure: &Figure, run: &RunData) -> Vec<Line> {
             let own = run.evaluation(Some(rollouts));
             let own: Vec<&ScoreRow> = own.filter(|row| row.group == group).collect();
             let values: Vec<f64> = own.iter().map(|row| (figure.score)(row)).collect();
-            Some((own.first()?.decisions as f64, mean(&values)))
+            let point = (own.first()?.decisions as f64, mean(&values));
+            Some(point).filter(|(_, value)| value.is_finite())
         });
         Line {
             colour: ink::of_group(run, group),

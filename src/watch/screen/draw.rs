@@ -56,10 +56,10 @@ pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
 fn headline<'a>(shown: &Shown<'a>) -> [Line<'a>; 2] {
     let run = shown.run;
     let name = Span::styled(&run.name, Style::new().bold());
-    let stream = run.experiment.schedule.total_decisions();
+    let pace = Pace::after(run, run.rollouts.len());
     let now = match (shown.finished, run.rollouts.last()) {
         (true, _) => vec![Span::raw("finished")],
-        (false, Some(row)) if row.decisions >= stream => vec![Span::raw("last evaluation")],
+        (false, Some(_)) if pace.done >= pace.stream => vec![Span::raw("last evaluation")],
         (false, None) => vec![Span::raw("begins")],
         (false, Some(row)) => vec![
             Span::styled(row.last_group.clone(), ink::of_group(run, &row.last_group)),
@@ -74,8 +74,8 @@ fn headline<'a>(shown: &Shown<'a>) -> [Line<'a>; 2] {
 fn progress(shown: &Shown<'_>) -> String {
     let run = shown.run;
     let pace = Pace::after(run, run.rollouts.len());
-    let done = run.rollouts.last().map_or(0, |row| row.decisions);
-    let share = 100 * done / pace.stream.max(1);
+    let done = pace.done;
+    let share = done.saturating_mul(100) / pace.stream.max(1);
     let left = match (shown.finished, pace.seconds_left) {
         (true, _) => "0 s".to_owned(),
         (false, seconds) => seconds.map_or_else(|| "-".to_owned(), duration),

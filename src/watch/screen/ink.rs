@@ -1,4 +1,4 @@
-//! Colours of groups and policies, which are those of reports.
+//! Colours of groups, which are those of reports, and of policies: those of their groups.
 
 use ratatui::style::{Color, Style};
 

@@ -13,8 +13,8 @@ use super::{Pace, ink, thresholds};
 /// Larger ratios are drawn here.
 const MOST: f64 = 4.0;
 
-/// Draws a dot for each distance, as a share of its threshold, in the policy's colour: above the
-/// line the rollout was of another group.
+/// Draws a dot for each distance, as a share of its threshold, in the policy's colour. Where the
+/// threshold is that of chance, a rollout above the line is hardly of the policy's group.
 pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
     let end = newest.max(Pace::after(run, 0).stream as f64);

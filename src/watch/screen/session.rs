@@ -5,7 +5,7 @@ use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -22,6 +22,8 @@ use super::terminal::{Screen, broken};
 
 /// From one look at keys, signals and tables to the next.
 const TICK: Duration = Duration::from_millis(200);
+/// So long after a wish to end the same key is no second one: keys that are held repeat.
+const HELD: Duration = Duration::from_secs(2);
 /// The exit code of a program that a signal ended is this and the signal's number.
 const SIGNALLED: usize = 128;
 /// That after Ctrl-C.
@@ -102,27 +104,32 @@ struct Onlooker {
 
 impl Onlooker {
     /// Draws until the run is over. The first wish to end stops the run, the second one ends the
-    /// process.
+    /// process. Tables that cannot be read disturb no run: what was read before stays.
     fn look_on(mut self, over: &AtomicBool) -> Result<(), CoversError> {
         // a run that nobody sees any more stops, whatever became of the screen
         let _last = Last(self.stop.clone());
+        let mut unreadable: Option<String> = None;
+        let mut wished: Option<Instant> = None;
         while !over.load(Ordering::SeqCst) {
             let picture = self.glimpse.look();
             let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
-            let keys = match self.stop.requested() {
-                true => "stops after this rollout; q again ends at once",
-                false => "q stops with a checkpoint",
+            let keys = match (&unreadable, self.stop.requested()) {
+                (_, true) => "stops after this rollout; q again ends at once",
+                (Some(error), false) => error.as_str(),
+                (None, false) => "q stops with a checkpoint",
             };
             show(&mut self.screen, &self.view, picture, keys)?;
-            if let Some(code) = self.wish.uttered()? {
+            let held = wished.is_some_and(|wished| wished.elapsed() < HELD);
+            if let Some(code) = self.wish.uttered()?.filter(|_| !held) {
                 if self.stop.requested() {
                     drop(self.screen);
                     // `q` ends a run as Ctrl-C does
                     low_level::exit(i32::from(if code == 0 { INTERRUPTED } else { code }));
                 }
+                wished = Some(Instant::now());
                 self.stop.request();
             }
-            self.view.refresh()?;
+            unreadable = self.view.refresh().err().map(|error| error.to_string());
         }
         Ok(())
     }

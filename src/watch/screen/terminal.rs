@@ -31,14 +31,12 @@ impl Screen {
     /// # Errors
     /// [`CoversError::Write`] where standard output is no terminal.
     pub fn open() -> Result<Self, CoversError> {
+        let terminal = Terminal::new(CrosstermBackend::new(stdout())).map_err(broken)?;
+        enable_raw_mode().map_err(broken)?;
         let said = Arc::new(Mutex::new(Some(Vec::new())));
         keep(Arc::clone(&said));
-        let screen = Self {
-            terminal: Terminal::new(CrosstermBackend::new(stdout())).map_err(broken)?,
-            said,
-        };
         // from here on dropping the value restores
-        enable_raw_mode().map_err(broken)?;
+        let screen = Self { terminal, said };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
     }
