@@ -4,6 +4,11 @@
 use crate::figures::sums;
 use crate::gaussian::{entropy, log_prob};
 
+/// Where the logarithm of a ratio is cut, so that sums over a minibatch stay finite in single
+/// precision. One decision beyond it brings the KL estimate past every limit, which ends an update
+/// before it learns from that.
+pub(crate) const LARGEST_LOG_RATIO: f64 = 60.0;
+
 /// Weights of the terms of the loss.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LossWeights {
@@ -60,7 +65,10 @@ pub(crate) fn sample_loss(
     d_log_std: &mut [f64],
 ) -> (LossSums, f64) {
     let log_ratio = log_prob(output.mean, output.log_std, sample.action) - sample.log_prob;
-    let ratio = log_ratio.exp();
+    let ratio = match log_ratio > LARGEST_LOG_RATIO {
+        true => LARGEST_LOG_RATIO.exp(),
+        false => log_ratio.exp(),
+    };
     let surrogate = ratio * sample.advantage;
     let clipped = ratio.clamp(1.0 - weights.clip, 1.0 + weights.clip) * sample.advantage;
     // where the minimum takes the clipped branch, the loss does not depend on the policy
@@ -165,6 +173,31 @@ mod tests {
             ..sample
         };
         assert_ne!(loss(&p, &worse).1[0], 0.0);
+    }
+
+    /// An action far from a narrow policy's mean, as mirrored ones are of a network without the
+    /// symmetry: a small step of the mean multiplies its probability beyond any number.
+    #[test]
+    fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
+        let losses = |log_prob: f64| {
+            let sample = Sample {
+                action: &[0.0; 2],
+                log_prob,
+                advantage: -3.0,
+                target: 0.0,
+            };
+            let output = Output {
+                mean: &[0.0; 2],
+                log_std: &[0.0; 2],
+                value: 0.0,
+            };
+            let (mut d_mean, mut d_log_std) = ([0.0; 2], [0.0; 2]);
+            sample_loss(&WEIGHTS, &sample, &output, 1.0, &mut d_mean, &mut d_log_std).0
+        };
+        let far = losses(-1e4);
+        assert!(far.policy.is_finite() && (250.0 * far.policy.abs()) < f64::from(f32::MAX));
+        assert!((far.kl as f32).is_finite() && far.kl / 1e6 > 1e6);
+        assert!(losses(f64::NAN).policy.is_nan() && losses(f64::NAN).kl.is_nan());
     }
 
     /// By hand: the ratio is e^0.5, so k3 is e^0.5 - 1 - 0.5.

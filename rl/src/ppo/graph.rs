@@ -4,6 +4,7 @@ use equivariant::Signature;
 use equivariant::gpu::{GpuError, Plan, Slot, Step, Tensor, Work};
 
 use crate::adam::Adam;
+use crate::loss::LARGEST_LOG_RATIO;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 use crate::ppo_settings::PpoSettings;
@@ -175,6 +176,7 @@ fn loss(
         .number("VALUE", settings.value_weight.into())
         .number("ENTROPY", settings.entropy_weight.into())
         .number("KL_STOP", settings.kl_stop())
+        .number("LARGEST_LOG_RATIO", LARGEST_LOG_RATIO)
         .text(&format!(
             "var<private> component: {list} = {list}({components});"
         ))
