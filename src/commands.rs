@@ -6,14 +6,12 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
-use crate::cli::{Threads, TrainOptions, Work, say, thread_count};
+use crate::cli::{TrainOptions, Work, say, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
-use crate::events::write_events;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
-use crate::render::gallery;
-use crate::report::{GroupFilm, Report, RunData};
+use crate::report::ReportOptions;
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
@@ -106,31 +104,6 @@ pub struct EvalOptions {
     pub work: Work,
 }
 
-/// What to report.
-#[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
-    covers report runs/covers-seed0 --out report --films\n  \
-    covers report runs/covers-seed0 --tensorboard boards"
-)]
-pub struct ReportOptions {
-    /// The folders of runs, named METHOD-seedN as `covers sweep` names them; the first method is
-    /// compared with the others.
-    #[arg(required = true)]
-    pub runs: Vec<PathBuf>,
-    /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG); the tables are printed
-    /// in any case.
-    #[arg(long)]
-    pub out: Option<PathBuf>,
-    /// Put a GIF of each group's policies at work into `report.html`, some 10 kB each. Runs without
-    /// checkpoints have none.
-    #[arg(long, requires = "out")]
-    pub films: bool,
-    /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
-    #[arg(long, value_name = "DIR", conflicts_with = "out")]
-    pub tensorboard: Option<PathBuf>,
-}
-
 /// What to pack.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Example: covers pack runs/covers-seed0 small")]
@@ -179,7 +152,7 @@ impl Command {
             }
             Self::Sweep(options) => sweep(options, out),
             Self::Eval(options) => evaluate(options, out).map(|()| Outcome::Done),
-            Self::Report(options) => report(options, out).map(|()| Outcome::Done),
+            Self::Report(options) => options.run(out).map(|()| Outcome::Done),
             Self::Pack(options) => pack(options, out).map(|()| Outcome::Done),
         }
     }
@@ -344,53 +317,6 @@ fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
     VecEnvSettings {
         randomisation: Some(amounts),
         ..envs
-    }
-}
-
-fn report(options: &ReportOptions, out: &mut impl Write) -> Result<(), CoversError> {
-    if let Some(folder) = &options.tensorboard {
-        let written = write_events(&options.runs, folder)?;
-        let mut paths = written.iter().map(|path| path.display().to_string());
-        return paths.try_for_each(|path| say(out, &path));
-    }
-    let runs = options.runs.iter().map(|run| RunData::read(run));
-    let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
-    let mut films = Vec::new();
-    if options.films {
-        let own = options.runs.iter().zip(&mut runs);
-        films = own
-            .map(|(path, run)| film(path, run))
-            .collect::<Result<_, _>>()?;
-    }
-    let report = Report::new(runs)?;
-    if let Some(folder) = &options.out {
-        report.write(folder)?;
-    }
-    say(out, report.markdown().trim_end())?;
-    films.iter().try_for_each(|line| say(out, line))
-}
-
-/// Films the policies of a run, and says how large the films are or why there are none.
-fn film(path: &Path, run: &mut RunData) -> Result<String, CoversError> {
-    let threads = Threads { threads: None }.count();
-    match gallery(&RunFolder::open(path), threads) {
-        Ok(films) => {
-            let films = films.into_iter();
-            run.films = films.map(|(group, gif)| GroupFilm { group, gif }).collect();
-            let size: usize = run.films.iter().map(|film| film.gif.len()).sum();
-            let (number, size) = (run.films.len(), size.div_ceil(1000));
-            Ok(format!(
-                "\n{}: {number} films, {size} kB in report.html",
-                run.name
-            ))
-        }
-        Err(CoversError::NoCheckpoint { problems, .. }) => {
-            let name = &run.name;
-            Ok(format!(
-                "\n{name}: no films, for want of policies ({problems})"
-            ))
-        }
-        Err(error) => Err(error),
     }
 }
 

@@ -2,9 +2,7 @@
 
 use std::cell::Cell;
 
-use cluster::{
-    Assigner, AssignerSettings, Candidate, Contest, Decision, Frames, Rule, Verdict, lead,
-};
+use cluster::{Assigner, AssignerSettings, Candidate, Decision, Rule, Verdict, lead};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;
@@ -52,28 +50,6 @@ impl Distance {
     }
 }
 
-impl Distance {
-    /// As many episodes as enter a test.
-    fn thinned(&self, contests: &[Contest]) -> Result<Vec<Contest>, CoversError> {
-        let Rule::Calibrated(settings) = &self.assigner.settings().rule else {
-            return Ok(contests.to_vec());
-        };
-        let first = |frames: &Frames, most: usize| {
-            let kept: Vec<usize> = (0..frames.episodes().min(most)).collect();
-            frames.select(&kept)
-        };
-        let thinned = contests.iter().map(|contest| {
-            let [one, other] = &contest.rivals;
-            let most = settings.buffer_episodes;
-            Ok(Contest {
-                rollout: first(&contest.rollout, settings.rollout_episodes)?,
-                rivals: [first(one, most)?, first(other, most)?],
-            })
-        });
-        thinned.collect()
-    }
-}
-
 impl Grouping for Distance {
     fn min_episodes(&self) -> usize {
         match &self.assigner.settings().rule {
@@ -96,6 +72,9 @@ impl Grouping for Distance {
         rng: &mut ChaCha8Rng,
     ) -> Result<Recognised, CoversError> {
         let assignment = self.assigner.recognise(&candidates.clouds()?, rng)?;
+        let Rule::Calibrated(settings) = &self.assigner.settings().rule else {
+            return Ok(Recognised::of(&assignment));
+        };
         let untested = |policy: usize| assignment.evidence[policy].test().is_none();
         let [first, second] = match (assignment.decision, assignment.rivals()) {
             (Decision::Existing(policy), _) if untested(policy) => {
@@ -104,8 +83,8 @@ impl Grouping for Distance {
             (_, None) => return Ok(Recognised::of(&assignment)),
             (_, Some(rivals)) => rivals,
         };
-        let contests = candidates.contests([first, second])?;
-        let policy = match lead(&self.thinned(&contests)?)? < 0.0 {
+        let contests = candidates.contests([first, second], settings.buffer_episodes)?;
+        let policy = match lead(&contests)? < 0.0 {
             true => second,
             false => first,
         };
@@ -126,6 +105,7 @@ impl Grouping for Distance {
 
 #[cfg(test)]
 mod tests {
+    use cluster::{Contest, Frames};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
@@ -159,7 +139,7 @@ mod tests {
             Ok(clouds.collect())
         }
 
-        fn contests(&mut self, _: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
             panic!("nothing is recognised")
         }
 
@@ -232,7 +212,7 @@ mod tests {
             Ok(clouds.into())
         }
 
-        fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, rivals: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
             Ok(rivals.map(|policy| Contest {
                 rollout: self.frames(policy, &[self.seen]),
                 rivals: rivals.map(|rival| self.frames(policy, &self.home(rival))),

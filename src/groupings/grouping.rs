@@ -20,12 +20,12 @@ pub trait Candidates {
     /// What a network says.
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
 
-    /// Two policies' frames and those of the rollout, in the features of the one and then of the
-    /// other, as both are now.
+    /// Two policies' frames, of at most `most` episodes each, and those of the rollout, in the
+    /// features of the one and then of the other, as both are now.
     ///
     /// # Errors
     /// What a network says.
-    fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError>;
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError>;
 
     /// When each of the rollout's episodes began whose frames these are: decisions of all
     /// environments before it.

@@ -112,7 +112,7 @@ mod tests {
             panic!("an oracle does not compare")
         }
 
-        fn contests(&mut self, _: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
             panic!("an oracle does not compare")
         }
 

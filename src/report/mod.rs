@@ -4,6 +4,7 @@
 
 mod bands;
 mod cells;
+mod command;
 mod comparison;
 mod curves;
 mod document;
@@ -24,6 +25,7 @@ pub(crate) mod svg;
 mod table;
 mod tables;
 
+pub use command::ReportOptions;
 pub use document::Report;
 pub use efficiency::{Efficiency, SOLVED};
 pub use figures::{Figures, GroupFigures, Undefined};

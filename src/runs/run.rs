@@ -271,8 +271,7 @@ impl Run {
         let returns = before.iter().any(|earlier| earlier.group == visit.group);
         let (learner, world) = (&mut self.learner, &mut self.world);
         world.begin(rollout, index)?;
-        let failures = world.stream().failures();
-        let environment_seconds = world.stream().seconds();
+        let (failures, spent) = (world.stream().failures(), world.stream().seconds());
         let turn: Turn = guarded(&self.pool, || learner.learn(world))?;
         let seconds = clock.elapsed().as_secs_f64();
         let ledger = &mut self.ledger;
@@ -294,7 +293,7 @@ impl Run {
             turn,
             reward_scale: world.stream().reward_scale(),
             seconds,
-            environment_seconds: world.stream().seconds() - environment_seconds,
+            environment_seconds: world.stream().seconds() - spent,
         };
         self.logs.write_rollout(&progress)?;
         Ok(progress)

@@ -36,10 +36,13 @@ impl<S: CollectionSettings> Candidates for Clouds<'_, S> {
         clouds.collect()
     }
 
-    fn contests(&mut self, rivals: [usize; 2]) -> Result<[Contest; 2], CoversError> {
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError> {
         let members = self.members.iter_mut();
         let (mut policies, buffers): (Vec<_>, Vec<_>) = members
-            .map(|member| (&mut member.policy, member.buffer.episodes()))
+            .map(|member| {
+                let kept = member.buffer.episodes();
+                (&mut member.policy, &kept[..kept.len().min(most)])
+            })
             .unzip();
         let mut contest = |policy: usize| -> Result<Contest, CoversError> {
             let policy = &mut *policies[policy];

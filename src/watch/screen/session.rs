@@ -22,7 +22,7 @@ use super::terminal::{Screen, broken};
 
 /// From one look at keys, signals and tables to the next.
 const TICK: Duration = Duration::from_millis(200);
-/// So long after a wish to end the same key is no second one: keys that are held repeat.
+/// So long after a wish to end `q` is no second one: a key that is held repeats.
 const HELD: Duration = Duration::from_secs(2);
 /// The exit code of a program that a signal ended is this and the signal's number.
 const SIGNALLED: usize = 128;
@@ -119,8 +119,8 @@ impl Onlooker {
                 (None, false) => "q stops with a checkpoint",
             };
             show(&mut self.screen, &self.view, picture, keys)?;
-            let held = wished.is_some_and(|wished| wished.elapsed() < HELD);
-            if let Some(code) = self.wish.uttered()?.filter(|_| !held) {
+            let since = wished.map(|wished| wished.elapsed());
+            if let Some(code) = self.wish.uttered()?.filter(|&code| counts(code, since)) {
                 if self.stop.requested() {
                     drop(self.screen);
                     // `q` ends a run as Ctrl-C does
@@ -208,6 +208,11 @@ impl Wish {
     }
 }
 
+/// Whether a wish to end with this code counts, so long after the last one.
+fn counts(code: u8, since: Option<Duration>) -> bool {
+    code != 0 || since.is_none_or(|since| since >= HELD)
+}
+
 /// The exit code that a key asks for: Ctrl-C comes as a key while a screen is up.
 fn code_of(key: KeyEvent) -> Option<u8> {
     match key.code {
@@ -229,6 +234,13 @@ mod tests {
         assert_eq!(key(KeyCode::Char('c'), KeyModifiers::CONTROL), Some(130));
         assert_eq!(key(KeyCode::Char('c'), KeyModifiers::NONE), None);
         assert_eq!(key(KeyCode::Enter, KeyModifiers::NONE), None);
+    }
+
+    #[test]
+    fn a_held_q_is_one_wish_and_a_second_ctrl_c_is_another() {
+        let soon = Some(Duration::from_millis(100));
+        assert!(counts(0, None) && !counts(0, soon) && counts(0, Some(HELD)));
+        assert!(counts(INTERRUPTED, None) && counts(INTERRUPTED, soon));
     }
 
     #[test]
