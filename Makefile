@@ -12,7 +12,7 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 
-.PHONY: stream test gpu python faults fuzz sanitise deps
+.PHONY: stream test gpu python faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -94,6 +94,18 @@ fuzz: deps
 	  FUZZ=$$name $(FUZZ) -runs=$(FUZZ_RUNS) found/$$name corpus/$$name || exit 1; \
 	done
 	cd fuzz && FUZZ=compiler $(FUZZ) -runs=100000 found/compiler corpus/compiler
+
+# The pages as one book, by mdBook (`cargo install mdbook --version 0.5.4 --locked`). Links between
+# pages of different folders lead somewhere, since all pages and sources are brought together first.
+BOOK := $(TARGET)/pages
+
+book:
+	rm -rf $(BOOK) && mkdir -p $(BOOK)
+	git ls-files -z -- ':!*.npz' ':!*.safetensors' ':!fuzz/corpus' ':!docs/results/data/table' | \
+	  xargs -0 cp -P --parents -t $(BOOK)
+	mv $(BOOK)/docs/book.toml $(BOOK)
+	sed -E 's#\]\(([a-z])#](docs/\1#; s#\]\(\.\./#](#' $(BOOK)/docs/SUMMARY.md > $(BOOK)/SUMMARY.md
+	mdbook build $(BOOK)
 
 # Undefined behaviour and leaks: MuJoCo's wrapper under valgrind, crates without C under miri. It
 # takes valgrind and a nightly toolchain with miri (`rustup +nightly component add miri rust-src`).

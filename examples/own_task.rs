@@ -138,7 +138,7 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
 fn experiment(length: Length, group: TaskGroup) -> Experiment {
     let (budget, cycles, others, own) = match length {
         Length::Smoke => (Budget::Smoke, 1, 1, 1),
-        Length::Short => (Budget::Short, 2, 3, 12),
+        Length::Short => (Budget::Short, 2, 6, 24),
     };
     let experiment = budget.experiment(Method::Covers);
     let rollout = experiment.learner.rollout_steps();

@@ -18,6 +18,12 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
+#[cfg(doctest)]
+#[doc = include_str!("../docs/embedding.md")]
+#[doc = include_str!("../docs/layers.md")]
+#[doc = include_str!("../docs/tasks.md")]
+struct Book;
+
 pub mod check;
 pub mod cli;
 mod colours;

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod blocks;
 mod common;
 mod dependencies;
 mod device;

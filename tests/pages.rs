@@ -10,7 +10,7 @@ const COLUMNS: usize = 100;
 
 /// All Markdown files of the repository, which are the same in a package but for the folders that
 /// it leaves out.
-fn pages() -> Vec<PathBuf> {
+pub fn pages() -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![PathBuf::from(env!("CARGO_MANIFEST_DIR"))];
     while let Some(folder) = open.pop() {
@@ -75,7 +75,7 @@ fn too_short(page: &Path, text: &str) -> Option<String> {
 }
 
 /// What `wrong` finds on any page, each with the page's name.
-fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
+pub fn on_any_page(wrong: impl Fn(&Path, &str) -> Vec<String>) -> Vec<String> {
     let findings = pages().into_iter().map(|page| {
         let text = fs::read_to_string(&page).unwrap();
         let found = wrong(&page, &text);
@@ -116,4 +116,22 @@ fn a_dangling_link_and_a_long_line_are_found() {
     let long = "x".repeat(COLUMNS + 1);
     let text = format!("short\n| {long} |\n```\n{long}\n```\n[a](b) {long}\n{long}");
     assert_eq!(too_long(&text), [long]);
+}
+
+/// The pages that a summary of the book links to.
+fn listed(summary: &str) -> Vec<PathBuf> {
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs");
+    let pages = links(summary).into_iter().map(|link| docs.join(link));
+    pages.map(|page| page.canonicalize().unwrap()).collect()
+}
+
+#[test]
+fn every_page_is_in_the_book() {
+    let summary = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/SUMMARY.md");
+    let listed = listed(&fs::read_to_string(&summary).unwrap());
+    let missing = pages().into_iter().map(|page| page.canonicalize().unwrap());
+    let missing: Vec<_> = missing
+        .filter(|page| *page != summary.canonicalize().unwrap() && !listed.contains(page))
+        .collect();
+    assert!(missing.is_empty(), "docs/SUMMARY.md has no {missing:?}");
 }

@@ -17,17 +17,23 @@ use crate::runs::RunFolder;
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultSweep};
 use super::options::{RobotKind, SiteOptions};
+use super::results::Results;
 use super::rig::{Rig, Trial};
 use super::settings::SightSettings;
 use super::simulated::{SimulatedRig, SimulationSettings};
 use super::strip::Strip;
-use super::sweep::Files;
 use super::table::{TrialScore, deployment_table};
+
+/// What is wrong with a simulated rig, and how its pictures are looked at.
+type Wrong = (SimulationSettings, SightSettings);
+/// A fault, its amounts, and the settings with each.
+type Amounts = (Fault, Vec<(f64, Wrong)>);
 
 /// What to try.
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers deploy assets/pretrained --trials 5 --video films --gif\n  \
+    covers deploy assets/pretrained --trials 5 --out swept --sweep angle-error=0,1,2,3\n  \
     covers deploy assets/pretrained --calibration calibration.json\n  \
     covers deploy assets/pretrained --dry-run"
 )]
@@ -43,7 +49,7 @@ pub struct DeployOptions {
     pub task: Option<String>,
     /// Do all but move: one trial of the first variant on the table as it is. Prints the decisions,
     /// the commands that were withheld, and how long each stage takes.
-    #[arg(long, conflicts_with_all = ["json", "sweep", "video"])]
+    #[arg(long, conflicts_with_all = ["json", "out", "video"])]
     pub dry_run: bool,
     /// Folder for strips of pictures (PNG) of the first trial of each variant and of each trial
     /// that failed: what the camera saw, the mask, and what the policy was shown.
@@ -55,71 +61,105 @@ pub struct DeployOptions {
     /// Print all trials as one JSON value, in the last line.
     #[arg(long)]
     pub json: bool,
-    /// Run the trials once for each amount of something that is wrong, as
+    /// Then run the trials once for each amount of something that is wrong, as
     /// `position-error=0,5,10,20,30`: position-error and mask-growth (mm), angle-error (degrees),
-    /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%).
-    #[arg(long, value_name = "FAULT=AMOUNTS", requires = "figures")]
-    #[arg(conflicts_with_all = ["json", "video"])]
-    pub sweep: Option<FaultSweep>,
-    /// Folder for the table (CSV) and the figure (SVG) of a sweep, named after the fault.
-    #[arg(long, requires = "sweep")]
-    pub figures: Option<PathBuf>,
+    /// picture-latency and command-latency (ms), exposure-drift and balance-drift (%). May be given
+    /// several times, for one fault each.
+    #[arg(
+        long,
+        value_name = "FAULT=AMOUNTS",
+        requires = "out",
+        conflicts_with = "json"
+    )]
+    pub sweep: Vec<FaultSweep>,
+    /// Trials of each variant for each amount of a sweep (default: as many as `--trials`).
+    #[arg(long, value_name = "TRIALS", requires = "sweep")]
+    #[arg(value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
+    pub sweep_trials: Option<usize>,
+    /// Folder for the table (`table.md`), all trials (`trials.csv`), and the table (CSV) and figure
+    /// (SVG) of each sweep, named after the fault.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
 }
 
 impl DeployOptions {
-    /// Runs all trials and prints to `out`.
+    /// Runs all trials, then those of the sweeps, and prints to `out`.
     ///
     /// # Errors
-    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to.
+    /// As [`Deployment::trial`]; folders and an `out` that cannot be written to; options that do
+    /// not fit each other.
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
-        let settings = self.site.rig.settings()?;
-        if let (Some(sweep), Some(figures)) = (&self.sweep, &self.figures) {
-            return self.sweep(sweep, figures, settings, out);
-        }
-        let (settings, sight) = settings;
-        let mut deployment = self.site.deployment(sight)?;
-        let mut rig = self.simulated(settings, &deployment)?;
+        let nominal = self.site.rig.settings()?;
+        let sweeps = self.amounts(nominal)?;
+        let (mut deployment, mut rig) = self.simulated(nominal)?;
         if self.dry_run {
             // a table that is there, which a rehearsal does not set
             let set_up = rig.set_up(&self.first(self.groups()?[0]));
             set_up.map_err(|source| CoversError::Rig { source })?;
         }
         let arm = rig.arm().clone();
-        self.act(&mut deployment, &mut rig, &arm, out)
+        let results = self.results()?;
+        let scores = self.act(&mut deployment, (&mut rig, &arm), results.as_ref(), out)?;
+        match results {
+            Some(results) => self.sweep(&sweeps, (nominal, &scores), &results, out),
+            None => Ok(()),
+        }
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
-    /// say of faults and of sweeps is for simulated rigs.
+    /// The trials on a rig of somebody's own; `arm` is what is known of its robot. What the options
+    /// say of faults is for simulated rigs.
     ///
     /// # Errors
-    /// As [`DeployOptions::run`].
+    /// As [`DeployOptions::run`], and a sweep, whose faults nobody can set there.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), CoversError> {
+        if let Some(sweep) = self.sweep.first() {
+            return Err(CoversError::Setting {
+                name: "sweep",
+                value: sweep.fault.name().to_owned(),
+                expected: "none: faults are set in simulated rigs alone",
+            });
+        }
         let mut deployment = self.site.deployment(SightSettings::default())?;
-        self.act(&mut deployment, rig, arm, out)
+        let results = self.results()?;
+        self.act(&mut deployment, (rig, arm), results.as_ref(), out)?;
+        Ok(())
     }
 
+    fn results(&self) -> Result<Option<Results>, CoversError> {
+        let faults = || self.sweep.iter().map(|sweep| sweep.fault);
+        let folder = self.out.as_deref();
+        let results = folder.map(|folder| Results::create(folder, faults()));
+        results.transpose()
+    }
+
+    /// The trials, or the rehearsal of one.
     fn act(
         &self,
         deployment: &mut Deployment,
-        rig: &mut dyn Rig,
-        arm: &Arm,
+        (rig, arm): (&mut dyn Rig, &Arm),
+        results: Option<&Results>,
         out: &mut impl Write,
-    ) -> Result<(), CoversError> {
+    ) -> Result<Vec<TrialScore>, CoversError> {
         let groups = self.groups()?;
         if self.dry_run {
             let rehearsal = deployment.rehearse(rig, arm, &self.first(groups[0]))?;
-            return say(out, rehearsal.text().trim_end());
+            say(out, rehearsal.text().trim_end())?;
+            return Ok(Vec::new());
         }
-        let scores = self.trials(out, deployment, (rig, arm), &groups)?;
-        match self.json {
-            true => say(out, &serde_json::json!(scores).to_string()),
-            false => Ok(()),
+        let video = self.video.as_deref();
+        let scores = self.trials(out, deployment, (rig, arm), (&groups, self.trials), video)?;
+        if let Some(results) = results {
+            results.write_trials(&scores)?;
         }
+        if self.json {
+            say(out, &serde_json::json!(scores).to_string())?;
+        }
+        Ok(scores)
     }
 
     /// The first trial of a group.
@@ -138,83 +178,99 @@ impl DeployOptions {
 
     fn simulated(
         &self,
-        settings: SimulationSettings,
-        deployment: &Deployment,
-    ) -> Result<SimulatedRig, CoversError> {
+        (settings, sight): Wrong,
+    ) -> Result<(Deployment, SimulatedRig), CoversError> {
         let RobotKind::KinovaSim = self.site.rig.robot;
-        SimulatedRig::new(settings, *deployment.camera())
+        let deployment = self.site.deployment(sight)?;
+        let rig = SimulatedRig::new(settings, *deployment.camera())?;
+        Ok((deployment, rig))
     }
 
-    /// Refuses errors of a calibration that a file would take the place of.
-    fn check_sweep(&self, fault: Fault) -> Result<(), CoversError> {
-        let replaced = matches!(fault, Fault::PositionError | Fault::AngleError);
-        if !replaced || self.site.camera.calibration.is_none() {
-            return Ok(());
+    /// What each amount of each sweep makes of the settings.
+    fn amounts(&self, nominal: Wrong) -> Result<Vec<Amounts>, CoversError> {
+        let mut sweeps: Vec<Amounts> = Vec::new();
+        for FaultSweep { fault, amounts } in &self.sweep {
+            let refused = |expected| CoversError::Setting {
+                name: "sweep",
+                value: fault.name().to_owned(),
+                expected,
+            };
+            if sweeps.iter().any(|(of, _)| of == fault) {
+                return Err(refused("each fault once"));
+            }
+            let replaced = matches!(fault, Fault::PositionError | Fault::AngleError);
+            if replaced && self.site.camera.calibration.is_some() {
+                return Err(refused(
+                    "another fault, or no --calibration: the file takes the place of the \
+                     calibration that would be wrong, so all amounts would be one",
+                ));
+            }
+            let amounts = amounts.iter();
+            let steps = amounts.map(|&amount| Ok((amount, fault.set(amount, nominal)?)));
+            sweeps.push((*fault, steps.collect::<Result<_, CoversError>>()?));
         }
-        Err(CoversError::Setting {
-            name: "sweep",
-            value: fault.name().to_owned(),
-            expected: "another fault, or no --calibration: the file takes the place of the \
-                       calibration that would be wrong, so all amounts would be one",
-        })
+        Ok(sweeps)
     }
 
-    /// Runs all trials for each amount of a fault.
+    /// Runs the trials for each amount of each fault; those of `nominal` have been run.
     fn sweep(
         &self,
-        sweep: &FaultSweep,
-        figures: &Path,
-        settings: (SimulationSettings, SightSettings),
+        sweeps: &[Amounts],
+        (nominal, scores): (Wrong, &[TrialScore]),
+        results: &Results,
         out: &mut impl Write,
     ) -> Result<(), CoversError> {
-        self.check_sweep(sweep.fault)?;
         let groups = self.groups()?;
-        let steps = sweep.amounts.iter().map(|&amount| {
-            let settings = sweep.fault.set(amount, settings)?;
-            Ok((amount, settings))
-        });
-        let steps = steps.collect::<Result<Vec<_>, CoversError>>()?;
-        let files = Files::create(figures, sweep.fault)?;
-        let mut swept = Vec::new();
-        for (amount, (settings, sight)) in steps {
-            say(out, &format!("{}: {amount}", sweep.fault.axis()))?;
-            let mut deployment = self.site.deployment(sight)?;
-            let mut rig = self.simulated(settings, &deployment)?;
-            let arm = rig.arm().clone();
-            let scores = self.trials(out, &mut deployment, (&mut rig, &arm), &groups)?;
-            swept.push((amount, scores));
-            files.write(&groups, &swept)?;
+        let trials = self.sweep_trials.unwrap_or(self.trials);
+        for (fault, amounts) in sweeps {
+            let mut swept = Vec::new();
+            for &(amount, wrong) in amounts {
+                say(out, &format!("{}: {amount}", fault.axis()))?;
+                let scores = if wrong == nominal && trials <= self.trials {
+                    say(out, "among the trials above")?;
+                    let first = scores.iter().filter(|score| score.number < trials);
+                    first.copied().collect()
+                } else {
+                    let (mut deployment, mut rig) = self.simulated(wrong)?;
+                    let arm = rig.arm().clone();
+                    let on = (&mut rig as &mut dyn Rig, &arm);
+                    self.trials(out, &mut deployment, on, (&groups, trials), None)?
+                };
+                swept.push((amount, scores));
+                results.write_sweep(*fault, &groups, &swept)?;
+            }
         }
         Ok(())
     }
 
-    /// Runs the trials of all variants of `groups` and prints their table.
+    /// Runs so many trials of each variant of `groups` and prints their table; pictures go to
+    /// `video`.
     fn trials(
         &self,
         out: &mut impl Write,
         deployment: &mut Deployment,
         (rig, arm): (&mut dyn Rig, &Arm),
-        groups: &[TaskGroup],
+        (groups, trials): (&[TaskGroup], usize),
+        video: Option<&Path>,
     ) -> Result<Vec<TrialScore>, CoversError> {
         let mut scores = Vec::new();
         for variant in groups.iter().flat_map(|group| group.variants()) {
             let of_variant = scores.len();
-            for number in 0..self.trials {
+            for number in 0..trials {
                 let trial = Trial {
                     variant,
                     number,
                     seed: self.site.rig.seed,
                 };
-                let mut strip = self.video.as_ref().map(|_| Strip::default());
+                let mut strip = video.map(|_| Strip::default());
                 let score = deployment.trial(rig, arm, &trial, strip.as_mut())?;
-                self.keep(&trial, &score, strip)?;
+                if let (Some(folder), Some(strip)) = (video, strip) {
+                    self.keep(folder, &trial, &score, &strip)?;
+                }
                 scores.push(score);
             }
             let solved = scores[of_variant..].iter().filter(|score| score.success);
-            say(
-                out,
-                &format!("{variant}: {} of {}", solved.count(), self.trials),
-            )?;
+            say(out, &format!("{variant}: {} of {trials}", solved.count()))?;
         }
         say(out, &deployment_table(&scores))?;
         Ok(scores)
@@ -222,13 +278,11 @@ impl DeployOptions {
 
     fn keep(
         &self,
+        folder: &Path,
         trial: &Trial,
         score: &TrialScore,
-        strip: Option<Strip>,
+        strip: &Strip,
     ) -> Result<(), CoversError> {
-        let (Some(folder), Some(strip)) = (&self.video, strip) else {
-            return Ok(());
-        };
         if score.success && trial.number > 0 {
             return Ok(());
         }

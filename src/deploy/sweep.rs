@@ -1,93 +1,38 @@
 //! Success against how much is wrong.
 
-use std::path::{Path, PathBuf};
-
 use envs::TaskGroup;
 
 use crate::colours::colour;
-use crate::disk::{LocalDisk, replace};
-use crate::error::CoversError;
 use crate::report::svg::Drawing;
 
 use super::faults::Fault;
-use super::table::{TrialScore, wilson};
+use super::table::{COLUMNS, TrialScore, cells, wilson};
+
+/// Height of a panel (pixels), and the shares from its lower to its upper edge.
+const HEIGHT: f64 = 100.0;
+const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
 /// What came of a sweep: each amount, and the trials with it.
 pub type Swept = Vec<(f64, Vec<TrialScore>)>;
 
-/// The table and the figure of a sweep, named after the fault.
-pub struct Files {
-    fault: Fault,
-    table: PathBuf,
-    figure: PathBuf,
-}
-
-impl Files {
-    /// In a folder, which is made where there is none.
-    ///
-    /// # Errors
-    /// [`CoversError::FileExists`] where one of them is there, and a folder that cannot be made.
-    pub fn create(folder: &Path, fault: Fault) -> Result<Self, CoversError> {
-        std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
-        let [table, figure] =
-            ["csv", "svg"].map(|ending| folder.join(format!("{}.{ending}", fault.name())));
-        for path in [&table, &figure] {
-            if path.exists() {
-                return Err(CoversError::FileExists { path: path.clone() });
-            }
-        }
-        Ok(Self {
-            fault,
-            table,
-            figure,
-        })
-    }
-
-    /// Writes what is known so far.
-    ///
-    /// # Errors
-    /// Files that cannot be written.
-    pub fn write(&self, groups: &[TaskGroup], swept: &Swept) -> Result<(), CoversError> {
-        replace(&LocalDisk, &self.table, rows(self.fault, swept).as_bytes())?;
-        let figure = figure(self.fault, groups, swept);
-        replace(&LocalDisk, &self.figure, figure.as_bytes())
-    }
-}
-
-/// A row a trial.
-fn rows(fault: Fault, swept: &Swept) -> String {
-    let mut text = String::from(
-        "fault,amount,group,variant,number,policy,fits,success,success_at_end,refused\n",
-    );
+/// A row a trial (CSV).
+pub fn swept_rows(fault: Fault, swept: &Swept) -> String {
+    let mut text = format!("fault,amount,{COLUMNS}\n");
     for (amount, scores) in swept {
         for score in scores {
-            text += &format!(
-                "{},{amount},{},{},{},{},{},{},{},{}\n",
-                fault.name(),
-                score.group.name(),
-                score.element,
-                score.number,
-                score.policy,
-                u8::from(score.fits),
-                u8::from(score.success),
-                u8::from(score.success_at_end),
-                score.refused
-            );
+            text += &format!("{},{amount},{}\n", fault.name(), cells(score));
         }
     }
     text
 }
 
-/// Success of each of `groups` over the amount (SVG), with intervals of 95 % as bands.
-fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
+/// Success of each of `groups` over the amount (SVG), a panel each, with intervals of 95 % as bands.
+pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = Drawing::half(end, fault.axis());
     for (number, group) in groups.iter().enumerate() {
-        drawing.legend(group.name(), colour(number));
-    }
-    drawing.panel("success", 220.0, [-0.03, 1.03], &[0.0, 0.5, 1.0]);
-    for (number, &group) in groups.iter().enumerate() {
-        curve(&mut drawing, colour(number), group, swept);
+        drawing.panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
+        curve(&mut drawing, colour(number), *group, swept);
     }
     drawing.finish(&format!("Success against {}", fault.axis()))
 }
@@ -153,7 +98,7 @@ mod tests {
 
     #[test]
     fn every_trial_has_a_row() {
-        let text = rows(Fault::MaskGrowth, &swept());
+        let text = swept_rows(Fault::MaskGrowth, &swept());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 1 + 10);
         assert_eq!(lines[1], "mask-growth,0,button-press,flip x,3,1,1,1,0,2");
@@ -162,29 +107,15 @@ mod tests {
         assert!(lines.iter().all(|line| line.split(',').count() == columns));
     }
 
-    /// From (0, 1) to (10, 0.25): the axis is 440 pixels long from 64 on, and 220 high over
-    /// -0.03 to 1.03.
+    /// From (0, 1) to (10, 0.25): the axis is 440 pixels long from 64 on, and the second panel begins
+    /// 14 below the first.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
         let text = figure(Fault::MaskGrowth, &GROUPS, &swept());
-        let y = |share: f64| 34.0 + 220.0 * (1.0 - (share + 0.03) / 1.06);
+        let y = |share: f64| 34.0 + HEIGHT + 14.0 + HEIGHT * (1.0 - (share + 0.05) / 1.1);
         let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
         assert!(text.contains(&line), "{line}: {text}");
         assert!(text.contains("button-press at 10: 1 of 4"));
         assert!(text.contains("growth of the mask (mm)"));
-    }
-
-    #[test]
-    fn what_another_sweep_wrote_is_kept() {
-        let folder = std::env::temp_dir().join(format!("covers-sweep-{}", std::process::id()));
-        let files = Files::create(&folder, Fault::MaskGrowth).unwrap();
-        files.write(&GROUPS, &swept()).unwrap();
-        files.write(&GROUPS, &swept()).unwrap();
-        let refused = Files::create(&folder, Fault::MaskGrowth).err().unwrap();
-        assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
-        Files::create(&folder, Fault::AngleError).unwrap();
-        let table = std::fs::read_to_string(folder.join("mask-growth.csv")).unwrap();
-        assert_eq!(table, rows(Fault::MaskGrowth, &swept()));
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -1,11 +1,12 @@
 //! The table of a deployment, in the form of the paper's.
 
 use std::collections::BTreeMap;
-use std::fmt::Write;
 
 use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
+
+use crate::report::Table;
 
 /// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
 /// section 5): a real arm.
@@ -52,31 +53,49 @@ pub(super) fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     [-1.0, 1.0].map(|side| ((middle + side * half) / (1.0 + z * z / n)).clamp(0.0, 1.0))
 }
 
-/// A line a group: success with its interval, success at the end, the policies that
-/// were chosen with how often, and the success that the paper had on its real arm.
+/// A line a group: success with its interval, success at the end, the success that the paper had on
+/// its real arm, and the policies that were chosen with how often.
 pub fn deployment_table(scores: &[TrialScore]) -> String {
+    table(scores).text()
+}
+
+/// The same in Markdown.
+pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
+    table(scores).markdown()
+}
+
+fn table(scores: &[TrialScore]) -> Table {
+    let header = [
+        "group",
+        "trials",
+        "success",
+        "95 % interval",
+        "at end",
+        "paper, real arm",
+        "policies",
+    ];
+    let mut table = Table::new("Success in trials on a robot.", &header);
     let mut groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).collect();
     groups.dedup();
-    let mut table = String::from(
-        "group         trials  success  95 % interval  at end  paper, real arm  policies\n\
-         ------------  ------  -------  -------------  ------  ---------------  --------",
-    );
     for &group in &groups {
         let of = scores.iter().filter(|score| score.group == group);
         let paper = PAPER.iter().find(|(name, _)| *name == group.name());
         let paper = paper.map(|(_, success)| *success);
-        line(&mut table, group.name(), &of.collect::<Vec<_>>(), paper);
+        table
+            .rows
+            .push(row(group.name(), &of.collect::<Vec<_>>(), paper));
     }
     // the paper's average is of its four groups
     let all = (groups.len() == PAPER.len()).then(|| {
         let known = PAPER.iter().map(|(_, success)| success);
         known.sum::<f64>() / PAPER.len() as f64
     });
-    line(&mut table, "all", &scores.iter().collect::<Vec<_>>(), all);
+    let scores: Vec<_> = scores.iter().collect();
+    table.rows.push(row("all", &scores, all));
     table
 }
 
-fn line(table: &mut String, name: &str, scores: &[&TrialScore], paper: Option<f64>) {
+fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
     let trials = scores.len();
     let share = |holds: fn(&TrialScore) -> bool| {
         let count = scores.iter().filter(|score| holds(score)).count();
@@ -85,14 +104,39 @@ fn line(table: &mut String, name: &str, scores: &[&TrialScore], paper: Option<f6
     let (successes, success) = share(|score| score.success);
     let (_, at_end) = share(|score| score.success_at_end);
     let [low, high] = wilson(successes, trials);
-    let paper = paper.map_or_else(|| "-".to_owned(), |success| format!("{success:.2}"));
-    // writing to a String cannot fail
-    let _ = write!(
-        table,
-        "\n{name:<12}  {trials:>6}  {success:>7.2}  [{low:.2}, {high:.2}]   {at_end:>6.2}  \
-         {paper:>15}  {}",
-        policies(scores)
-    );
+    vec![
+        name.to_owned(),
+        trials.to_string(),
+        format!("{success:.2}"),
+        format!("{low:.2} to {high:.2}"),
+        format!("{at_end:.2}"),
+        paper.map_or_else(|| "-".to_owned(), |success| format!("{success:.2}")),
+        policies(scores),
+    ]
+}
+
+/// Names of the cells of [`cells`].
+pub(super) const COLUMNS: &str = "group,variant,number,policy,fits,success,success_at_end,refused";
+
+/// A trial as cells of a line (CSV).
+pub(super) fn cells(score: &TrialScore) -> String {
+    format!(
+        "{},{},{},{},{},{},{},{}",
+        score.group.name(),
+        score.element,
+        score.number,
+        score.policy,
+        u8::from(score.fits),
+        u8::from(score.success),
+        u8::from(score.success_at_end),
+        score.refused
+    )
+}
+
+/// A row a trial (CSV).
+pub(super) fn trial_rows(scores: &[TrialScore]) -> String {
+    let rows = scores.iter().map(|score| cells(score) + "\n");
+    format!("{COLUMNS}\n{}", rows.collect::<String>())
 }
 
 /// Policies with how often each was chosen.
@@ -149,10 +193,11 @@ mod tests {
             .lines()
             .map(|l| l.split_whitespace().collect())
             .collect();
-        let expected = "plate-slide 4 0.75 [0.30, 0.95] 0.00 0.45 2 (3), 3 (1)";
+        let expected = "plate-slide 4 0.75 0.30 to 0.95 0.00 0.45 2 (3), 3 (1)";
         assert_eq!(lines[2].join(" "), expected);
         assert_eq!(lines[3][..3], ["goal-reach", "1", "1.00"]);
         assert_eq!(lines[4][..3], ["all", "5", "0.80"]);
-        assert_eq!(lines[4][6], "-", "two groups of four");
+        assert_eq!(lines[4][7], "-", "two groups of four");
+        assert_eq!(trial_rows(&scores).lines().count(), 1 + scores.len());
     }
 }

@@ -56,6 +56,32 @@ impl Table {
         text
     }
 
+    /// The table in columns for a terminal, without its caption; numbers stand to the right.
+    pub fn text(&self) -> String {
+        let columns = 0..self.header.len();
+        let width = |column: usize| {
+            let cells = self.rows.iter().map(|row| &row[column]);
+            let widths = cells.chain([&self.header[column]]);
+            widths.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = columns.map(width).collect();
+        let line = |cells: &[String]| {
+            let cells = cells.iter().zip(&widths);
+            let cells = cells.map(|(cell, &width)| match cell.parse::<f64>() {
+                Ok(_) => format!("{cell:>width$}"),
+                Err(_) => format!("{cell:<width$}"),
+            });
+            cells.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+        };
+        let rule: Vec<String> = widths.iter().map(|&width| "-".repeat(width)).collect();
+        let rows = self.rows.iter().map(|row| line(row));
+        let head = [line(&self.header), rule.join("  ")];
+        let notes = (1..).zip(&self.notes);
+        let notes = notes.map(|(number, note)| format!("({number}) {note}."));
+        let lines: Vec<String> = head.into_iter().chain(rows).chain(notes).collect();
+        lines.join("\n")
+    }
+
     /// The table in HTML, in a box that scrolls where the screen is narrow.
     pub fn html(&self) -> String {
         let line = |tag: &str, cells: &[String]| {
@@ -138,6 +164,15 @@ mod tests {
         let expected = "Two figures.\n\n| method | success |\n| --- | --- |\n\
             | a_b, \"c\" | 5 % (1) |\n\n(1) one policy.  \n";
         assert_eq!(table().markdown(), expected);
+    }
+
+    #[test]
+    fn text_has_columns_and_numbers_to_the_right() {
+        let mut table = table();
+        table.rows.push(vec!["b".to_owned(), "0.5".to_owned()]);
+        let expected = "method    success\n--------  -------\na_b, \"c\"  5 % (1)\n\
+            b             0.5\n(1) one policy.";
+        assert_eq!(table.text(), expected);
     }
 
     #[test]

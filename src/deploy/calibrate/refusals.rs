@@ -119,24 +119,49 @@ fn options_that_would_be_ignored_are_refused() {
     }
 }
 
+#[derive(Parser)]
+struct Line {
+    #[command(flatten)]
+    options: DeployOptions,
+}
+
+/// Why the command does not run.
+fn refusal(line: &str) -> String {
+    let deploy = Line::try_parse_from(line.split(' ')).unwrap().options;
+    deploy.run(&mut Vec::new()).unwrap_err().to_string()
+}
+
 /// A file takes the place of the calibration that would be wrong.
 #[test]
 fn a_sweep_of_what_a_file_replaces_is_refused() {
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        options: DeployOptions,
-    }
     for fault in ["position-error", "angle-error"] {
         let line = format!(
-            "deploy no/such/run --calibration c.json --figures no/such/figures --sweep {fault}=0,1"
+            "deploy no/such/run --calibration c.json --out no/such/folder --sweep {fault}=0,1"
         );
-        let deploy = Line::try_parse_from(line.split(' ')).unwrap().options;
-        let message = deploy.run(&mut Vec::new()).unwrap_err().to_string();
+        let message = refusal(&line);
         assert!(
             message.contains(fault) && message.contains("--calibration"),
             "{message}"
         );
+    }
+}
+
+/// Before anything is read or written.
+#[test]
+fn sweeps_that_do_not_fit_are_refused() {
+    let deploy = "deploy no/such/run --out no/such/folder --sweep mask-growth=0,10";
+    for (rest, says) in [
+        ("--sweep mask-growth=5", "each fault once"),
+        ("--sweep command-latency=0,20", "12.5"),
+    ] {
+        let message = refusal(&format!("{deploy} {rest}"));
+        assert!(message.contains(says), "{message}");
+    }
+    for line in [
+        "deploy no/such/run --sweep mask-growth=0,10",
+        "deploy no/such/run --out no/such/folder --sweep-trials 3",
+    ] {
+        assert!(Line::try_parse_from(line.split(' ')).is_err(), "{line}");
     }
 }
 
