@@ -95,8 +95,8 @@ fuzz: deps
 	done
 	cd fuzz && FUZZ=compiler $(FUZZ) -runs=100000 found/compiler corpus/compiler
 
-# The pages as one book, by mdBook (`cargo install mdbook --version 0.5.4 --locked`). Links between
-# pages of different folders lead somewhere, since all pages and sources are brought together first.
+# The pages as one book, by mdBook (`cargo install mdbook --version 0.5.4 --locked`). Pages and
+# sources are brought together first, so that links between folders lead somewhere.
 BOOK := $(TARGET)/pages
 
 book:

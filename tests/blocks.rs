@@ -15,7 +15,7 @@ fn blocks(text: &str) -> Vec<(&str, String)> {
     let mut found: Vec<(&str, String)> = Vec::new();
     let mut open = false;
     for line in text.lines() {
-        match (open, line.strip_prefix("```")) {
+        match (open, line.trim_start().strip_prefix("```")) {
             (_, Some(language)) => {
                 open = !open;
                 found.extend(open.then(|| (language, String::new())));
@@ -57,10 +57,14 @@ fn commands(block: &str) -> Vec<Vec<String>> {
     found
 }
 
-/// What is wrong with a command; those of other programs are taken as they are.
+/// What is wrong with a line of commands; those of other programs are taken as they are.
 fn wrong(words: &[String]) -> Option<String> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    let own = words.split(|word| ["|", "&&", ";"].contains(word)).next()?;
+    let mut commands = words.split(|word| ["|", "&&", ";"].contains(word));
+    commands.find_map(wrong_command)
+}
+
+fn wrong_command(own: &[&str]) -> Option<String> {
     let own = match own.iter().position(|word| !word.contains('=')) {
         Some(first) => &own[first..],
         None => return None,
@@ -125,6 +129,7 @@ fn a_command_that_nothing_takes_is_found() {
         "X=1 cargo run --example continual_stream -- --budget tiny",
         "cargo run --example nothing",
         "make nothing",
+        "pip install numpy && covers trian",
     ] {
         assert!(of(line).is_some(), "{line}");
     }
@@ -139,16 +144,27 @@ fn a_command_that_nothing_takes_is_found() {
     }
 }
 
+/// Blocks of JSON that are none.
+fn malformed(text: &str) -> Vec<String> {
+    let parsed = blocks_of(text, "json").into_iter().map(|block| {
+        let value: Result<serde_json::Value, _> = serde_json::from_str(&block);
+        value.err().map(|error| format!("{error} in {block}"))
+    });
+    parsed.flatten().collect()
+}
+
 #[test]
 fn json_is_json() {
-    let wrong = on_any_page(|_, text| {
-        let parsed = blocks_of(text, "json").into_iter().map(|block| {
-            let value: Result<serde_json::Value, _> = serde_json::from_str(&block);
-            value.err().map(|error| format!("{error} in {block}"))
-        });
-        parsed.flatten().collect()
-    });
+    let wrong = on_any_page(|_, text| malformed(text));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    assert_eq!(malformed("a\n```json\n{\"a\": 1,}\n```\n").len(), 1);
+}
+
+/// Whether a page has Rust that is to be compiled.
+fn has_rust(text: &str) -> bool {
+    let blocks = blocks(text).into_iter();
+    let mut names = blocks.map(|(name, _)| name);
+    names.any(|name| name.starts_with("rust") && !name.contains("ignore"))
 }
 
 /// Documentation tests run what `#[doc = include_str!(...)]` brings in.
@@ -166,14 +182,10 @@ fn rust_is_compiled_with_the_documentation_of_a_crate() {
         names.map(|name| folder.join(name)).collect::<Vec<_>>()
     });
     let included: Vec<_> = included.collect();
-    let with_code = pages().into_iter().filter(|page| {
-        let text = fs::read_to_string(page).unwrap();
-        let blocks = blocks(&text).into_iter();
-        let compiled = blocks
-            .map(|(name, _)| name)
-            .filter(|name| !name.contains("ignore"));
-        compiled.into_iter().any(|name| name.starts_with("rust"))
-    });
-    let left_out: Vec<_> = with_code.filter(|page| !included.contains(page)).collect();
+    let pages = pages().into_iter();
+    let left_out: Vec<_> = pages
+        .filter(|page| has_rust(&fs::read_to_string(page).unwrap()) && !included.contains(page))
+        .collect();
     assert!(left_out.is_empty(), "{left_out:?}");
+    assert!(has_rust("```rust,no_run\nfn main() {}\n```\n") && !has_rust("```rust,ignore\n```\n"));
 }

@@ -6,6 +6,7 @@
 mod blocks;
 mod common;
 mod dependencies;
+mod deploy;
 mod device;
 mod embedding;
 mod events;

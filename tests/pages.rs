@@ -134,4 +134,6 @@ fn every_page_is_in_the_book() {
         .filter(|page| *page != summary.canonicalize().unwrap() && !listed.contains(page))
         .collect();
     assert!(missing.is_empty(), "docs/SUMMARY.md has no {missing:?}");
+    let one = self::listed("- [PPO](ppo.md)\n- [one](../README.md)\n");
+    assert!(one.len() == 2 && one.iter().all(|page| listed.contains(page)));
 }

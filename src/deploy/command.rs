@@ -49,7 +49,7 @@ pub struct DeployOptions {
     pub task: Option<String>,
     /// Do all but move: one trial of the first variant on the table as it is. Prints the decisions,
     /// the commands that were withheld, and how long each stage takes.
-    #[arg(long, conflicts_with_all = ["json", "out", "video"])]
+    #[arg(long, conflicts_with_all = ["json", "out", "sweep", "sweep_trials", "video"])]
     pub dry_run: bool,
     /// Folder for strips of pictures (PNG) of the first trial of each variant and of each trial
     /// that failed: what the camera saw, the mask, and what the policy was shown.
@@ -106,21 +106,22 @@ impl DeployOptions {
         }
     }
 
-    /// The trials on a rig of somebody's own; `arm` is what is known of its robot. What the options
-    /// say of faults is for simulated rigs.
+    /// The trials on a rig of somebody's own; `arm` is what is known of its robot.
     ///
     /// # Errors
-    /// As [`DeployOptions::run`], and a sweep, whose faults nobody can set there.
+    /// As [`DeployOptions::run`], and single faults and sweeps, which nobody can set there.
     pub fn run_on(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), CoversError> {
-        if let Some(sweep) = self.sweep.first() {
+        let single = self.site.rig.fault.iter().map(|of| of.fault);
+        let mut faults = self.sweep.iter().map(|of| of.fault).chain(single);
+        if let Some(fault) = faults.next() {
             return Err(CoversError::Setting {
-                name: "sweep",
-                value: sweep.fault.name().to_owned(),
+                name: "fault",
+                value: fault.name().to_owned(),
                 expected: "none: faults are set in simulated rigs alone",
             });
         }

@@ -160,6 +160,8 @@ fn sweeps_that_do_not_fit_are_refused() {
     for line in [
         "deploy no/such/run --sweep mask-growth=0,10",
         "deploy no/such/run --out no/such/folder --sweep-trials 3",
+        "deploy no/such/run --dry-run --sweep mask-growth=0,10",
+        "deploy no/such/run --dry-run --out no/such/folder --sweep mask-growth=0,10",
     ] {
         assert!(Line::try_parse_from(line.split(' ')).is_err(), "{line}");
     }
