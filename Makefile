@@ -11,8 +11,9 @@ SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # features.
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
+PYTHON := python3
 
-.PHONY: stream test gpu python faults fuzz sanitise book deps
+.PHONY: stream test gpu rerun python faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -59,9 +60,28 @@ gpu: deps
 	$(call named,--test suite,device::)
 	$(call named,--lib,graph adapter)
 
+# Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
+# which takes Python 3.10 or later, reads one and compares it with the tables of its run.
+RERUN := -p covers --features rerun
+RECORDING := $(TARGET)/rerun
+
+rerun: export CARGO_INCREMENTAL := 0
+
+rerun: deps
+	cargo clippy $(RERUN) --all-targets --locked -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc $(RERUN) --no-deps --document-private-items --locked
+	cargo test $(RERUN) --locked --test suite -- rerun::
+	rm -rf $(RECORDING) && mkdir -p $(RECORDING)
+	cargo build $(RERUN) --locked
+	$(TARGET)/debug/covers train --budget smoke --folder $(RECORDING)/run
+	$(TARGET)/debug/covers rerun $(RECORDING)/run --out $(RECORDING)/run.rrd
+	$(PYTHON) -m venv $(RECORDING)/venv
+	$(RECORDING)/venv/bin/pip install --quiet 'rerun-sdk==0.36.3'
+	$(RECORDING)/venv/bin/python benches/peers/rerun_recording.py \
+	  $(RECORDING)/run $(RECORDING)/run.rrd
+
 # The Python package, in an environment of its own: minutes. It takes Python 3.10 or later with its
 # venv module, and packages from PyPI. A folder of wheels may be named in PIP_FIND_LINKS.
-PYTHON := python3
 VENV := $(abspath $(TARGET))/python
 
 python: export CARGO_TARGET_DIR := $(abspath $(TARGET))

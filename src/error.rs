@@ -328,6 +328,23 @@ pub enum CoversError {
         /// The file.
         path: PathBuf,
     },
+    /// A recording of this program's, which was built without.
+    #[error("this program was built without recordings: build it with `--features rerun`")]
+    NoRerun,
+    /// A recording whose name does not say so.
+    #[error("{} is no recording: expected a name that ends in .rrd", path.display())]
+    RecordingFormat {
+        /// The file.
+        path: PathBuf,
+    },
+    /// What the Rerun SDK says of a recording.
+    #[error("{}: {message}", path.display())]
+    Recording {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        message: String,
+    },
     /// A file that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {

@@ -23,6 +23,7 @@ mod pretrained;
 mod recognition;
 mod render;
 mod report;
+mod rerun;
 mod runs;
 mod trials;
 mod variants;

@@ -83,7 +83,8 @@ pub use rows::{Failure, Turn};
 pub use scene::Scene;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Step, TableTop, VECTOR_DIM, VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, Step, TableTop, VECTOR_DIM,
+    VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task, TaskGroup,

@@ -16,8 +16,10 @@ use crate::scene::{Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
 mod simulated_arm;
+mod solids;
 
 pub use simulated_arm::SimulatedArm;
+pub use solids::Solid;
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;

@@ -16,6 +16,7 @@ mod randomisation;
 mod rewards;
 mod scenes;
 mod simulated_arm;
+mod solids;
 mod tasks;
 mod vec_env;
 

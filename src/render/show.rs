@@ -1,6 +1,7 @@
 //! Variants of groups on film, played by the policies that the learner itself recognises.
 
 use envs::{RGB, TaskGroup, TaskRegistry, TaskVariant};
+use rl::VectorEnv;
 use symmetry::D2;
 
 use crate::colours::rgb;
@@ -36,8 +37,9 @@ pub(super) struct Played {
 }
 
 /// Policies, and the environments in which they recognise their groups.
-pub(super) struct Show {
-    experiment: Experiment,
+pub(crate) struct Show {
+    /// The settings of their run.
+    pub experiment: Experiment,
     learner: Box<dyn Learner>,
     evaluator: Evaluator,
 }
@@ -63,7 +65,7 @@ impl Show {
     ///
     /// # Errors
     /// What the environments or the learner say.
-    pub fn play(&mut self, shot: &Shot<'_>) -> Result<Vec<Played>, CoversError> {
+    pub(super) fn play(&mut self, shot: &Shot<'_>) -> Result<Vec<Played>, CoversError> {
         let variants = shot.groups.iter().flat_map(|group| group.variants());
         variants
             .map(|variant| self.variant(variant, shot))
@@ -71,16 +73,30 @@ impl Show {
     }
 
     fn variant(&mut self, variant: TaskVariant, shot: &Shot<'_>) -> Result<Played, CoversError> {
-        let policy = self.evaluator.recognise(&mut *self.learner, variant)?;
         let envs = &self.experiment.envs;
         let mut studio = Studio::new(envs, variant, shot.views, shot.seed)?;
-        let stats = self.learner.perform(policy, &mut studio, 1)?.stats;
+        let (policy, success) = self.perform(variant, &mut studio)?;
         Ok(Played {
             variant,
             policy,
-            success: stats.success_rate() == Some(1.0),
+            success,
             cells: studio.cells(shot.views, shot.decisions),
         })
+    }
+
+    /// Plays one episode of `stage`, an environment of one that shows `variant`; returns the policy
+    /// that the learner recognised, and whether it succeeded.
+    ///
+    /// # Errors
+    /// What the environments or the learner say.
+    pub fn perform(
+        &mut self,
+        variant: TaskVariant,
+        stage: &mut dyn VectorEnv,
+    ) -> Result<(usize, bool), CoversError> {
+        let policy = self.evaluator.recognise(&mut *self.learner, variant)?;
+        let stats = self.learner.perform(policy, stage, 1)?.stats;
+        Ok((policy, stats.success_rate() == Some(1.0)))
     }
 
     /// Where the group stands among those of the run, which says its colour.
@@ -92,7 +108,7 @@ impl Show {
 
     /// Rows of a mosaic: a group's variants beside each other, one row for each view, and one more
     /// for twins.
-    pub fn rows(&self, shot: &Shot<'_>, played: &[Played]) -> Vec<Row> {
+    pub(super) fn rows(&self, shot: &Shot<'_>, played: &[Played]) -> Vec<Row> {
         let row = |group: TaskGroup, view: usize, twin: bool| {
             let of_group = played.iter().filter(|played| played.variant.group == group);
             let cells = of_group.map(|played| match twin {

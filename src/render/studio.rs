@@ -9,6 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
 use crate::error::CoversError;
+#[cfg(feature = "rerun")]
+use crate::sheet::Picture;
 use crate::sheet::mark_goal;
 use crate::stream::{Stream, scale};
 
@@ -29,7 +31,7 @@ pub enum View {
 const SIDE: usize = 144;
 
 /// An environment of one that is filmed. The policy sees what it has learnt with.
-pub(super) struct Studio {
+pub(crate) struct Studio {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
@@ -93,6 +95,24 @@ impl Studio {
             }
         };
         views.iter().map(cell).collect()
+    }
+
+    /// The table on which the episode is played.
+    #[cfg(feature = "rerun")]
+    pub fn table(&self) -> &TableTop {
+        &self.table
+    }
+
+    /// The newest picture of a view that was asked for.
+    #[cfg(feature = "rerun")]
+    pub fn newest(&self, view: View) -> Option<Picture> {
+        let (table, frames) = self.filmed(view);
+        let size = table.scene().camera.size;
+        Some(Picture {
+            width: size,
+            height: size,
+            rgb: frames.last()?.clone(),
+        })
     }
 
     fn filmed(&self, view: View) -> (&TableTop, &[Vec<u8>]) {

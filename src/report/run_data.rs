@@ -112,6 +112,24 @@ impl RunData {
         })
     }
 
+    /// The group that a policy was opened for: that of its first rollout of one group alone.
+    pub fn group_of(&self, policy: usize) -> Option<&str> {
+        let mut own = self.rollouts.iter().filter(|row| row.policy == policy);
+        Some(&own.find(|row| !row.straddles)?.group)
+    }
+
+    /// What each distance of a rollout is held to: the grouping's own threshold, or the largest
+    /// distance of the permutations, which is that of chance. Nothing where a grouping permutes
+    /// scores of several sources.
+    pub fn thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
+        let learner = &self.experiment.learner;
+        match learner.fixed_threshold() {
+            Some(threshold) => vec![Some(threshold); row.distances.len()],
+            None if learner.permutes_distances() => row.null_maxima.clone(),
+            None => vec![None; row.distances.len()],
+        }
+    }
+
     /// Seconds of learning, where those of every rollout are known.
     pub fn seconds(&self) -> Option<f64> {
         let all = self.timings.len() == self.rollouts.len();
@@ -315,5 +333,18 @@ mod tests {
         // of a process after a crash that took the table with it
         run.timings = vec![TimingRow::default()];
         assert_eq!(run.seconds(), None);
+    }
+
+    #[test]
+    fn distances_are_held_to_chance_or_to_the_threshold_of_the_paper() {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let row = RolloutRow {
+            distances: vec![Some(0.5), None],
+            null_maxima: vec![Some(0.25), None],
+            ..RolloutRow::default()
+        };
+        assert_eq!(run.thresholds(&row), [Some(0.25), None]);
+        run.experiment.learner = Method::Paper.learner();
+        assert_eq!(run.thresholds(&row), [Some(1.0), Some(1.0)]);
     }
 }

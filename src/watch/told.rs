@@ -89,18 +89,6 @@ fn successes(scores: &[&ScoreRow]) -> String {
     format!("success [{}]", successes.join(", "))
 }
 
-/// What each distance of a rollout is held to: the grouping's own threshold, or the largest
-/// distance of the permutations, which is that of chance. Nothing where a grouping permutes scores
-/// of several sources.
-pub(super) fn thresholds(run: &RunData, row: &RolloutRow) -> Vec<Option<f64>> {
-    let learner = &run.experiment.learner;
-    match learner.fixed_threshold() {
-        Some(threshold) => vec![Some(threshold); row.distances.len()],
-        None if learner.permutes_distances() => row.null_maxima.clone(),
-        None => vec![None; row.distances.len()],
-    }
-}
-
 /// Remembers what was told.
 #[derive(Debug, Default)]
 pub(super) struct Teller {
@@ -130,7 +118,7 @@ fn events(run: &RunData) -> Vec<(Moment, Told<'_>)> {
         let told = Told::Rollout {
             rollout,
             row,
-            thresholds: thresholds(run, row),
+            thresholds: run.thresholds(row),
             pace: Pace::after(run, rollout + 1),
         };
         ((rollout + 1, 0), told)
@@ -239,15 +227,6 @@ mod tests {
         assert_eq!(json["reward"], Value::Null);
         assert_eq!(json["distances"][0], 0.5);
         assert!(json["stream"].as_u64() > Some(0) && json["seconds_left"].is_null());
-    }
-
-    #[test]
-    fn distances_are_held_to_chance_or_to_the_threshold_of_the_paper() {
-        let mut run = run(1);
-        run.rollouts[0].null_maxima = vec![Some(0.25), None];
-        assert_eq!(thresholds(&run, &run.rollouts[0]), [Some(0.25), None]);
-        run.experiment.learner = Method::Paper.learner();
-        assert_eq!(thresholds(&run, &run.rollouts[0]), [Some(1.0), Some(1.0)]);
     }
 
     #[test]

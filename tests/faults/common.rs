@@ -23,7 +23,8 @@ pub fn full() -> bool {
     std::env::var("COVERS_FAULTS").is_ok_and(|value| value == "full")
 }
 
-/// Two groups and a checkpoint after every rollout; the paper's method with small pictures.
+/// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the stream
+/// but scores; the paper's method with small pictures.
 ///
 /// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
 /// and takes three, and two more are left.
@@ -34,6 +35,8 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.schedule.groups[0].decisions = 5 * 80;
     experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
+    experiment.envs.num_envs = 4;
+    experiment.evaluation.looks = 0;
     // without an arm: quicker
     experiment.envs.embodiment = Embodiment::HAND;
     if method == Method::Paper

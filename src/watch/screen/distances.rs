@@ -9,7 +9,7 @@ use ratatui::widgets::{Block, Cell, Row, Table};
 use crate::report::RunData;
 use crate::tables::number;
 
-use super::{ink, ratios, thresholds};
+use super::{ink, ratios};
 
 /// Cells of a bar; half of them are the threshold.
 const BAR: usize = 20;
@@ -23,7 +23,7 @@ const BOTH: u16 = 14;
 pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);
-    let thresholds = newest.map_or_else(Vec::new, |row| thresholds(run, row));
+    let thresholds = newest.map_or_else(Vec::new, |row| run.thresholds(row));
     let title = match (run.rollouts.len(), distances) {
         (0, _) => "W1: no rollout yet".to_owned(),
         (rollouts, []) => format!("W1: none in rollout {}", rollouts - 1),

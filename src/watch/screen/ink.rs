@@ -15,12 +15,10 @@ pub fn of_group(run: &RunData, group: &str) -> Color {
     number.map_or(Color::Reset, numbered)
 }
 
-/// The colour of a policy: that of the group which it was opened for, the one of its first rollout
-/// of one group alone.
+/// The colour of a policy: that of the group which it was opened for.
 pub fn of_policy(run: &RunData, policy: usize) -> Color {
-    let mut own = run.rollouts.iter().filter(|row| row.policy == policy);
-    let first = own.find(|row| !row.straddles);
-    first.map_or(Color::Reset, |row| of_group(run, &row.group))
+    let group = run.group_of(policy);
+    group.map_or(Color::Reset, |group| of_group(run, group))
 }
 
 fn numbered(number: usize) -> Color {

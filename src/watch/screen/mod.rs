@@ -14,7 +14,6 @@ mod terminal;
 mod tests;
 
 use super::pace::Pace;
-use super::told::thresholds;
 use super::view::View;
 
 pub(crate) use session::train;

@@ -8,7 +8,7 @@ use ratatui::widgets::{Axis, Block, Borders, Chart, Dataset, GraphType};
 
 use crate::report::RunData;
 
-use super::{Pace, ink, thresholds};
+use super::{Pace, ink};
 
 /// Larger ratios are drawn here.
 const MOST: f64 = 4.0;
@@ -44,7 +44,7 @@ pub fn draw(run: &RunData, frame: &mut Frame, area: Rect) {
 /// Decisions and ratios of one policy's distances.
 fn dots(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
     let rows = run.rollouts.iter().filter_map(|row| {
-        let threshold = thresholds(run, row).get(policy).copied()??;
+        let threshold = run.thresholds(row).get(policy).copied()??;
         let ratio = row.distances.get(policy).copied()?? / threshold;
         Some((row.decisions as f64, ratio.min(MOST))).filter(|_| ratio.is_finite())
     });

@@ -1,0 +1,114 @@
+//! An episode, recorded while a policy plays it.
+
+use envs::TaskVariant;
+use re_sdk_types::archetypes::{EncodedImage, Scalars};
+use rl::{BoxError, EnvSpec, Observations, Transition, VectorEnv};
+
+use crate::error::CoversError;
+use crate::render::{Show, Studio, View};
+
+use super::recording::{DECISION, Recording, refused};
+use super::scene::Solids;
+
+/// What is shown of an episode, and where it is in the recording.
+pub(super) const VIEWS: [(View, &str); 3] = [
+    (View::Raw, "table/camera/raw"),
+    (View::Mask, "mask"),
+    (View::Seen, "seen"),
+];
+
+/// Components of an action.
+pub(super) const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
+
+/// Where a variant is in the recording.
+pub(super) fn place(variant: TaskVariant) -> String {
+    let element = variant.element.to_string().replace(' ', "-");
+    format!("{}/{element}", variant.group)
+}
+
+/// Records an episode of a variant, played by the policy that the learner recognises; says which,
+/// and whether it succeeded.
+pub(super) fn record(
+    variant: TaskVariant,
+    seed: u64,
+    show: &mut Show,
+    recording: &Recording,
+) -> Result<String, CoversError> {
+    let views = VIEWS.map(|(view, _)| view);
+    let studio = Studio::new(&show.experiment.envs, variant, &views, seed)?;
+    let mut stage = Stage {
+        place: place(variant),
+        solids: None,
+        decision: 0,
+        studio,
+        recording,
+    };
+    let (policy, success) = show.perform(variant, &mut stage)?;
+    let outcome = if success { "solved" } else { "not solved" };
+    Ok(format!("{variant}: policy {policy}, {outcome}"))
+}
+
+/// An environment whose steps are recorded.
+struct Stage<'a> {
+    place: String,
+    /// None before the episode.
+    solids: Option<Solids>,
+    decision: usize,
+    studio: Studio,
+    recording: &'a Recording,
+}
+
+impl Stage<'_> {
+    fn begin(&mut self) -> Result<(), CoversError> {
+        let place = format!("{}/table", self.place);
+        self.solids = Some(Solids::record(place, self.studio.table(), self.recording)?);
+        self.decision = 0;
+        self.recording.at(&[(DECISION, 0)]);
+        self.show()
+    }
+
+    fn show(&mut self) -> Result<(), CoversError> {
+        let (recording, table) = (self.recording, self.studio.table());
+        if let Some(solids) = &mut self.solids {
+            solids.follow(table, recording)?;
+        }
+        for (view, name) in VIEWS {
+            if let Some(picture) = self.studio.newest(view) {
+                let png = picture.to_png().map_err(refused(recording.path()))?;
+                let image = EncodedImage::from_file_contents(png).with_media_type("image/png");
+                recording.log(&format!("{}/{name}", self.place), &image)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn decided(&mut self, actions: &[f32], step: &Transition) -> Result<(), CoversError> {
+        let (recording, place) = (self.recording, &self.place);
+        recording.at(&[(DECISION, self.decision)]);
+        for (name, &value) in ACTION.iter().zip(actions) {
+            let part = Scalars::single(f64::from(value));
+            recording.log(&format!("{place}/action/{name}"), &part)?;
+        }
+        self.decision += 1;
+        recording.at(&[(DECISION, self.decision)]);
+        let reward = Scalars::single(f64::from(step.rewards[0]));
+        recording.log(&format!("{place}/reward"), &reward)?;
+        self.show()
+    }
+}
+
+impl VectorEnv for Stage<'_> {
+    fn spec(&self) -> &EnvSpec {
+        self.studio.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.studio.reset(out)?;
+        Ok(self.begin()?)
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        self.studio.step(actions, out)?;
+        Ok(self.decided(actions, out)?)
+    }
+}

@@ -1,0 +1,93 @@
+//! What is logged, and when.
+
+use std::path::{Path, PathBuf};
+
+use re_sdk::blueprint::Blueprint;
+use re_sdk::sink::BinaryStreamStorage;
+use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
+
+use crate::error::CoversError;
+
+/// The decisions of an episode.
+pub(super) const DECISION: &str = "decision";
+/// Rollouts of the stream so far.
+pub(super) const ROLLOUTS: &str = "rollouts";
+/// Decisions of the stream so far.
+pub(super) const STREAM: &str = "stream";
+
+/// A recording that grows in memory.
+pub(super) struct Recording {
+    path: PathBuf,
+    stream: RecordingStream,
+    bytes: BinaryStreamStorage,
+}
+
+impl Recording {
+    /// An empty recording for the file `path`, which the viewer lays out as `blueprint` says.
+    ///
+    /// # Errors
+    /// [`CoversError::Recording`].
+    pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, CoversError> {
+        let builder = RecordingStreamBuilder::new("covers")
+            .recording_name(name)
+            .with_blueprint(blueprint);
+        let stream = builder.buffered().map_err(refused(path))?;
+        let bytes = stream.binary_stream();
+        let path = path.to_owned();
+        Ok(Self {
+            path,
+            stream,
+            bytes,
+        })
+    }
+
+    /// The file that it is for.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is logged from here on happens at these points of timelines, and of no other.
+    pub fn at(&self, moments: &[(&'static str, usize)]) {
+        self.stream.reset_time();
+        for &(timeline, moment) in moments {
+            self.stream.set_time_sequence(timeline, moment as i64);
+        }
+    }
+
+    /// Logs what changes with time.
+    ///
+    /// # Errors
+    /// [`CoversError::Recording`].
+    pub fn log(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
+        let logged = self.stream.log(place, what);
+        logged.map_err(refused(&self.path))
+    }
+
+    /// Logs what is so at all times.
+    ///
+    /// # Errors
+    /// [`CoversError::Recording`].
+    pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
+        let logged = self.stream.log_static(place, what);
+        logged.map_err(refused(&self.path))
+    }
+
+    /// The file.
+    ///
+    /// # Errors
+    /// [`CoversError::Recording`]; also where the environment variable `RERUN` forbids recordings.
+    pub fn finish(self) -> Result<Vec<u8>, CoversError> {
+        self.stream.flush_blocking().map_err(refused(&self.path))?;
+        let nothing = "nothing was recorded: is the environment variable RERUN `off`?";
+        let bytes = self.bytes.read();
+        bytes.ok_or_else(|| refused(&self.path)(nothing))
+    }
+}
+
+/// The error of a recording that does not come about.
+pub(super) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
+    move |error| CoversError::Recording {
+        path: path.to_owned(),
+        message: error.to_string(),
+    }
+}

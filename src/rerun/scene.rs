@@ -1,0 +1,114 @@
+//! The table in three dimensions: what stands on it, the arm, and the camera above it.
+
+use envs::mujoco::Shape;
+use envs::{Camera, Solid, TableTop};
+use glam::{DMat3, DQuat, DVec3};
+use re_sdk_types::archetypes::{
+    Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, Pinhole, Transform3D, ViewCoordinates,
+};
+use re_sdk_types::components::{Color, FillMode};
+use re_sdk_types::datatypes::Quaternion;
+
+use crate::error::CoversError;
+
+use super::recording::Recording;
+
+/// The shapes of one table, and where each was when it was last recorded.
+pub(super) struct Solids {
+    place: String,
+    last: Vec<Option<(DVec3, DMat3)>>,
+}
+
+impl Solids {
+    /// Records the shapes of a table, and the camera above it.
+    pub fn record(
+        place: String,
+        table: &TableTop,
+        recording: &Recording,
+    ) -> Result<Self, CoversError> {
+        recording.state(&place, &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        let (pose, pinhole) = camera(&table.scene().camera);
+        let eye = format!("{place}/camera");
+        recording.state(&eye, &pose)?;
+        recording.state(&eye, &pinhole)?;
+        let mut last = Vec::new();
+        for (number, solid) in table.solids().enumerate() {
+            shape(&path(&place, number, &solid), &solid, recording)?;
+            last.push(None);
+        }
+        Ok(Self { place, last })
+    }
+
+    /// Records where every shape is that has moved.
+    pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), CoversError> {
+        for (number, solid) in table.solids().enumerate() {
+            let pose = Some((solid.position, solid.axes));
+            if self.last[number] != pose {
+                let turn = DQuat::from_mat3(&solid.axes).as_quat().to_array();
+                let pose = Transform3D::from_translation_rotation(
+                    solid.position.as_vec3().to_array(),
+                    Quaternion::from_xyzw(turn),
+                );
+                recording.log(&path(&self.place, number, &solid), &pose)?;
+            }
+            self.last[number] = pose;
+        }
+        Ok(())
+    }
+}
+
+/// Where a shape is in the recording.
+fn path(place: &str, number: usize, solid: &Solid<'_>) -> String {
+    let part = if solid.is_arm { "arm" } else { "table" };
+    match solid.name {
+        Some(name) => format!("{place}/{part}/{name}"),
+        None => format!("{place}/{part}/{number}"),
+    }
+}
+
+fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), CoversError> {
+    let [r, g, b, a] = solid.rgba.map(|part| (255.0 * part).round() as u8);
+    let (colour, fill) = ([Color::from_unmultiplied_rgba(r, g, b, a)], FillMode::Solid);
+    match solid.shape {
+        Shape::Sphere { radius } => {
+            let ball = Ellipsoids3D::from_radii([radius as f32]);
+            recording.state(place, &ball.with_colors(colour).with_fill_mode(fill))
+        }
+        Shape::Capsule {
+            radius,
+            half_length,
+        } => {
+            // theirs begins at the origin, and ours is centred there
+            let begin = [0.0, 0.0, -half_length as f32];
+            let capsule =
+                Capsules3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
+            let capsule = capsule.with_translations([begin]).with_colors(colour);
+            recording.state(place, &capsule.with_fill_mode(fill))
+        }
+        Shape::Cylinder {
+            radius,
+            half_length,
+        } => {
+            let cylinder =
+                Cylinders3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
+            recording.state(place, &cylinder.with_colors(colour).with_fill_mode(fill))
+        }
+        Shape::Box { half } => {
+            let cuboid = Boxes3D::from_half_sizes([half.map(|side| side as f32)]);
+            recording.state(place, &cuboid.with_colors(colour).with_fill_mode(fill))
+        }
+    }
+}
+
+/// Where the camera is and how it projects: it looks down on the table's centre, image up is +y.
+fn camera(camera: &Camera) -> (Transform3D, Pinhole) {
+    let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
+    let turn = DQuat::from_mat3(&down).as_quat().to_array();
+    let above = [0.0, 0.0, camera.height as f32];
+    let size = camera.size as f32;
+    let focal = size * (camera.height / (2.0 * camera.half_extent)) as f32;
+    (
+        Transform3D::from_translation_rotation(above, Quaternion::from_xyzw(turn)),
+        Pinhole::from_focal_length_and_resolution([focal, focal], [size, size]),
+    )
+}

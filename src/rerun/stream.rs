@@ -1,0 +1,128 @@
+//! The stream as a run's tables tell it: groups, policies, success, distances.
+
+use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfiguration};
+use re_sdk_types::components::Color;
+
+use crate::colours::rgb;
+use crate::error::CoversError;
+use crate::report::{RolloutRow, RunData, ScoreRow, mean};
+
+use super::recording::{ROLLOUTS, Recording, STREAM};
+
+/// Records every rollout and evaluation.
+pub(super) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversError> {
+    let (groups, policies) = (groups(run), policies(run));
+    recording.state("stream/group", &lane(&groups))?;
+    recording.state("stream/policy", &lane(&policies))?;
+    for (group, colour) in &groups {
+        line(
+            &format!("stream/evaluation/{group}"),
+            *colour,
+            2.0,
+            recording,
+        )?;
+    }
+    for (policy, (_, colour)) in policies.iter().enumerate() {
+        line(
+            &format!("stream/distance/{policy}"),
+            *colour,
+            2.0,
+            recording,
+        )?;
+        line(
+            &format!("stream/threshold/{policy}"),
+            *colour,
+            0.5,
+            recording,
+        )?;
+    }
+    let mut begin = 0;
+    for (rollout, row) in run.rollouts.iter().enumerate() {
+        recording.at(&[(ROLLOUTS, rollout), (STREAM, begin)]);
+        recording.log("stream/group", &StateChange::single(&*row.group))?;
+        let policy = StateChange::single(policy_name(row.policy));
+        recording.log("stream/policy", &policy)?;
+        recording.at(&[(ROLLOUTS, rollout + 1), (STREAM, row.decisions)]);
+        figures(run, row, recording)?;
+        begin = row.decisions;
+    }
+    for rollouts in run.evaluated() {
+        let scores: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
+        for (group, _) in &groups {
+            let own = scores.iter().filter(|score| score.group == *group);
+            let own: Vec<&&ScoreRow> = own.collect();
+            let successes: Vec<f64> = own.iter().map(|score| score.success).collect();
+            if let Some(score) = own.first() {
+                recording.at(&[(ROLLOUTS, rollouts), (STREAM, score.decisions)]);
+                let success = Scalars::single(mean(&successes));
+                recording.log(&format!("stream/evaluation/{group}"), &success)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// What is known of a rollout at its end.
+fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(), CoversError> {
+    let log = |place: &str, value: Option<f64>| match value.filter(|value| value.is_finite()) {
+        Some(value) => recording.log(place, &Scalars::single(value)),
+        None => Ok(()),
+    };
+    log("stream/reward", row.reward)?;
+    log("stream/success", row.success)?;
+    for (policy, distance) in row.distances.iter().enumerate() {
+        log(&format!("stream/distance/{policy}"), *distance)?;
+    }
+    for (policy, threshold) in run.thresholds(row).into_iter().enumerate() {
+        log(&format!("stream/threshold/{policy}"), threshold)?;
+    }
+    Ok(())
+}
+
+type Value = (String, [u8; 3]);
+
+/// Groups of the run and their colours, which are those of reports.
+fn groups(run: &RunData) -> Vec<Value> {
+    let plans = run.experiment.schedule.groups.iter().enumerate();
+    let named = plans.map(|(number, plan)| (plan.group.clone(), rgb(number)));
+    named.collect()
+}
+
+/// Policies, each in the colour of the group that it was opened for.
+fn policies(run: &RunData) -> Vec<Value> {
+    let groups = groups(run);
+    let count = run.rollouts.iter().map(|row| row.policy + 1).max();
+    let coloured = |policy| {
+        let own = run.group_of(policy);
+        let of_group = groups.iter().find(|(group, _)| Some(&**group) == own);
+        let colour = of_group.map_or(rgb(groups.len()), |(_, colour)| *colour);
+        (policy_name(policy), colour)
+    };
+    (0..count.unwrap_or(0)).map(coloured).collect()
+}
+
+fn policy_name(policy: usize) -> String {
+    format!("policy {policy}")
+}
+
+/// Draws the figures of a place as a line of this colour and width (points).
+fn line(
+    place: &str,
+    [r, g, b]: [u8; 3],
+    width: f32,
+    recording: &Recording,
+) -> Result<(), CoversError> {
+    let style = SeriesLines::new().with_colors([Color::from_rgb(r, g, b)]);
+    recording.state(place, &style.with_widths([width]))
+}
+
+/// How the states of a lane are drawn.
+fn lane(values: &[Value]) -> StateConfiguration {
+    let names = values.iter().map(|(name, _)| name.as_str());
+    let colours = values
+        .iter()
+        .map(|&(_, [r, g, b])| Color::from_rgb(r, g, b));
+    StateConfiguration::new()
+        .with_values(names)
+        .with_colors(colours)
+}
