@@ -30,13 +30,16 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
         "Over the whole stream",
         &tables_named(tables, &rest),
     ));
-    let seeds = curves::seeds(methods).into_iter();
-    let seeds: String = seeds
-        .map(|(seed, drawing)| format!("<h3>Seed {seed}</h3>\n{}", wide(&drawing)))
-        .collect();
-    text.push_str(&section("Each seed", &seeds));
-    let runs = methods.iter().flat_map(|method| &method.runs);
-    let runs: String = runs.map(of_run).collect();
+    let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
+    // of what was scored once, at the end, there is no curve
+    if runs.iter().any(|run| run.evaluated().count() > 1) {
+        let seeds = curves::seeds(methods).into_iter();
+        let seeds = seeds.map(|(seed, curve)| format!("<h3>Seed {seed}</h3>\n{}", wide(&curve)));
+        text.push_str(&section("Each seed", &seeds.collect::<String>()));
+    }
+    // a single run is not folded away
+    let open = if runs.len() == 1 { " open" } else { "" };
+    let runs: String = runs.iter().map(|run| of_run(run, open)).collect();
     text.push_str(&section(
         "Each run",
         &(tables_named(tables, &["runs"]) + &runs),
@@ -109,12 +112,12 @@ fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
     named.collect()
 }
 
-fn of_run(run: &RunData) -> String {
+fn of_run(run: &RunData, open: &str) -> String {
     let mut matrices = vec![Matrix::assigned(run)];
     matrices.extend(SHOWN.iter().filter_map(|&n| Matrix::recognised(run, n)));
     let matrices: String = matrices.iter().map(Matrix::html).collect();
     format!(
-        "<details>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\
+        "<details{open}>\n<summary>{}</summary>\n{}<div class=\"row\">\n{matrices}</div>\n{}{}\
          <h4>Settings</h4>\n<pre>{}</pre>\n<h4>Where it ran</h4>\n<pre>{}</pre>\n</details>\n",
         escaped(&run.name),
         wide(&curves::run(run)),

@@ -12,8 +12,13 @@ use super::table::Table;
 
 const UNASKED: Undefined = "the run did not ask (`evaluation.looks` makes it)";
 
-/// For each number of episodes shown, how often the policy that belongs to the group was named.
-pub fn table(methods: &[MethodRuns], groups: &[String]) -> Table {
+/// For each number of episodes shown, how often the policy that belongs to the group was named;
+/// nothing where no run asked.
+pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+    let mut runs = methods.iter().flat_map(|method| &method.runs);
+    if runs.all(|run| run.recognition.is_empty()) {
+        return None;
+    }
     let mut header = vec!["method", "episodes shown"];
     header.extend(groups.iter().map(String::as_str));
     header.extend(["average", "named none"]);
@@ -42,7 +47,7 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Table {
             table.rows.push(row);
         }
     }
-    table
+    Some(table)
 }
 
 /// A figure of each run.
@@ -121,7 +126,8 @@ mod tests {
 
     fn rows(run: RunData) -> Vec<Vec<String>> {
         let methods = MethodRuns::sort(vec![run]).unwrap();
-        table(&methods, &["a".to_owned(), "b".to_owned()]).rows
+        let groups = ["a".to_owned(), "b".to_owned()];
+        table(&methods, &groups).unwrap().rows
     }
 
     #[test]
@@ -177,9 +183,15 @@ mod tests {
             (Method::CoversGt, "told the group"),
             (Method::Covers, "did not ask"),
         ] {
-            let methods = MethodRuns::sort(vec![run(method, &[])]).unwrap();
-            let table = table(&methods, &["a".to_owned()]);
+            let groups = ["a".to_owned()];
+            let silent = run(method, &[]);
+            let alone = MethodRuns::sort(vec![silent.clone()]).unwrap();
+            assert!(table(&alone, &groups).is_none());
+            let asked = run(Method::CoversCnn, &[("a", 1, Some(0), 4)]);
+            let both = MethodRuns::sort(vec![silent, asked]).unwrap();
+            let table = table(&both, &groups).unwrap();
             assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
+            assert_eq!(table.rows[3][2], "1.000");
             assert!(table.notes[0].contains(reason), "{:?}", table.notes);
         }
     }

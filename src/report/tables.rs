@@ -32,7 +32,9 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
         tables.push(("efficiency", table));
     }
     tables.push(("variants", variants(methods, &groups)));
-    tables.push(("recognition", recognition::table(methods, &groups)));
+    if let Some(table) = recognition::table(methods, &groups) {
+        tables.push(("recognition", table));
+    }
     tables.push(("runs", runs(methods)));
     tables
 }
