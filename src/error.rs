@@ -328,6 +328,12 @@ pub enum CoversError {
         /// The file.
         path: PathBuf,
     },
+    /// Curves that would need a program which is not there.
+    #[error(
+        "`--png` takes `rsvg-convert`, which is not on the path: install it (Debian's package \
+         librsvg2-bin), or leave `--png` out"
+    )]
+    NoRsvg,
     /// A recording of this program's, which was built without.
     #[error("this program was built without recordings: build it with `--features rerun`")]
     NoRerun,

@@ -39,6 +39,7 @@ mod experiment;
 pub mod export;
 mod glimpse;
 mod groupings;
+mod helper;
 mod learners;
 mod manual;
 mod new_file;

@@ -2,13 +2,12 @@
 
 use std::ffi::{OsStr, OsString};
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::thread;
+use std::process::Command;
 
 use crate::disk::PARTIAL;
 use crate::error::CoversError;
+use crate::helper;
 
 use super::film::{DELAY, Film, HOLD};
 
@@ -21,8 +20,7 @@ impl Ffmpeg {
     /// # Errors
     /// [`CoversError::NoFfmpeg`].
     pub fn find(folders: &OsStr, film: &Path) -> Result<Self, CoversError> {
-        let mut programs = std::env::split_paths(folders).map(|folder| folder.join("ffmpeg"));
-        let found = programs.find(|program| program.is_file());
+        let found = helper::find(folders, "ffmpeg");
         found.map(Self).ok_or_else(|| CoversError::NoFfmpeg {
             path: film.to_owned(),
         })
@@ -48,7 +46,8 @@ impl Ffmpeg {
         // a name with a colon or a dash is no protocol and no option
         let mut file = OsString::from("file:");
         file.push(to);
-        let mut ffmpeg = Command::new(&self.0)
+        let mut ffmpeg = Command::new(&self.0);
+        ffmpeg
             .args([
                 "-loglevel",
                 "error",
@@ -71,65 +70,32 @@ impl Ffmpeg {
                 "-f",
                 "mp4",
             ])
-            .arg(file)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()?;
-        let pipe = ffmpeg.stdin.take();
-        let held = film
-            .frames
-            .last()
-            .into_iter()
-            .cycle()
-            .take(usize::from(HOLD) - 1);
-        // ffmpeg may complain while it is being fed: neither waits for the other
-        let (fed, output) = thread::scope(|scope| {
-            let feed = scope.spawn(|| {
-                let mut pipe = pipe.ok_or(std::io::ErrorKind::BrokenPipe)?;
-                let mut frames = film.frames.iter().chain(held);
-                frames.try_for_each(|frame| pipe.write_all(frame))
-            });
-            let output = ffmpeg.wait_with_output();
-            (feed.join(), output)
-        });
-        let output = output?;
-        if !output.status.success() {
-            let said = String::from_utf8_lossy(&output.stderr);
-            let last = said.trim().lines().last().unwrap_or("nothing");
-            let message = format!("ffmpeg failed ({}): {last}", output.status);
-            return Err(std::io::Error::other(message));
-        }
-        fed.unwrap_or_else(|_| Err(std::io::ErrorKind::BrokenPipe.into()))
+            .arg(file);
+        let last = film.frames.last().into_iter().cycle();
+        let held = last.take(usize::from(HOLD) - 1);
+        helper::run(&mut ffmpeg, |pipe| {
+            let mut frames = film.frames.iter().chain(held);
+            frames.try_for_each(|frame| pipe.write_all(frame))
+        })?;
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::os::unix::fs::PermissionsExt;
-
     use super::*;
+    use crate::helper::tests::Programs;
 
-    /// A folder with a program `ffmpeg` that a shell runs.
-    fn folder(name: &str, script: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        let program = folder.join("ffmpeg");
-        fs::write(&program, format!("#!/bin/sh\n{script}\n")).unwrap();
-        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-        folder
-    }
-
-    fn encoded(folder: &Path) -> Result<Vec<u8>, CoversError> {
+    fn encoded(programs: &Programs) -> Result<Vec<u8>, CoversError> {
         let film = Film {
             width: 2,
             height: 1,
             frames: vec![vec![1; 6], vec![2; 6]],
         };
+        let folder = programs.path();
         let path = folder.join("film.mp4");
         let found = Ffmpeg::find(folder.as_os_str(), &path)?.encode(&film, &path);
         let left = fs::read_dir(folder).unwrap().count();
-        fs::remove_dir_all(folder).unwrap();
         assert_eq!(left, 1, "nothing stays but the program");
         found
     }
@@ -140,18 +106,15 @@ mod tests {
 
     #[test]
     fn the_program_is_fed_all_pictures_and_the_last_one_for_longer() {
-        let folder = folder("ffmpeg", SCRIPT);
+        let programs = Programs::new("ffmpeg", "ffmpeg", SCRIPT);
         let expected = [[1; 6].to_vec(), [2; 6 * HOLD as usize].to_vec()].concat();
-        assert_eq!(encoded(&folder).unwrap(), expected);
+        assert_eq!(encoded(&programs).unwrap(), expected);
     }
 
     #[test]
-    fn what_the_program_says_last_is_told() {
-        let folder = folder(
-            "ffmpeg-fails",
-            "echo first >&2; echo no such codec >&2; exit 3",
-        );
-        let message = encoded(&folder).unwrap_err().to_string();
+    fn a_film_that_fails_is_named() {
+        let programs = Programs::new("ffmpeg-fails", "ffmpeg", "echo no such codec >&2; exit 3");
+        let message = encoded(&programs).unwrap_err().to_string();
         assert!(message.contains("film.mp4"), "{message}");
         assert!(message.ends_with("no such codec"), "{message}");
     }

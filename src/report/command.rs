@@ -12,6 +12,7 @@ use crate::render::gallery;
 use crate::runs::RunFolder;
 
 use super::document::Report;
+use super::png::Converter;
 use super::run_data::{GroupFilm, RunData};
 
 /// What to report.
@@ -34,6 +35,9 @@ pub struct ReportOptions {
     /// checkpoints have none.
     #[arg(long, requires = "out")]
     pub films: bool,
+    /// Draw the curves as PNG, too, by `rsvg-convert` (Debian's package librsvg2-bin).
+    #[arg(long, requires = "out")]
+    pub png: bool,
     /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
     pub tensorboard: Option<PathBuf>,
@@ -51,6 +55,8 @@ impl ReportOptions {
             let mut paths = written.iter().map(|path| path.display().to_string());
             return paths.try_for_each(|path| say(out, &path));
         }
+        let folders = std::env::var_os("PATH").unwrap_or_default();
+        let converter = self.png.then(|| Converter::find(&folders)).transpose()?;
         let runs = self.runs.iter().map(|run| RunData::read(run));
         let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
         let mut films = Vec::new();
@@ -63,6 +69,9 @@ impl ReportOptions {
         let report = Report::new(runs)?;
         if let Some(folder) = &self.out {
             report.write(folder)?;
+            if let Some(converter) = converter {
+                converter.draw(&report, folder)?;
+            }
         }
         say(out, report.markdown().trim_end())?;
         films.iter().try_for_each(|line| say(out, line))

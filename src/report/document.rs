@@ -64,15 +64,20 @@ impl Report {
             write(&format!("{name}.csv"), table.csv())?;
             write(&format!("{name}.tex"), table.latex())?;
         }
-        for method in &self.methods {
-            for run in &method.runs {
+        let mut drawings = self.drawings().into_iter();
+        drawings.try_for_each(|(name, svg)| write(&format!("{name}.svg"), svg))
+    }
+
+    /// The curves of each run and each seed as SVG, with their names.
+    pub(super) fn drawings(&self) -> Vec<(String, String)> {
+        let runs = self.methods.iter().flat_map(|method| {
+            method.runs.iter().map(|run| {
                 let seed = run.experiment.learner.seed();
-                write(&format!("{}-seed{seed}.svg", method.name), curves::run(run))?;
-            }
-        }
-        for (seed, drawing) in curves::seeds(&self.methods) {
-            write(&format!("seed{seed}.svg"), drawing)?;
-        }
-        Ok(())
+                (format!("{}-seed{seed}", method.name), curves::run(run))
+            })
+        });
+        let seeds = curves::seeds(&self.methods).into_iter();
+        let seeds = seeds.map(|(seed, drawing)| (format!("seed{seed}"), drawing));
+        runs.chain(seeds).collect()
     }
 }

@@ -17,6 +17,7 @@ mod method;
 mod page;
 mod paper;
 mod partners;
+mod png;
 mod recognition;
 mod rows;
 mod run_data;
