@@ -42,13 +42,14 @@ test: deps
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu
 
-# The tests of a target (1) with one of these words (2) in their names; fails where none has a word.
+# The tests of packages (1) and a target (2) with one of these words (3) in their names; fails where
+# none has a word.
 define named
-for word in $(2); do \
-  cargo test $(GPU) --locked $(1) -- --list $$word | grep -q ': test$$' || \
-    { echo "no test of $(1) has \`$$word\` in its name" >&2; exit 1; }; \
+for word in $(3); do \
+  cargo test $(1) --locked $(2) -- --list $$word | grep -q ': test$$' || \
+    { echo "no test of $(2) has \`$$word\` in its name" >&2; exit 1; }; \
 done
-cargo test $(GPU) --locked $(1) -- $(2)
+cargo test $(1) --locked $(2) -- $(3)
 endef
 
 gpu: export CARGO_INCREMENTAL := 0
@@ -57,8 +58,8 @@ gpu: deps
 	cargo clippy $(GPU) --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
-	$(call named,--test suite,device::)
-	$(call named,--lib,graph adapter)
+	$(call named,$(GPU),--test suite,device::)
+	$(call named,$(GPU),--lib,graph adapter)
 
 # Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
 # which takes Python 3.10 or later, reads one and compares it with the tables of its run.
@@ -70,7 +71,8 @@ rerun: export CARGO_INCREMENTAL := 0
 rerun: deps
 	cargo clippy $(RERUN) --all-targets --locked -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc $(RERUN) --no-deps --document-private-items --locked
-	cargo test $(RERUN) --locked --test suite -- rerun::
+	$(call named,$(RERUN),--lib,rerun::)
+	$(call named,$(RERUN),--test suite,rerun:: every_licence)
 	rm -rf $(RECORDING) && mkdir -p $(RECORDING)
 	cargo build $(RERUN) --locked
 	$(TARGET)/debug/covers train --budget smoke --folder $(RECORDING)/run

@@ -334,11 +334,11 @@ pub enum CoversError {
          librsvg2-bin), or leave `--png` out"
     )]
     NoRsvg,
-    /// A recording of this program's, which was built without.
+    /// Recordings, which this program was built without.
     #[error("this program was built without recordings: build it with `--features rerun`")]
     NoRerun,
     /// A recording whose name does not say so.
-    #[error("{} is no recording: expected a name that ends in .rrd", path.display())]
+    #[error("{} is no recording: expected a name with the ending .rrd", path.display())]
     RecordingFormat {
         /// The file.
         path: PathBuf,

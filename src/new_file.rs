@@ -56,7 +56,8 @@ impl NewFile {
     }
 }
 
-/// The ending of a file's name, in small letters; nothing where there is none.
+/// The ending of a file's name, in small letters; nothing where there is none, or no name before
+/// it.
 pub(crate) fn ending(path: &Path) -> Option<String> {
     let ending = path.extension()?.to_str()?;
     Some(ending.to_ascii_lowercase())

@@ -150,14 +150,19 @@ fn cargo(arguments: &[&str]) -> String {
 fn workspace() -> Metadata {
     let version = cargo(&["-vV"]);
     let host = version.lines().find_map(|line| line.strip_prefix("host: "));
-    let json = cargo(&[
+    let mut arguments = vec![
         "metadata",
         "--format-version=1",
         "--locked",
         "--offline",
         "--filter-platform",
         host.unwrap(),
-    ]);
+    ];
+    // what a build without it has not downloaded
+    if cfg!(feature = "rerun") {
+        arguments.push("--features=rerun");
+    }
+    let json = cargo(&arguments);
     serde_json::from_str(&json).unwrap()
 }
 

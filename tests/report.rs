@@ -209,7 +209,9 @@ fn with_cell(table: &str, column: &str, cell: &str) -> String {
 #[test]
 fn films_are_inside_of_the_page_where_they_are_asked_for() {
     let scratch = Scratch::new("films");
-    scratch.run("equi-seed0", small(Method::Equi, 0));
+    let mut scored_once = small(Method::Equi, 0);
+    scored_once.evaluation.visit_rounds = 0;
+    scratch.run("equi-seed0", scored_once);
     let folder = scratch.0.join("report");
     let html = |more: &[&str]| {
         let out = ["--out", folder.to_str().unwrap()];
@@ -227,6 +229,7 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     // the one run of a page is not folded away
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);
+    assert!(!page.contains("<h2>Each seed</h2>"), "there is no curve");
     let (text, page) = html(&["--films"]);
     assert_eq!((gifs(&page), page.matches("src=").count()), (2, 2));
     assert!(text.contains("\nequi-seed0: 2 films, "), "{text}");
@@ -298,4 +301,20 @@ fn runs_that_do_not_compare_are_refused() {
     scratch.run("copy/equi-seed0", alone(Method::Equi, 0));
     let refusal = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
     assert!(refusal.contains("two runs have seed 0"), "{refusal}");
+}
+
+#[test]
+fn pictures_take_a_program_that_is_asked_for_first() {
+    let scratch = Scratch::new("png");
+    let out = scratch.0.join("out");
+    let covers = std::process::Command::new(env!("CARGO_BIN_EXE_covers"))
+        .args(["report", "no-run", "--png", "--out"])
+        .arg(&out)
+        .env("PATH", &scratch.0)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(covers.stderr).unwrap();
+    assert_eq!(covers.status.code(), Some(1), "{said}");
+    assert!(said.contains("librsvg2-bin"), "{said}");
+    assert!(!out.exists());
 }

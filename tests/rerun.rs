@@ -49,7 +49,7 @@ mod recordings {
     }
 
     #[test]
-    fn a_finished_run_and_its_policies_are_recorded() {
+    fn a_recording_names_what_it_holds() {
         let scratch = Scratch::new("rerun");
         let folder = RunFolder::create(&scratch.0, "run").unwrap();
         let mut run = Run::start(small(Method::Covers), folder).unwrap();
@@ -81,7 +81,7 @@ mod recordings {
         let policies = "assets/pretrained";
         let gif = scratch.0.join("film.gif");
         let error = rerun(policies, &gif, &[]).unwrap_err().to_string();
-        assert!(error.contains("ends in .rrd"), "{error}");
+        assert!(error.contains("the ending .rrd"), "{error}");
         let film = scratch.0.join("film.rrd");
         let error = rerun(policies, &film, &["--group", "no-group"]).unwrap_err();
         assert!(error.to_string().contains("no-group"), "{error}");

@@ -59,7 +59,7 @@ def measures(driver, task):
 def main():
     driver, rounds = sys.argv[1], int(sys.argv[2])
     columns = {task: medians(measures(driver, task), rounds) for task in TASKS}
-    print(f"medians of {rounds} rounds; control steps per second, with a picture each unless it says state")
+    print(f"medians of {rounds} rounds; control steps per second, with a picture each unless it says state or no pictures")
     print(" " * 22 + "".join(f"{name:>14}" for name in TASKS))
     for name in columns["goal-reach"]:
         print(f"{name:<22}" + "".join(f"{columns[task][name]:>14.1f}" for task in TASKS))

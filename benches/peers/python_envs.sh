@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Times covers_envs in Python beside the same environments in Rust and beside Meta-World, in turn: python_envs.sh [ROUNDS].
+# Times covers_envs in Python beside the same environments in Rust, Meta-World and EnvPool, in turn: python_envs.sh [ROUNDS].
 # `make python` comes first: it builds the wheel.
 set -euo pipefail
 cd "$(dirname "$0")/../.."

@@ -1,11 +1,15 @@
 """Reads a recording with Rerun's own package and compares it with the tables of the run.
 
-usage: python rerun_recording.py RUN FILE, after `covers rerun RUN --out FILE`
-(pip install rerun-sdk==0.36.3)
+usage: python rerun_recording.py RUN FILE, after `covers rerun RUN --out FILE`, for a finished run of a method that holds
+distances to those of permutations, as `covers` does (pip install rerun-sdk==0.36.3)
+
+Of the stream every figure is compared. Of episodes: that every decision has its actions, its reward in [0, 1] and its pictures, that
+pictures fit the camera above them, and that everything on the table has a place from the first decision on.
 """
 
 import csv
 import math
+import struct
 import sys
 from pathlib import Path
 
@@ -72,20 +76,48 @@ for group in groups:
     known = [(*moment, sum(successes) / len(successes)) for moment, successes in by_time.items()]
     compared += compare(f"evaluation/{group}", "Scalars:scalars", known)
 
-episodes = 0
-for group in groups:
-    for element in ("identity", "flip-x", "flip-y", "half-turn"):
-        place = f"/{group}/{element}"
-        rewards = points(chunks, f"{place}/reward", "decision", "Scalars:scalars")
-        assert [moment for moment, _ in rewards] == list(range(1, len(rewards) + 1)) and rewards, place
-        actions = points(chunks, f"{place}/action/x", "decision", "Scalars:scalars")
-        assert [moment for moment, _ in actions] == list(range(len(rewards))), place
-        for view in VIEWS:
-            pictures = points(chunks, f"{place}/{view}", "decision", "EncodedImage:blob")
-            assert [moment for moment, _ in pictures] == list(range(len(rewards) + 1)), (place, view)
-            assert all(bytes(picture[0]).startswith(PNG) for _, picture in pictures), (place, view)
-        poses = {c.entity_path for c in chunks if c.entity_path.startswith(f"{place}/table/arm/")}
-        assert poses, place
-        episodes += 1
+
+
+def moments(place, component):
+    return [moment for moment, _ in points(chunks, place, "decision", component)]
+
+
+def resolution(place):
+    """Pixels of the pinhole of a place, which is static."""
+    [batch] = [
+        chunk.to_record_batch()
+        for chunk in chunks
+        if chunk.entity_path == place and chunk.is_static and "Pinhole:resolution" in chunk.to_record_batch().schema.names
+    ]
+    return batch["Pinhole:resolution"].to_pylist()[0][0]
+
+
+def check_episode(place):
+    rewards = points(chunks, f"{place}/reward", "decision", "Scalars:scalars")
+    count = len(rewards)
+    assert count > 0 and [moment for moment, _ in rewards] == list(range(1, count + 1)), place
+    assert all(0 <= value[0] <= 1 for _, value in rewards), place
+    for part in ("x", "y", "z", "fingers"):
+        assert moments(f"{place}/action/{part}", "Scalars:scalars") == list(range(count)), (place, part)
+    for view in VIEWS:
+        pictures = points(chunks, f"{place}/{view}", "decision", "EncodedImage:blob")
+        assert [moment for moment, _ in pictures] == list(range(count + 1)), (place, view)
+        pngs = [bytes(picture[0]) for _, picture in pictures]
+        assert all(png.startswith(PNG) for png in pngs), (place, view)
+        if view == VIEWS[0]:
+            sides = {struct.unpack(">II", png[16:24]) for png in pngs}
+            assert sides == {tuple(map(int, resolution(f"{place}/table/camera")))}, (place, sides)
+    for part in ("arm", "table"):
+        solids = {chunk.entity_path for chunk in chunks if chunk.entity_path.startswith(f"{place}/table/{part}/")}
+        assert solids, (place, part)
+        for solid in solids:
+            assert moments(solid, "Transform3D:translation")[:1] == [0], solid
+
+
+recorded = sorted({tuple(chunk.entity_path.split("/")[1:3]) for chunk in chunks if chunk.entity_path.endswith("/reward")} - {("stream", "reward")})
+for group, element in recorded:
+    assert group in groups, group
+    check_episode(f"/{group}/{element}")
+assert recorded and len(recorded) % 4 == 0, recorded
 [blueprint] = file.blueprints()
-print(f"{compared} figures of the stream and {episodes} episodes agree; the layout is {blueprint.application_id}'s")
+print(f"{compared} figures of the stream and {len(recorded)} episodes agree; the layout is {blueprint.application_id}'s")

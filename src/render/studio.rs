@@ -103,6 +103,12 @@ impl Studio {
         &self.table
     }
 
+    /// The camera of a view that was asked for.
+    #[cfg(feature = "rerun")]
+    pub fn camera(&self, view: View) -> Camera {
+        self.filmed(view).0.scene().camera
+    }
+
     /// The newest picture of a view that was asked for.
     #[cfg(feature = "rerun")]
     pub fn newest(&self, view: View) -> Option<Picture> {

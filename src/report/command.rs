@@ -69,11 +69,11 @@ impl ReportOptions {
         let report = Report::new(runs)?;
         if let Some(folder) = &self.out {
             report.write(folder)?;
-            if let Some(converter) = converter {
-                converter.draw(&report, folder)?;
-            }
         }
         say(out, report.markdown().trim_end())?;
+        if let (Some(folder), Some(converter)) = (&self.out, converter) {
+            converter.draw(&report, folder)?;
+        }
         films.iter().try_for_each(|line| say(out, line))
     }
 }

@@ -1,5 +1,6 @@
 //! All that a report holds, and its files.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use crate::error::CoversError;
@@ -60,12 +61,21 @@ impl Report {
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
+        // what an earlier report left, and this one has not
+        for name in tables::SOMETIMES {
+            for ending in ["csv", "tex"] {
+                remove(&folder.join(format!("{name}.{ending}")))?;
+            }
+        }
         for (name, table) in &self.tables {
             write(&format!("{name}.csv"), table.csv())?;
             write(&format!("{name}.tex"), table.latex())?;
         }
         let mut drawings = self.drawings().into_iter();
-        drawings.try_for_each(|(name, svg)| write(&format!("{name}.svg"), svg))
+        drawings.try_for_each(|(name, svg)| {
+            remove(&folder.join(format!("{name}.png")))?;
+            write(&format!("{name}.svg"), svg)
+        })
     }
 
     /// The curves of each run and each seed as SVG, with their names.
@@ -79,5 +89,13 @@ impl Report {
         let seeds = curves::seeds(&self.methods).into_iter();
         let seeds = seeds.map(|(seed, drawing)| (format!("seed{seed}"), drawing));
         runs.chain(seeds).collect()
+    }
+}
+
+/// Removes a file, where there is one.
+fn remove(path: &Path) -> Result<(), CoversError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        removed => removed.map_err(|error| CoversError::write(path, error)),
     }
 }

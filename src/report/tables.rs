@@ -17,6 +17,9 @@ use super::table::Table;
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 
+/// Tables that not every report has.
+pub const SOMETIMES: [&str; 3] = ["comparisons", "efficiency", "recognition"];
+
 /// All tables of these methods, each with a name, for the groups that every run was scored on; the
 /// first method is compared with the others.
 pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {

@@ -1,11 +1,10 @@
 //! How the viewer lays a recording out: a tab for the stream, and one for each group.
 
-use envs::TaskGroup;
+use envs::{Control, TaskGroup};
 use re_sdk::blueprint::{
     Blueprint, ContainerLike, Horizontal, Spatial2DView, Spatial3DView, StateTimelineView, Tabs,
     TimePanel, TimeSeriesView, Vertical,
 };
-
 use re_sdk_types::blueprint::components::PlayState;
 
 use crate::report::RunData;
@@ -13,24 +12,26 @@ use crate::report::RunData;
 use super::episode::{VIEWS, place};
 use super::recording::{DECISION, ROLLOUTS};
 
-/// As fast as on the table, where a decision lasts 10 control steps of 12.5 ms.
-const DECISIONS_PER_SECOND: f64 = 8.0;
-
-/// A tab for the stream, where the run has tables, and one for each group, whose four variants stand
-/// beside each other.
+/// A tab for the stream, where the run has tables, and one for each group, whose four variants
+/// stand beside each other. Episodes play as fast as on the table.
 pub(super) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let has_stream = !run.rollouts.is_empty();
     let stream = has_stream.then(stream);
     let groups = groups.iter().map(|&group| of_group(group));
+    let speed = decisions_per_second(&run.experiment.envs.control);
+    let time = TimePanel::new().with_fps(speed);
     let time = match has_stream {
-        true => TimePanel::new()
+        true => time
             .with_timeline(ROLLOUTS)
             .with_play_state(PlayState::Paused),
-        false => TimePanel::new()
-            .with_timeline(DECISION)
-            .with_fps(DECISIONS_PER_SECOND),
+        false => time.with_timeline(DECISION),
     };
     Blueprint::new(Tabs::new(stream.into_iter().chain(groups))).with_time_panel(time)
+}
+
+/// A control step lasts 12.5 ms.
+fn decisions_per_second(control: &Control) -> f64 {
+    80.0 / control.action_repeat as f64
 }
 
 fn stream() -> ContainerLike {

@@ -14,7 +14,7 @@ use crate::error::CoversError;
 pub struct RerunOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
-    /// The file to create, whose name ends in .rrd.
+    /// The file to create, a name with the ending .rrd.
     #[arg(long)]
     pub out: PathBuf,
     /// The four variants of this group alone, as `goal-reach` (default: all groups of the run).
@@ -64,15 +64,14 @@ impl RerunOptions {
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
         stream::record(&run, &recording)?;
         let pool = thread_pool(threads)?;
-        for variant in groups.iter().flat_map(|group| group.variants()) {
-            let record = || episode::record(variant, self.seed, &mut show, &recording);
-            say(out, &pool.install(record)?)?;
-        }
+        let variants = groups.iter().flat_map(|group| group.variants());
+        let record = |variant| episode::record(variant, self.seed, &mut show, &recording);
+        let played = pool.install(|| variants.map(record).collect::<Result<Vec<_>, _>>())?;
+        // a closed pipe loses no recording
         file.write(&recording.finish()?)?;
-        say(
-            out,
-            &format!("{}: open it with `rerun FILE`", path.display()),
-        )
+        played.iter().try_for_each(|line| say(out, line))?;
+        let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
+        say(out, &format!("{}: {hint}", path.display()))
     }
 
     /// Refuses: recordings take the feature `rerun`.

@@ -18,7 +18,7 @@ pub(super) const VIEWS: [(View, &str); 3] = [
 ];
 
 /// Components of an action.
-pub(super) const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
+const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
 
 /// Where a variant is in the recording.
 pub(super) fn place(variant: TaskVariant) -> String {
@@ -61,7 +61,8 @@ struct Stage<'a> {
 impl Stage<'_> {
     fn begin(&mut self) -> Result<(), CoversError> {
         let place = format!("{}/table", self.place);
-        self.solids = Some(Solids::record(place, self.studio.table(), self.recording)?);
+        let (table, above) = (self.studio.table(), self.studio.camera(View::Raw));
+        self.solids = Some(Solids::record(place, table, &above, self.recording)?);
         self.decision = 0;
         self.recording.at(&[(DECISION, 0)]);
         self.show()

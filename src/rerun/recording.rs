@@ -28,10 +28,15 @@ impl Recording {
     /// # Errors
     /// [`CoversError::Recording`].
     pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, CoversError> {
+        // whatever the environment variable RERUN says: a recording was asked for
         let builder = RecordingStreamBuilder::new("covers")
+            .enabled(true)
             .recording_name(name)
             .with_blueprint(blueprint);
         let stream = builder.buffered().map_err(refused(path))?;
+        // the clock on the wall and the order of calls are no timelines of a run
+        stream.set_log_time_enabled(false);
+        stream.set_log_tick_enabled(false);
         let bytes = stream.binary_stream();
         let path = path.to_owned();
         Ok(Self {
@@ -46,7 +51,8 @@ impl Recording {
         &self.path
     }
 
-    /// What is logged from here on happens at these points of timelines, and of no other.
+    /// What is logged from here on by this thread happens at these points of timelines, and of no
+    /// other.
     pub fn at(&self, moments: &[(&'static str, usize)]) {
         self.stream.reset_time();
         for &(timeline, moment) in moments {
@@ -75,12 +81,11 @@ impl Recording {
     /// The file.
     ///
     /// # Errors
-    /// [`CoversError::Recording`]; also where the environment variable `RERUN` forbids recordings.
+    /// [`CoversError::Recording`].
     pub fn finish(self) -> Result<Vec<u8>, CoversError> {
         self.stream.flush_blocking().map_err(refused(&self.path))?;
-        let nothing = "nothing was recorded: is the environment variable RERUN `off`?";
         let bytes = self.bytes.read();
-        bytes.ok_or_else(|| refused(&self.path)(nothing))
+        bytes.ok_or_else(|| refused(&self.path)("the recording could not be encoded"))
     }
 }
 

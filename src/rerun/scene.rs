@@ -20,14 +20,15 @@ pub(super) struct Solids {
 }
 
 impl Solids {
-    /// Records the shapes of a table, and the camera above it.
+    /// Records the shapes of a table, and the camera above it, whose pictures stand below it.
     pub fn record(
         place: String,
         table: &TableTop,
+        above: &Camera,
         recording: &Recording,
     ) -> Result<Self, CoversError> {
         recording.state(&place, &ViewCoordinates::RIGHT_HAND_Z_UP())?;
-        let (pose, pinhole) = camera(&table.scene().camera);
+        let (pose, pinhole) = camera(above);
         let eye = format!("{place}/camera");
         recording.state(&eye, &pose)?;
         recording.state(&eye, &pinhole)?;
@@ -100,15 +101,48 @@ fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), Co
     }
 }
 
-/// Where the camera is and how it projects: it looks down on the table's centre, image up is +y.
+/// Where the camera is and how it projects.
 fn camera(camera: &Camera) -> (Transform3D, Pinhole) {
-    let down = DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z);
-    let turn = DQuat::from_mat3(&down).as_quat().to_array();
+    let turn = DQuat::from_mat3(&downwards()).as_quat().to_array();
     let above = [0.0, 0.0, camera.height as f32];
-    let size = camera.size as f32;
-    let focal = size * (camera.height / (2.0 * camera.half_extent)) as f32;
+    let (focal, size) = (focal_length(camera) as f32, camera.size as f32);
     (
         Transform3D::from_translation_rotation(above, Quaternion::from_xyzw(turn)),
         Pinhole::from_focal_length_and_resolution([focal, focal], [size, size]),
     )
+}
+
+/// A camera's axes in the world: x to the right of its picture, y down in it, z away from it. It
+/// looks down on the table's centre, and image up is +y.
+fn downwards() -> DMat3 {
+    DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z)
+}
+
+/// In pixels.
+fn focal_length(camera: &Camera) -> f64 {
+    camera.size as f64 * camera.height / (2.0 * camera.half_extent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pinhole as Rerun has it (x right, y down, z forward) sees what our camera sees.
+    #[test]
+    fn the_pinhole_projects_as_the_camera_does() {
+        let camera = Camera {
+            size: 144,
+            ..Camera::default()
+        };
+        for point in [[0.1, 0.2, 0.0], [-0.4, 0.3, 0.15], [0.0, -0.2, 0.3]] {
+            let point = DVec3::from_array(point);
+            let eye = DVec3::new(0.0, 0.0, camera.height);
+            let seen = downwards().transpose() * (point - eye);
+            assert!(seen.z > 0.0, "{seen} is before the camera");
+            let right = focal_length(&camera) * seen.x / seen.z;
+            let down = focal_length(&camera) * seen.y / seen.z;
+            let [u, v] = camera.project(point);
+            assert!((right - u).abs() < 1e-9 && (down + v).abs() < 1e-9);
+        }
+    }
 }

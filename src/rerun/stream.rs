@@ -81,6 +81,9 @@ fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(),
 
 type Value = (String, [u8; 3]);
 
+/// Of a policy that has learnt from no rollout of one group alone.
+const GREY: [u8; 3] = [0x80; 3];
+
 /// Groups of the run and their colours, which are those of reports.
 fn groups(run: &RunData) -> Vec<Value> {
     let plans = run.experiment.schedule.groups.iter().enumerate();
@@ -95,7 +98,7 @@ fn policies(run: &RunData) -> Vec<Value> {
     let coloured = |policy| {
         let own = run.group_of(policy);
         let of_group = groups.iter().find(|(group, _)| Some(&**group) == own);
-        let colour = of_group.map_or(rgb(groups.len()), |(_, colour)| *colour);
+        let colour = of_group.map_or(GREY, |(_, colour)| *colour);
         (policy_name(policy), colour)
     };
     (0..count.unwrap_or(0)).map(coloured).collect()
