@@ -24,6 +24,7 @@ struct Readme;
 #[doc = include_str!("../docs/tasks.md")]
 struct Book;
 
+mod base64;
 pub mod check;
 pub mod cli;
 mod colours;

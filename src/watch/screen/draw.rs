@@ -36,20 +36,22 @@ pub struct Shown<'a> {
     pub keys: &'a str,
 }
 
-/// Draws a whole screen.
-pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
+/// Draws a whole screen; returns where the picture is, if it is shown.
+pub fn draw<'a>(shown: &'a Shown<'_>, frame: &mut Frame) -> Option<(Rect, &'a Picture)> {
     let area = frame.area();
     let rows = [2, 0, 1].map(Constraint::Length);
     let rows = [rows[0], Constraint::Fill(1), rows[2]];
     let [head, body, foot] = Layout::vertical(rows).areas(area);
     frame.render_widget(Paragraph::new(headline(shown).to_vec()), head);
     let [width, height] = WHOLE;
+    let mut picture = None;
     match (area.width >= width && area.height >= height, body.height) {
-        (true, _) => everything(shown, frame, body),
+        (true, _) => picture = everything(shown, frame, body),
         (false, MOST..) => most(shown, frame, body),
         (false, _) => least(shown, frame, body),
     }
     frame.render_widget(Line::from(footline(shown)).style(Style::new().dim()), foot);
+    picture
 }
 
 /// The run's name and what happens now, and how far it is.
@@ -102,8 +104,12 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Curves, strips, tables and the picture.
-fn everything(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
+/// Curves, strips, tables and the picture; returns where that is.
+fn everything<'a>(
+    shown: &'a Shown<'_>,
+    frame: &mut Frame,
+    area: Rect,
+) -> Option<(Rect, &'a Picture)> {
     let rows = [3, 0, 2].map(Constraint::Fill);
     let rows = [rows[0], Constraint::Length(STRIPS), rows[2]];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
@@ -114,16 +120,14 @@ fn everything(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
     let columns = [Constraint::Fill(1), Constraint::Length(side)];
     let [tables, right] = Layout::horizontal(columns).areas(bottom);
     both_tables(shown.run, frame, tables);
-    let (title, picture) = match &shown.picture {
-        Some((title, picture)) => (title.as_str(), Some(picture)),
-        None => ("no picture", None),
-    };
-    let block = Block::bordered().title(title);
+    let title = shown.picture.as_ref().map(|(title, _)| title.as_str());
+    let block = Block::bordered().title(title.unwrap_or("no picture"));
     let inner = block.inner(right);
     frame.render_widget(block, right);
-    if let Some(picture) = picture {
-        picture::draw(picture, inner, frame.buffer_mut());
-    }
+    let (_, picture) = shown.picture.as_ref()?;
+    let place = picture::fit(picture, inner);
+    picture::draw(picture, place, frame.buffer_mut());
+    Some((place, picture))
 }
 
 /// Curves, strips and tables.

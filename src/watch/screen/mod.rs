@@ -5,6 +5,7 @@ mod distances;
 mod draw;
 mod groups;
 mod ink;
+mod kitty;
 mod picture;
 mod ratios;
 mod session;

@@ -7,8 +7,8 @@ use ratatui::style::Color;
 
 use crate::sheet::Picture;
 
-/// Draws as large a square of the picture's own shape as there is room for.
-pub fn draw(picture: &Picture, area: Rect, buffer: &mut Buffer) {
+/// As large a part of an area as has the picture's own shape.
+pub fn fit(picture: &Picture, area: Rect) -> Rect {
     let (width, height) = (picture.width.max(1), picture.height.max(1));
     let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
     // the side that is the narrower one
@@ -16,6 +16,12 @@ pub fn draw(picture: &Picture, area: Rect, buffer: &mut Buffer) {
         true => (across, across * height / width),
         false => (down * width / height, down),
     };
+    Rect::new(area.x, area.y, across as u16, (down / 2) as u16)
+}
+
+/// Fills an area, which [`fit`] has chosen.
+pub fn draw(picture: &Picture, area: Rect, buffer: &mut Buffer) {
+    let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
     for y in 0..down / 2 {
         for x in 0..across {
             let pixel = |row: usize| mean(picture, [x, row], [across, down]);

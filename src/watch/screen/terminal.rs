@@ -11,9 +11,13 @@ use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
+use ratatui::layout::Rect;
 use ratatui::{Frame, Terminal};
 
 use crate::error::CoversError;
+use crate::sheet::Picture;
+
+use super::kitty::Graphics;
 
 /// What panics said while a screen was up; none while no screen is.
 type Said = Arc<Mutex<Option<Vec<String>>>>;
@@ -22,6 +26,7 @@ type Said = Arc<Mutex<Option<Vec<String>>>>;
 /// then what panics said meanwhile is printed. A panic that is caught disturbs nothing.
 pub struct Screen {
     terminal: Terminal<CrosstermBackend<Stdout>>,
+    graphics: Graphics,
     said: Said,
 }
 
@@ -36,23 +41,35 @@ impl Screen {
         let said = Arc::new(Mutex::new(Some(Vec::new())));
         keep(Arc::clone(&said));
         // from here on dropping the value restores
-        let screen = Self { terminal, said };
+        let screen = Self {
+            terminal,
+            graphics: Graphics::new(|name| std::env::var_os(name)),
+            said,
+        };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
     }
 
-    /// Draws anew.
+    /// Draws anew. Where `draw` says that it has drawn a picture, that is shown in whole pixels, if
+    /// the terminal can.
     ///
     /// # Errors
     /// [`CoversError::Write`] of a terminal that is gone.
-    pub fn draw(&mut self, draw: impl FnOnce(&mut Frame)) -> Result<(), CoversError> {
-        self.terminal.draw(draw).map(|_| ()).map_err(broken)
+    pub fn draw<'a>(
+        &mut self,
+        draw: impl FnOnce(&mut Frame) -> Option<(Rect, &'a Picture)>,
+    ) -> Result<(), CoversError> {
+        let mut picture = None;
+        let drawn = self.terminal.draw(|frame| picture = draw(frame));
+        drawn.map_err(broken)?;
+        self.graphics.show(picture, &mut stdout()).map_err(broken)
     }
 }
 
 impl Drop for Screen {
     fn drop(&mut self) {
         // a terminal that is gone needs no more
+        let _ = self.graphics.show(None, &mut stdout());
         let _ = disable_raw_mode();
         let _ = restore(&mut stdout());
         for said in release(&self.said) {
