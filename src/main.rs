@@ -1,6 +1,6 @@
 //! The `covers` command; `covers --help` says what its exit codes mean.
 
-use std::io::stdout;
+use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -10,7 +10,8 @@ fn main() -> ExitCode {
     match Program::parse().run(&mut stdout()) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            eprintln!("error: {error}");
+            // a terminal that is gone hears nothing, and is no reason to panic
+            let _ = writeln!(stderr(), "error: {error}");
             ExitCode::FAILURE
         }
     }

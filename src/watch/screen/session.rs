@@ -1,6 +1,7 @@
 //! Keys and signals of who looks on, beside a run of another process or of this one.
 
 use std::fs;
+use std::io::{self, IsTerminal, stdin};
 use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -8,6 +9,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
@@ -180,6 +183,8 @@ fn newest_group(view: &View, sheet: Option<&Picture>) -> Option<(String, Picture
 struct Wish {
     /// The number of the last signal; 0 before any.
     signal: Arc<AtomicUsize>,
+    /// Whether keys come from standard input; otherwise from the terminal that owns the process.
+    from_stdin: bool,
 }
 
 impl Wish {
@@ -189,22 +194,42 @@ impl Wish {
             flag::register_usize(number, Arc::clone(&signal), number as usize)
                 .map_err(|source| CoversError::Signals { source })?;
         }
-        Ok(Self { signal })
+        let from_stdin = stdin().is_terminal();
+        Ok(Self { signal, from_stdin })
+    }
+
+    /// Waits for a moment; returns whether a key may have come. The library would wait for ever on
+    /// a terminal that is gone, so it does not wait for standard input.
+    fn wait(&self) -> io::Result<bool> {
+        if !self.from_stdin {
+            return event::poll(TICK);
+        }
+        let (stdin, tick) = (stdin(), Timespec::try_from(TICK).ok());
+        let mut keys = [PollFd::new(&stdin, PollFlags::IN)];
+        match poll(&mut keys, tick.as_ref()) {
+            Err(Errno::INTR) => return Ok(false),
+            waited => waited?,
+        };
+        let gone = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+        match keys[0].revents().intersects(gone) {
+            true => Err(io::ErrorKind::BrokenPipe.into()),
+            false => event::poll(Duration::ZERO),
+        }
     }
 
     /// Waits for a moment; returns an exit code where somebody wished to end since the last call.
     fn uttered(&self) -> Result<Option<u8>, CoversError> {
-        let mut code = None;
-        if event::poll(TICK).map_err(broken)?
+        let waited = self.wait();
+        let signal = self.signal.swap(0, Ordering::SeqCst);
+        if signal != 0 {
+            return Ok(Some((SIGNALLED + signal) as u8));
+        }
+        if waited.map_err(broken)?
             && let Event::Key(key) = event::read().map_err(broken)?
         {
-            code = code_of(key);
+            return Ok(code_of(key));
         }
-        let signal = self.signal.swap(0, Ordering::SeqCst);
-        Ok(match signal {
-            0 => code,
-            number => Some((SIGNALLED + number) as u8),
-        })
+        Ok(None)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The terminal, which is as it was whichever way a program leaves it.
 
-use std::io::{self, Stdout, Write, stdout};
+use std::io::{self, Stdout, Write, stderr, stdout};
+use std::mem::ManuallyDrop;
 use std::panic;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -25,7 +26,8 @@ type Said = Arc<Mutex<Option<Vec<String>>>>;
 /// A terminal that a program draws on. What it showed before comes back when the value is dropped,
 /// then what panics said meanwhile is printed. A panic that is caught disturbs nothing.
 pub struct Screen {
-    terminal: Terminal<CrosstermBackend<Stdout>>,
+    /// Never dropped: it would print to a terminal that may be gone, and panic.
+    terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
     graphics: Graphics,
     said: Said,
 }
@@ -42,7 +44,7 @@ impl Screen {
         keep(Arc::clone(&said));
         // from here on dropping the value restores
         let screen = Self {
-            terminal,
+            terminal: ManuallyDrop::new(terminal),
             graphics: Graphics::new(|name| std::env::var_os(name)),
             said,
         };
@@ -73,7 +75,7 @@ impl Drop for Screen {
         let _ = disable_raw_mode();
         let _ = restore(&mut stdout());
         for said in release(&self.said) {
-            eprintln!("{said}");
+            let _ = writeln!(stderr(), "{said}");
         }
     }
 }
