@@ -25,6 +25,8 @@ mod render;
 mod report;
 mod rerun;
 mod runs;
+#[cfg(feature = "tui")]
+mod terminal;
 mod trials;
 mod variants;
 mod watch;
