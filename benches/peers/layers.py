@@ -1,11 +1,11 @@
 """Times networks here, in PyTorch and in escnn, in turn, and prints one table: layers.py DRIVER [ROUNDS]."""
 
-import subprocess
 import sys
 import time
 from statistics import median
 
 import torch
+from driver import Driver
 from escnn import gspaces
 from escnn import nn as enn
 
@@ -18,15 +18,7 @@ TASKS = {"training": 1, "inference": 2, "latency": 20}  # runs of a turn
 PATIENCE = 300  # seconds that torch.compile may take in all
 
 
-class Ours:
-    def __init__(self, driver):
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen([driver], stdin=pipe, stdout=pipe, text=True)
-
-    def ask(self, *words):
-        print(*words, file=self.process.stdin, flush=True)
-        return [float(word) for word in self.process.stdout.readline().split()]
-
+class Ours(Driver):
     def runner(self, name):
         return lambda task, threads: self.ask(name, task, threads)[0]
 

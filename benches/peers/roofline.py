@@ -2,11 +2,11 @@
 
 One core. The roof is what one large product reaches in PyTorch and what a copy of a large array moves, measured in turn with the
 networks of layers.py. Operations are those that are done: two for each multiplication of the folded products, three products a layer in
-training but for the gradient in the pictures, which the driver's count of a forward pass is multiplied by. Bytes are the least that a
-pass moves if nothing stays in a cache between layers: every map read and written once, forward, and in training three times.
+training but for the gradient in the pictures. Bytes are the least that a pass moves if nothing stays in a cache between layers: every
+map read and written once, forward, and in training three times. (pip install torch numpy matplotlib; the driver is the example
+`layer_times` of covers-equivariant.)
 """
 
-import subprocess
 import sys
 import time
 from statistics import median
@@ -14,6 +14,7 @@ from statistics import median
 import matplotlib
 import numpy as np
 import torch
+from driver import Driver
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -25,16 +26,6 @@ SIDES = {  # of a picture, its batch, the channels of every map; a map has half 
 }
 COLOURS = {"reference": "#0072b2", "narrow": "#d55e00"}
 MARKS = {"training": "o", "inference": "s"}
-
-
-class Driver:
-    def __init__(self, path):
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen([path], stdin=pipe, stdout=pipe, text=True)
-
-    def ask(self, *words):
-        print(*words, file=self.process.stdin, flush=True)
-        return [float(word) for word in self.process.stdout.readline().split()]
 
 
 def seconds(run):
@@ -69,7 +60,7 @@ def moved(name, task):
 def operations(driver, name, task):
     side, batch, channels = SIDES[name]
     forward = driver.ask(name, "multiplications", 1)[0]
-    # a first layer has no input gradient; each of its windows folds to half of the dense products along either axis
+    # a first layer has no input gradient; folding leaves a quarter of the dense network's multiplications
     first = (side // 2) ** 2 * 16 * channels[0] * channels[1] / 4
     return 2 * batch * (3 * forward - first if task == "training" else forward)
 
