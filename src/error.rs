@@ -313,11 +313,13 @@ pub enum CoversError {
     /// A learner that has no policies for other programs.
     #[error("this learner's policies cannot be written for other programs")]
     Unexportable,
-    /// A film in a format that there is not.
-    #[error("{} is no film: expected a name that ends in .gif or .mp4", path.display())]
-    FilmFormat {
+    /// A file whose name does not say what can be written.
+    #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
+    Ending {
         /// The file.
         path: PathBuf,
+        /// The endings that there are.
+        expected: &'static str,
     },
     /// A film that would need a program which is not there.
     #[error(
@@ -337,20 +339,6 @@ pub enum CoversError {
     /// Recordings, which this program was built without.
     #[error("this program was built without recordings: build it with `--features rerun`")]
     NoRerun,
-    /// A recording whose name does not say so.
-    #[error("{} is no recording: expected a name with the ending .rrd", path.display())]
-    RecordingFormat {
-        /// The file.
-        path: PathBuf,
-    },
-    /// What the Rerun SDK says of a recording.
-    #[error("{}: {message}", path.display())]
-    Recording {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        message: String,
-    },
     /// A file that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {

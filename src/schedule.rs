@@ -170,6 +170,11 @@ impl Schedule {
         }
     }
 
+    /// Where a group stands among those of the schedule, which says its colour.
+    pub(crate) fn number(&self, group: &str) -> Option<usize> {
+        self.groups.iter().position(|plan| plan.group == group)
+    }
+
     /// Whether the learner meets this variant; evaluations show it all of them.
     pub fn shows(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);

@@ -223,9 +223,17 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
             fs::read_to_string(folder.join("report.html")).unwrap(),
         )
     };
+    // of an earlier report
+    fs::create_dir_all(&folder).unwrap();
+    let stale =
+        ["recognition.csv", "recognition.tex", "equi-seed0.png"].map(|own| folder.join(own));
+    stale
+        .iter()
+        .for_each(|file| fs::write(file, "stale").unwrap());
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
     assert!(gifs(&page) == 0 && !text.contains("films"));
+    assert!(stale.iter().all(|file| !file.exists()) && folder.join("equi-seed0.svg").exists());
     // the one run of a page is not folded away
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);

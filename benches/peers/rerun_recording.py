@@ -77,7 +77,6 @@ for group in groups:
     compared += compare(f"evaluation/{group}", "Scalars:scalars", known)
 
 
-
 def moments(place, component):
     return [moment for moment, _ in points(chunks, place, "decision", component)]
 

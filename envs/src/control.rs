@@ -6,6 +6,8 @@ use crate::error::{EnvError, require};
 
 /// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
 pub const PHYSICS_STEPS: usize = 5;
+/// Seconds of a control step.
+const CONTROL_STEP: f64 = 0.0125;
 
 /// How actions become motion and how long an episode lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,6 +32,11 @@ impl Default for Control {
 }
 
 impl Control {
+    /// How long a decision lasts (seconds of the simulation).
+    pub fn decision_seconds(&self) -> f64 {
+        self.action_repeat as f64 * CONTROL_STEP
+    }
+
     /// Meta-World's: an action is held for one control step and moves the target by a centimetre.
     pub fn meta_world() -> Self {
         Self {

@@ -14,8 +14,6 @@ use super::sight::Sight;
 
 /// From one command to the next: the rate at which a Kinova Gen3 takes them.
 pub(super) const TICK: Duration = Duration::from_millis(25);
-/// Seconds of a control step of the environments.
-const CONTROL_STEP: f64 = 0.0125;
 /// Rate (1/s) at which what is left of the way is covered.
 const RATE: f64 = 10.0;
 /// Part of that rate at which a turned hand is turned back: things that it pushes turn it.
@@ -54,7 +52,7 @@ pub(super) struct Pilot {
 impl Pilot {
     /// A pilot of an arm that rests at `start`, for a policy that was trained with `control`.
     pub fn new(arm: &Arm, control: &Control, start: &RobotState) -> Self {
-        let seconds = control.action_repeat as f64 * CONTROL_STEP;
+        let seconds = control.decision_seconds();
         let ticks = (seconds / TICK.as_secs_f64()).round().max(1.0);
         let settings = arm.settings();
         Self {
@@ -74,7 +72,7 @@ impl Pilot {
 
     /// Whether a decision is a whole number of ticks.
     pub fn keeps_time(control: &Control) -> bool {
-        let ticks = control.action_repeat as f64 * CONTROL_STEP / TICK.as_secs_f64();
+        let ticks = control.decision_seconds() / TICK.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
 

@@ -101,9 +101,9 @@ impl Show {
 
     /// Where the group stands among those of the run, which says its colour.
     fn colour(&self, group: TaskGroup) -> [u8; 3] {
-        let plans = &self.experiment.schedule.groups;
-        let number = plans.iter().position(|plan| plan.group == group.name());
-        rgb(number.unwrap_or(plans.len()))
+        let schedule = &self.experiment.schedule;
+        let number = schedule.number(group.name());
+        rgb(number.unwrap_or(schedule.groups.len()))
     }
 
     /// Rows of a mosaic: a group's variants beside each other, one row for each view, and one more

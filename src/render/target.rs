@@ -20,7 +20,7 @@ impl Target {
     /// Checks all that can be checked without writing.
     ///
     /// # Errors
-    /// [`CoversError::FilmFormat`], [`CoversError::FileExists`], [`CoversError::NoFfmpeg`].
+    /// [`CoversError::Ending`], [`CoversError::FileExists`], [`CoversError::NoFfmpeg`].
     pub fn new(path: &Path) -> Result<Self, CoversError> {
         let ffmpeg = match ending(path).as_deref() {
             Some("gif") => None,
@@ -29,8 +29,10 @@ impl Target {
                 Some(Ffmpeg::find(&folders, path)?)
             }
             _ => {
-                let path = path.to_owned();
-                return Err(CoversError::FilmFormat { path });
+                return Err(CoversError::Ending {
+                    path: path.to_owned(),
+                    expected: ".gif or .mp4",
+                });
             }
         };
         let file = NewFile::new(path)?;

@@ -67,12 +67,11 @@ impl ReportOptions {
                 .collect::<Result<_, _>>()?;
         }
         let report = Report::new(runs)?;
-        if let Some(folder) = &self.out {
-            report.write(folder)?;
-        }
+        let written = self.out.as_deref().map(|folder| report.write(folder));
+        let curves = written.transpose()?.unwrap_or_default();
         say(out, report.markdown().trim_end())?;
-        if let (Some(folder), Some(converter)) = (&self.out, converter) {
-            converter.draw(&report, folder)?;
+        if let Some(converter) = converter {
+            curves.iter().try_for_each(|svg| converter.convert(svg))?;
         }
         films.iter().try_for_each(|line| say(out, line))
     }

@@ -183,13 +183,10 @@ fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Opt
 fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f64) {
     for rollouts in run.evaluated() {
         for group in run.groups() {
-            let rows = run
-                .evaluation(Some(rollouts))
-                .filter(|row| row.group == group);
-            let rows: Vec<&ScoreRow> = rows.collect();
-            let Some(first) = rows.first() else { continue };
-            let figures: Vec<f64> = rows.iter().map(|row| figure(row)).collect();
-            let (x, y) = (first.decisions as f64, mean(&figures));
+            let Some((decisions, y)) = run.scored(rollouts, group, figure) else {
+                continue;
+            };
+            let x = decisions as f64;
             let title = format!("{group}, {x} decisions: {y:.2}");
             drawing.dot((x, y), colour_of(run, group), &title);
         }

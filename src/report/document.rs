@@ -1,7 +1,7 @@
 //! All that a report holds, and its files.
 
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::CoversError;
 
@@ -49,11 +49,11 @@ impl Report {
     }
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run
-    /// and each seed as SVG, to a folder, which is created.
+    /// and each seed as SVG, to a folder, which is created; returns the files of the curves.
     ///
     /// # Errors
     /// [`CoversError::Write`].
-    pub fn write(&self, folder: &Path) -> Result<(), CoversError> {
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, CoversError> {
         std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
         let write = |name: &str, text: String| {
             let path = folder.join(name);
@@ -71,15 +71,18 @@ impl Report {
             write(&format!("{name}.csv"), table.csv())?;
             write(&format!("{name}.tex"), table.latex())?;
         }
-        let mut drawings = self.drawings().into_iter();
-        drawings.try_for_each(|(name, svg)| {
-            remove(&folder.join(format!("{name}.png")))?;
-            write(&format!("{name}.svg"), svg)
-        })
+        let mut drawn = Vec::new();
+        for (name, svg) in self.drawings() {
+            let path = folder.join(format!("{name}.svg"));
+            remove(&path.with_extension("png"))?;
+            write(&format!("{name}.svg"), svg)?;
+            drawn.push(path);
+        }
+        Ok(drawn)
     }
 
     /// The curves of each run and each seed as SVG, with their names.
-    pub(super) fn drawings(&self) -> Vec<(String, String)> {
+    fn drawings(&self) -> Vec<(String, String)> {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
                 let seed = run.experiment.learner.seed();

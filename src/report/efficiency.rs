@@ -45,11 +45,8 @@ impl Efficiency {
 /// Decisions spent in the group and success in it, of each evaluation.
 pub(super) fn curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
-        let rows = run.evaluation(Some(rollouts));
-        let rows = rows.filter(|row| row.group == group);
-        let successes: Vec<f64> = rows.map(|row| row.success).collect();
-        let spent = spent(run, group, rollouts) as f64;
-        (!successes.is_empty()).then(|| (spent, mean(&successes)))
+        let (_, success) = run.scored(rollouts, group, |row| row.success)?;
+        Some((spent(run, group, rollouts) as f64, success))
     };
     run.evaluated().filter_map(point).collect()
 }

@@ -1,13 +1,12 @@
 //! Curves as PNG files, which `rsvg-convert` makes of the SVG.
 
 use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::error::CoversError;
 use crate::helper;
-
-use super::document::Report;
 
 /// Pixels of a PNG for each unit of an SVG.
 const ZOOM: &str = "2";
@@ -25,21 +24,20 @@ impl Converter {
         found.map(Self).ok_or(CoversError::NoRsvg)
     }
 
-    /// Writes the curves of a report to a folder that exists.
+    /// Writes the PNG of an SVG file beside it.
     ///
     /// # Errors
     /// [`CoversError::Write`] with what the program said last.
-    pub fn draw(&self, report: &Report, folder: &Path) -> Result<(), CoversError> {
-        let mut drawings = report.drawings().into_iter();
-        drawings.try_for_each(|(name, svg)| {
-            let path = folder.join(format!("{name}.png"));
-            let png = helper::run(
-                Command::new(&self.0).args(["--format", "png", "--zoom", ZOOM]),
-                |pipe| pipe.write_all(svg.as_bytes()),
-            );
-            let written = png.and_then(|png| std::fs::write(&path, png));
-            written.map_err(|error| CoversError::write(&path, error))
-        })
+    pub fn convert(&self, svg: &Path) -> Result<(), CoversError> {
+        let path = svg.with_extension("png");
+        // by its bytes: a name that begins with a dash is no option
+        let png = fs::read(svg).and_then(|svg| {
+            let mut program = Command::new(&self.0);
+            program.args(["--format", "png", "--zoom", ZOOM]);
+            helper::run(&mut program, |pipe| pipe.write_all(&svg))
+        });
+        let written = png.and_then(|png| fs::write(&path, png));
+        written.map_err(|error| CoversError::write(&path, error))
     }
 }
 
@@ -47,29 +45,29 @@ impl Converter {
 mod tests {
     use super::*;
     use crate::helper::tests::Programs;
-    use crate::presets::{Budget, Method};
-    use crate::report::RunData;
-
-    /// A report on a run without rows.
-    fn report() -> Report {
-        let experiment = Budget::Smoke.experiment(Method::Covers);
-        Report::new(vec![RunData::empty("covers-seed0", experiment)]).unwrap()
-    }
 
     #[test]
-    fn every_drawing_is_handed_to_the_program() {
+    fn a_drawing_is_handed_to_the_program() {
         // prints its options and what it is fed
         let programs = Programs::new("rsvg", "rsvg-convert", "echo \"$*\"; cat");
         let converter = Converter::find(programs.path().as_os_str()).unwrap();
-        let report = report();
-        converter.draw(&report, programs.path()).unwrap();
-        let drawings = report.drawings();
-        assert!(drawings.iter().any(|(name, _)| name == "covers-seed0"));
-        for (name, svg) in drawings {
-            let path = programs.path().join(format!("{name}.png"));
-            let told = std::fs::read_to_string(path).unwrap();
-            assert_eq!(told, format!("--format png --zoom 2\n{svg}"));
-        }
+        let svg = programs.path().join("seed0.svg");
+        fs::write(&svg, "<svg/>").unwrap();
+        converter.convert(&svg).unwrap();
+        let told = fs::read_to_string(programs.path().join("seed0.png")).unwrap();
+        assert_eq!(told, "--format png --zoom 2\n<svg/>");
+    }
+
+    #[test]
+    fn a_drawing_that_fails_is_named() {
+        let programs = Programs::new("rsvg-fails", "rsvg-convert", "echo no font >&2; exit 1");
+        let converter = Converter::find(programs.path().as_os_str()).unwrap();
+        let svg = programs.path().join("seed0.svg");
+        fs::write(&svg, "<svg/>").unwrap();
+        let message = converter.convert(&svg).unwrap_err().to_string();
+        assert!(message.contains("seed0.png"), "{message}");
+        assert!(message.ends_with("no font"), "{message}");
+        assert!(!programs.path().join("seed0.png").exists());
     }
 
     #[test]

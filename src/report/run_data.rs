@@ -11,6 +11,7 @@ use crate::experiment::Experiment;
 use crate::runs::{Provenance, RunFolder};
 
 use super::rows::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
+use super::statistics::mean;
 
 /// Signs of a commit's name that tell it from others.
 const SHORT: usize = 10;
@@ -165,6 +166,20 @@ impl RunData {
     pub fn evaluation(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
         let rows = self.scores.iter();
         rows.filter(move |row| Some(row.rollouts) == rollouts)
+    }
+
+    /// Decisions before the evaluation after so many rollouts, and the mean of a figure over the
+    /// variants of a group in it; nothing where the group was not scored then.
+    pub fn scored(
+        &self,
+        rollouts: usize,
+        group: &str,
+        figure: fn(&ScoreRow) -> f64,
+    ) -> Option<(usize, f64)> {
+        let rows = self.evaluation(Some(rollouts));
+        let rows: Vec<&ScoreRow> = rows.filter(|row| row.group == group).collect();
+        let figures: Vec<f64> = rows.iter().map(|row| figure(row)).collect();
+        Some((rows.first()?.decisions, mean(&figures)))
     }
 
     /// After how many rollouts evaluations came.

@@ -1,6 +1,6 @@
 //! How the viewer lays a recording out: a tab for the stream, and one for each group.
 
-use envs::{Control, TaskGroup};
+use envs::TaskGroup;
 use re_sdk::blueprint::{
     Blueprint, ContainerLike, Horizontal, Spatial2DView, Spatial3DView, StateTimelineView, Tabs,
     TimePanel, TimeSeriesView, Vertical,
@@ -18,8 +18,8 @@ pub(super) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let has_stream = !run.rollouts.is_empty();
     let stream = has_stream.then(stream);
     let groups = groups.iter().map(|&group| of_group(group));
-    let speed = decisions_per_second(&run.experiment.envs.control);
-    let time = TimePanel::new().with_fps(speed);
+    let decision = run.experiment.envs.control.decision_seconds();
+    let time = TimePanel::new().with_fps(decision.recip());
     let time = match has_stream {
         true => time
             .with_timeline(ROLLOUTS)
@@ -27,11 +27,6 @@ pub(super) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
         false => time.with_timeline(DECISION),
     };
     Blueprint::new(Tabs::new(stream.into_iter().chain(groups))).with_time_panel(time)
-}
-
-/// A control step lasts 12.5 ms.
-fn decisions_per_second(control: &Control) -> f64 {
-    80.0 / control.action_repeat as f64
 }
 
 fn stream() -> ContainerLike {

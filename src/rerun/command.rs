@@ -51,8 +51,10 @@ impl RerunOptions {
 
         let path = &self.out;
         if ending(path).as_deref() != Some("rrd") {
-            let path = path.clone();
-            return Err(CoversError::RecordingFormat { path });
+            return Err(CoversError::Ending {
+                path: path.clone(),
+                expected: ".rrd",
+            });
         }
         let file = NewFile::new(path)?;
         let run = RunData::so_far(&self.run)?;

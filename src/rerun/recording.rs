@@ -1,5 +1,6 @@
 //! What is logged, and when.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use re_sdk::blueprint::Blueprint;
@@ -26,7 +27,7 @@ impl Recording {
     /// An empty recording for the file `path`, which the viewer lays out as `blueprint` says.
     ///
     /// # Errors
-    /// [`CoversError::Recording`].
+    /// [`CoversError::Write`].
     pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, CoversError> {
         // whatever the environment variable RERUN says: a recording was asked for
         let builder = RecordingStreamBuilder::new("covers")
@@ -63,7 +64,7 @@ impl Recording {
     /// Logs what changes with time.
     ///
     /// # Errors
-    /// [`CoversError::Recording`].
+    /// [`CoversError::Write`].
     pub fn log(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
         let logged = self.stream.log(place, what);
         logged.map_err(refused(&self.path))
@@ -72,7 +73,7 @@ impl Recording {
     /// Logs what is so at all times.
     ///
     /// # Errors
-    /// [`CoversError::Recording`].
+    /// [`CoversError::Write`].
     pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
         let logged = self.stream.log_static(place, what);
         logged.map_err(refused(&self.path))
@@ -81,7 +82,7 @@ impl Recording {
     /// The file.
     ///
     /// # Errors
-    /// [`CoversError::Recording`].
+    /// [`CoversError::Write`].
     pub fn finish(self) -> Result<Vec<u8>, CoversError> {
         self.stream.flush_blocking().map_err(refused(&self.path))?;
         let bytes = self.bytes.read();
@@ -91,8 +92,5 @@ impl Recording {
 
 /// The error of a recording that does not come about.
 pub(super) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
-    move |error| CoversError::Recording {
-        path: path.to_owned(),
-        message: error.to_string(),
-    }
+    move |error| CoversError::write(path, io::Error::other(error.to_string()))
 }

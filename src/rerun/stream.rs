@@ -5,7 +5,7 @@ use re_sdk_types::components::Color;
 
 use crate::colours::rgb;
 use crate::error::CoversError;
-use crate::report::{RolloutRow, RunData, ScoreRow, mean};
+use crate::report::{RolloutRow, RunData};
 
 use super::recording::{ROLLOUTS, Recording, STREAM};
 
@@ -47,14 +47,11 @@ pub(super) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
         begin = row.decisions;
     }
     for rollouts in run.evaluated() {
-        let scores: Vec<&ScoreRow> = run.evaluation(Some(rollouts)).collect();
         for (group, _) in &groups {
-            let own = scores.iter().filter(|score| score.group == *group);
-            let own: Vec<&&ScoreRow> = own.collect();
-            let successes: Vec<f64> = own.iter().map(|score| score.success).collect();
-            if let Some(score) = own.first() {
-                recording.at(&[(ROLLOUTS, rollouts), (STREAM, score.decisions)]);
-                let success = Scalars::single(mean(&successes));
+            let scored = run.scored(rollouts, group, |row| row.success);
+            if let Some((decisions, success)) = scored {
+                recording.at(&[(ROLLOUTS, rollouts), (STREAM, decisions)]);
+                let success = Scalars::single(success);
                 recording.log(&format!("stream/evaluation/{group}"), &success)?;
             }
         }
@@ -93,13 +90,13 @@ fn groups(run: &RunData) -> Vec<Value> {
 
 /// Policies, each in the colour of the group that it was opened for.
 fn policies(run: &RunData) -> Vec<Value> {
-    let groups = groups(run);
     let count = run.rollouts.iter().map(|row| row.policy + 1).max();
     let coloured = |policy| {
-        let own = run.group_of(policy);
-        let of_group = groups.iter().find(|(group, _)| Some(&**group) == own);
-        let colour = of_group.map_or(GREY, |(_, colour)| *colour);
-        (policy_name(policy), colour)
+        let schedule = &run.experiment.schedule;
+        let number = run
+            .group_of(policy)
+            .and_then(|group| schedule.number(group));
+        (policy_name(policy), number.map_or(GREY, rgb))
     };
     (0..count.unwrap_or(0)).map(coloured).collect()
 }

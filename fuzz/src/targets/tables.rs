@@ -72,7 +72,7 @@ fn go_on(table: &[u8]) {
 fn report(run: RunData) -> Result<(), covers::CoversError> {
     let report = Report::new(vec![run])?;
     assert!(!report.markdown().is_empty());
-    report.write(&RUN.join("report"))
+    report.write(&RUN.join("report")).map(|_| ())
 }
 
 fn tables() -> Vec<Vec<u8>> {

@@ -6,7 +6,7 @@ use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType};
 
-use crate::report::{RolloutRow, RunData, ScoreRow, mean};
+use crate::report::{RolloutRow, RunData, ScoreRow};
 
 use super::Pace;
 use super::ink;
@@ -100,11 +100,8 @@ fn evaluations(figure: &Figure, run: &RunData) -> Vec<Line> {
     let plans = run.experiment.schedule.groups.iter();
     let line = |group: &str| {
         let points = run.evaluated().filter_map(|rollouts| {
-            let own = run.evaluation(Some(rollouts));
-            let own: Vec<&ScoreRow> = own.filter(|row| row.group == group).collect();
-            let values: Vec<f64> = own.iter().map(|row| (figure.score)(row)).collect();
-            let point = (own.first()?.decisions as f64, mean(&values));
-            Some(point).filter(|(_, value)| value.is_finite())
+            let (decisions, value) = run.scored(rollouts, group, figure.score)?;
+            Some((decisions as f64, value)).filter(|(_, value)| value.is_finite())
         });
         Line {
             colour: ink::of_group(run, group),

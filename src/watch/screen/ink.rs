@@ -10,8 +10,7 @@ const LIGHT: f64 = 110.0;
 
 /// The colour of a group: that of its place in the schedule.
 pub fn of_group(run: &RunData, group: &str) -> Color {
-    let plans = &run.experiment.schedule.groups;
-    let number = plans.iter().position(|plan| plan.group == group);
+    let number = run.experiment.schedule.number(group);
     number.map_or(Color::Reset, numbered)
 }
 

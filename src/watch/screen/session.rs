@@ -172,8 +172,7 @@ fn sheet(view: &View) -> Option<Picture> {
 /// How episodes of the group that runs begin.
 fn newest_group(view: &View, sheet: Option<&Picture>) -> Option<(String, Picture)> {
     let group = &view.run.rollouts.last()?.last_group;
-    let mut plans = view.run.experiment.schedule.groups.iter();
-    let number = plans.position(|plan| plan.group == *group)?;
+    let number = view.run.experiment.schedule.number(group)?;
     let size = view.run.experiment.envs.camera.size;
     let picture = first_variant(sheet?, size, number)?;
     Some((format!("how {group} begins"), picture))
