@@ -1,42 +1,24 @@
 //! One PPO update and one batch of inferences on 48 x 48 x 6 pictures, on one and two threads.
 
+mod noise;
+
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use rand::{RngExt, SeedableRng};
+use noise::{HORIZON, Noise, spec};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, EnvSpec, NetworkSettings, Observations, OnPolicy, Ppo,
-    PpoSettings, RlError, RolloutBuffer, Transition,
+    ActorCriticPolicy, Algorithm, Decisions, NetworkSettings, Observations, OnPolicy, Ppo,
+    PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
 };
 
-const STEPS: usize = 50;
-const ENVS: usize = 20;
-
-fn spec() -> EnvSpec {
-    EnvSpec {
-        num_envs: ENVS,
-        image: [48, 48, envs::IMAGE_CHANNELS],
-        vector: envs::VECTOR_IRREPS.to_vec(),
-        action: envs::ACTION_IRREPS.to_vec(),
-    }
-}
-
-/// A rollout of noise: what is computed does not depend on it.
+/// A rollout of noise.
 fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<RolloutBuffer, RlError> {
-    let spec = spec();
-    let mut buffer = RolloutBuffer::new(&spec, STEPS)?;
-    let (mut observations, mut decisions) = (Observations::new(&spec), Decisions::new(&spec));
-    let mut transition = Transition::new(&spec);
-    for _ in 0..STEPS {
-        observations.images.fill_with(|| rng.random());
-        let vectors = &mut observations.vectors;
-        vectors.fill_with(|| rng.random_range(-1.0..1.0));
-        transition.rewards.fill_with(|| rng.random());
-        policy.decide(&observations, &mut (), rng, &mut decisions)?;
-        buffer.push(&observations, &decisions, &transition, &[0.0; ENVS])?;
-    }
-    buffer.finish(&observations, &[0.0; ENVS])?;
+    let mut env = Noise::new(spec());
+    let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
+    let mut state = RolloutState::reset(&mut env, policy)?;
+    collect(&mut env, policy, &mut buffer, &mut state, rng)?;
     Ok(buffer)
 }
 
@@ -55,7 +37,7 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
     let buffer = rollout(&mut policy, &mut rng)?;
     let mut group = c.benchmark_group(format!("ppo_48x48x6_t{threads}"));
     group.sample_size(10);
-    group.throughput(Throughput::Elements((STEPS * ENVS) as u64));
+    group.throughput(Throughput::Elements((HORIZON * spec().num_envs) as u64));
     group.bench_function("update_1000_decisions", |b| {
         let fresh = || unlimited(&policy).map(|ppo| (ppo, policy.clone(), rng.clone()));
         let update = |fresh: Result<(Ppo, ActorCriticPolicy, ChaCha8Rng), RlError>| {
@@ -67,7 +49,7 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
     });
     let observations = Observations::new(&spec());
     let mut decisions = Decisions::new(&spec());
-    group.throughput(Throughput::Elements(ENVS as u64));
+    group.throughput(Throughput::Elements(spec().num_envs as u64));
     group.bench_function("act_batch_20", |b| {
         b.iter(|| policy.decide(black_box(&observations), &mut (), &mut rng, &mut decisions));
     });

@@ -107,13 +107,23 @@ impl D2 {
             height * width * channels,
             "the image's length is not {height} x {width} x {channels}"
         );
+        let len = width * channels;
+        // where each value of a row comes from, so that no pixel is copied by a call of its own
+        let mirrored: Vec<usize> = (0..len)
+            .map(|i| (width - 1 - i / channels) * channels + i % channels)
+            .collect();
         let mut out = Vec::with_capacity(image.len());
         for row in 0..height {
-            for col in 0..width {
-                // every element is its own inverse, so the source pixel is the image of the target
-                let (r, c) = self.apply_pixel(row, col, height, width);
-                let at = (r * width + c) * channels;
-                out.extend_from_slice(&image[at..at + channels]);
+            let row = if self.flips_y() {
+                height - 1 - row
+            } else {
+                row
+            };
+            let from = &image[row * len..][..len];
+            if self.flips_x() {
+                out.extend(mirrored.iter().map(|&i| from[i]));
+            } else {
+                out.extend_from_slice(from);
             }
         }
         out

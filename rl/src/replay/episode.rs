@@ -164,12 +164,18 @@ impl Episode {
 
     /// Writes picture `t`, in 0..=T, as the environment gave it.
     pub fn image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
-        let moving = &self.moving[t * sizes.moving_len()..];
-        let pixels = out.chunks_exact_mut(sizes.moving + sizes.still).enumerate();
-        for (i, pixel) in pixels {
-            let (to_moving, to_still) = pixel.split_at_mut(sizes.moving);
-            to_moving.copy_from_slice(&moving[i * sizes.moving..][..sizes.moving]);
-            to_still.copy_from_slice(&self.still[i * sizes.still..][..sizes.still]);
+        let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
+        let channels = sizes.moving + sizes.still;
+        // channel by channel, so that no pixel is copied by a call of its own
+        for (first, own, from) in [
+            (0, sizes.moving, moving),
+            (sizes.moving, sizes.still, &self.still),
+        ] {
+            for c in 0..own {
+                let to = out[first + c..].iter_mut().step_by(channels);
+                let from = from[c..].iter().step_by(own);
+                to.zip(from).for_each(|(to, &value)| *to = value);
+            }
         }
     }
 

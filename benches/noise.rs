@@ -1,0 +1,65 @@
+//! Environments of noise: what an update computes does not depend on what was seen.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
+
+/// Steps of an episode.
+pub const HORIZON: usize = 50;
+
+/// Twenty environments with pictures of 48 x 48.
+pub fn spec() -> EnvSpec {
+    EnvSpec {
+        num_envs: 20,
+        image: [48, 48, envs::IMAGE_CHANNELS],
+        vector: envs::VECTOR_IRREPS.to_vec(),
+        action: envs::ACTION_IRREPS.to_vec(),
+    }
+}
+
+/// Environments that hear no action.
+pub struct Noise {
+    spec: EnvSpec,
+    steps: usize,
+    rng: ChaCha8Rng,
+}
+
+impl Noise {
+    pub fn new(spec: EnvSpec) -> Self {
+        let rng = ChaCha8Rng::seed_from_u64(0);
+        Self {
+            spec,
+            steps: 0,
+            rng,
+        }
+    }
+}
+
+impl VectorEnv for Noise {
+    fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        Some(HORIZON)
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxError> {
+        self.steps = 0;
+        out.images.fill_with(|| self.rng.random());
+        out.vectors.fill_with(|| self.rng.random_range(-1.0..1.0));
+        Ok(())
+    }
+
+    fn step(&mut self, _actions: &[f32], out: &mut Transition) -> Result<(), BoxError> {
+        let steps = self.steps + 1;
+        self.reset(&mut out.observations)?;
+        out.final_observations.clone_from(&out.observations);
+        out.rewards.fill_with(|| self.rng.random());
+        let ended = steps == HORIZON;
+        let outcome = [Outcome::Running, Outcome::Truncated][usize::from(ended)];
+        out.outcomes.fill(outcome);
+        self.steps = if ended { 0 } else { steps };
+        Ok(())
+    }
+}

@@ -1,0 +1,151 @@
+//! What one sample costs in one gradient: soft actor-critic, with and without a context, beside PPO
+//! on a network with the same settings, one thread. Rates are sample-passes a second.
+
+mod noise;
+
+use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use noise::{HORIZON, Noise};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, EnvSpec, Experience, NetworkSettings,
+    Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
+    SacSettings, collect,
+};
+use symmetry::Group;
+
+/// Gradient steps of 512 samples that an update of soft actor-critic takes.
+const STEPS: usize = 4;
+
+/// One group of networks.
+struct Case<'a> {
+    name: &'a str,
+    network: NetworkSettings,
+    spec: EnvSpec,
+}
+
+impl Case<'_> {
+    /// Collects 1000 decisions.
+    fn fill<A: Actor>(
+        &self,
+        policy: &mut A,
+        experience: &mut impl Experience<A>,
+    ) -> Result<(), RlError> {
+        let (mut env, mut rng) = (Noise::new(self.spec.clone()), ChaCha8Rng::seed_from_u64(1));
+        let mut state = RolloutState::reset(&mut env, policy)?;
+        collect(&mut env, policy, experience, &mut state, &mut rng)?;
+        Ok(())
+    }
+
+    /// Two passes over 1000 decisions.
+    fn ppo(&self, c: &mut Criterion) -> Result<(), RlError> {
+        let mut policy = ActorCriticPolicy::new(&self.network, &self.spec, 0)?;
+        let mut buffer = RolloutBuffer::new(&self.spec, HORIZON)?;
+        self.fill(&mut policy, &mut buffer)?;
+        let settings = PpoSettings {
+            epochs: 2,
+            max_kl: 1e9,
+            ..PpoSettings::default()
+        };
+        let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
+        self.measure(c, "ppo", 2 * HORIZON * self.spec.num_envs, fresh, &buffer)
+    }
+
+    fn sac(
+        &self,
+        c: &mut Criterion,
+        name: &str,
+        context: Option<ContextSettings>,
+        settings: SacSettings,
+    ) -> Result<(), RlError> {
+        let mut policy = SacPolicy::new(&self.network, context, &self.spec, 0)?;
+        let replay = ReplaySettings {
+            steps: HORIZON,
+            ..ReplaySettings::default()
+        };
+        let mut replay = Replay::new(replay, &self.spec)?;
+        self.fill(&mut policy, &mut replay)?;
+        let samples = 512 * STEPS;
+        let updates = samples as f32 / settings.batch as f32;
+        let settings = SacSettings {
+            burn_in: 0,
+            // half a step more, or rounding might take one away
+            updates_per_step: (updates + 0.5) / replay.len() as f32,
+            ..settings
+        };
+        let fresh = || Ok((Sac::new(settings.clone(), &policy)?, policy.clone()));
+        self.measure(c, name, samples, fresh, &replay)
+    }
+
+    /// Times updates of a fresh copy each time.
+    fn measure<A: Algorithm>(
+        &self,
+        c: &mut Criterion,
+        name: &str,
+        samples: usize,
+        fresh: impl Fn() -> Result<(A, A::Policy), RlError>,
+        experience: &A::Experience,
+    ) -> Result<(), RlError> {
+        drop(fresh()?);
+        let mut group = c.benchmark_group(format!("updates_{}", self.name));
+        group.sample_size(10);
+        group.throughput(Throughput::Elements(samples as u64));
+        group.bench_function(name, |b| {
+            let update = |fresh: Result<(A, A::Policy), RlError>| {
+                let mut rng = ChaCha8Rng::seed_from_u64(2);
+                let stats = fresh
+                    .and_then(|(mut a, mut policy)| a.update(&mut policy, experience, &mut rng));
+                assert!(stats.is_ok());
+            };
+            b.iter_batched(&fresh, update, BatchSize::PerIteration);
+        });
+        group.finish();
+        Ok(())
+    }
+}
+
+fn all(c: &mut Criterion) -> Result<(), RlError> {
+    let spec = noise::spec();
+    let plain = Case {
+        name: "plain",
+        network: NetworkSettings {
+            group: Group::C1,
+            ..NetworkSettings::default()
+        },
+        spec: spec.clone(),
+    };
+    plain.ppo(c)?;
+    plain.sac(c, "sac", None, SacSettings::paper())?;
+    let windows = SacSettings {
+        window: 16,
+        ..SacSettings::paper()
+    };
+    let context = Some(ContextSettings::default());
+    plain.sac(c, "sac_with_context", context, windows)?;
+    let equivariant = Case {
+        name: "equivariant",
+        network: NetworkSettings::default(),
+        spec,
+    };
+    equivariant.ppo(c)?;
+    let augmented = SacSettings {
+        batch: 128,
+        augmentation: Group::D2,
+        ..SacSettings::paper()
+    };
+    equivariant.sac(c, "sac_augmented", None, augmented)
+}
+
+fn updates(c: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let Ok(pool) = pool else {
+        panic!("cannot start a thread");
+    };
+    if let Err(error) = pool.install(|| all(&mut Criterion::default().configure_from_args())) {
+        panic!("{error}");
+    }
+    c.final_summary();
+}
+
+criterion_group!(benches, updates);
+criterion_main!(benches);
