@@ -34,9 +34,9 @@ def seconds(run):
     return time.perf_counter() - start
 
 
-def product():
+def product(dtype=torch.float32):
     """Operations a second of one large product."""
-    a, b = torch.rand(1024, 1024), torch.rand(1024, 1024)
+    a, b = torch.rand(1024, 1024).to(dtype), torch.rand(1024, 1024).to(dtype)
     a @ b
     return 2 * 1024**3 / seconds(lambda: a @ b)
 
@@ -91,9 +91,10 @@ def main():
     torch.set_num_threads(1)
     driver, file, rounds = Driver(sys.argv[1]), sys.argv[2], int(sys.argv[3]) if len(sys.argv) > 3 else 20
     pairs = [(name, task) for name in SIDES for task in MARKS]
-    times, products, copies = {pair: [] for pair in pairs}, [], []
+    times, products, halves, copies = {pair: [] for pair in pairs}, [], [], []
     for _ in range(rounds):
         products.append(product())
+        halves.append(product(torch.bfloat16))
         copies.append(copy())
         for name, task in pairs:
             times[name, task].append(1e-3 * driver.ask(name, task, 1)[0])
@@ -101,7 +102,8 @@ def main():
         (name, task): (operations(driver, name, task), moved(name, task), median(elapsed)) for (name, task), elapsed in times.items()
     }
     draw(file, median(products), median(copies), points)
-    print(f"roof: {median(products) / 1e9:.1f} GFLOP/s, {median(copies) / 1e9:.1f} GB/s, medians of {rounds} rounds, torch {torch.__version__}")
+    half = median(halves) / 1e9
+    print(f"roof: {median(products) / 1e9:.1f} GFLOP/s ({half:.1f} in bfloat16), {median(copies) / 1e9:.1f} GB/s, medians of {rounds} rounds, torch {torch.__version__}")
 
 
 main()
