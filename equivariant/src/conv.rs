@@ -11,4 +11,5 @@ pub(crate) mod maps;
 pub(crate) mod pass;
 pub(crate) mod passes;
 pub(crate) mod pieces;
+pub(crate) mod pool;
 pub(crate) mod weights;

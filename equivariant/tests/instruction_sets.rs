@@ -1,20 +1,25 @@
 //! Every instruction set that this machine has gives what the portable code gives.
 
 use equivariant::{
-    FieldType, Group, InstructionSet, Kernel, Layer, R2Conv, Relu, Sequential, Signature,
+    FieldType, Group, InstructionSet, Kernel, Layer, MaxPool, R2Conv, Relu, Sequential, Signature,
 };
 
 use crate::common::{params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 
-/// Outputs and gradients of a convolution with a ReLU; without an input gradient first layers take
-/// another path.
+/// Outputs and gradients of a convolution with a ReLU, and with a pooling where windows fit; without
+/// an input gradient first layers take another path.
 fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
     let relu = Relu::new(conv.out_shape());
     let conv = Box::new(conv.clone().at_most(set));
     let layer: Box<dyn Layer<f32>> = match relu {
-        Ok(relu) => Box::new(Sequential::new(vec![conv, Box::new(relu)]).unwrap()),
+        Ok(relu) => {
+            let pool = MaxPool::new(relu.out_shape(), Kernel::new(2, 2, 0));
+            let mut layers: Vec<Box<dyn Layer<f32>>> = vec![conv, Box::new(relu)];
+            layers.extend(pool.ok().map(|pool| Box::new(pool) as Box<dyn Layer<f32>>));
+            Box::new(Sequential::new(layers).unwrap())
+        }
         // types without a basis that the group permutes
         Err(_) => conv,
     };

@@ -16,6 +16,7 @@ mod interchange;
 mod kernel_space;
 mod norm;
 mod oracle;
+mod pooling;
 mod precision;
 mod scratch;
 mod slices;

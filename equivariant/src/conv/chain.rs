@@ -1,8 +1,9 @@
-//! Convolutions and ReLUs, fused.
+//! Convolutions, ReLUs and max-poolings, fused.
 //!
 //! Between the convolutions of a chain the feature maps stay as the kernels want them: a
-//! convolution writes its rectified output straight into the staged image of the next, which is
-//! also what the backward pass reads. Of the values before a ReLU only their signs are kept.
+//! convolution, or the pooling behind it, writes its output straight into the staged image of the
+//! next, which is also what the backward pass reads. Of the values before a ReLU only their signs
+//! are kept.
 
 use std::ops::Range;
 
@@ -12,8 +13,10 @@ use crate::conv::maps::{Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes::{self, Passes};
 use crate::conv::pieces::Pieces;
+use crate::conv::pool::{Pool, Pooling, Unpooling};
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
+use crate::window::Kernel;
 
 /// A layer that a chain can take.
 #[derive(Clone, Copy, Debug)]
@@ -22,9 +25,11 @@ pub enum Fusible<'a> {
     Conv(&'a Conv),
     /// A ReLU.
     Relu,
+    /// A max-pooling.
+    MaxPool(Kernel),
 }
 
-/// Convolutions, each perhaps with a ReLU.
+/// Convolutions, each perhaps with a ReLU, and then perhaps with a pooling.
 #[derive(Clone, Debug)]
 pub(crate) struct Chain {
     links: Vec<Link>,
@@ -34,6 +39,7 @@ pub(crate) struct Chain {
 struct Link {
     conv: Conv,
     rectified: bool,
+    pool: Option<Pool>,
     params: Range<usize>,
 }
 
@@ -55,11 +61,17 @@ impl Chain {
                 self.links.push(Link {
                     conv: conv.clone(),
                     rectified: false,
+                    pool: None,
                     params: start..start + conv.num_params(),
                 });
                 true
             }
+            (_, Some(last)) if last.pool.is_some() => false,
             (Some(Fusible::Relu), Some(last)) => !std::mem::replace(&mut last.rectified, true),
+            (Some(Fusible::MaxPool(kernel)), Some(last)) => {
+                last.pool = Pool::behind(&last.conv, kernel);
+                last.pool.is_some()
+            }
             _ => false,
         }
     }
@@ -69,21 +81,24 @@ impl Chain {
     }
 
     pub fn out_shape(&self) -> Shape {
-        self.last().conv.out
+        self.last().out()
     }
 
     pub fn num_params(&self) -> usize {
         self.last().params.end
     }
 
-    /// The convolutions, in order.
-    pub fn convs(&self) -> impl Iterator<Item = &Conv> {
-        self.links.iter().map(|link| &link.conv)
+    /// What each convolution hands on, in order.
+    pub fn outs(&self) -> impl Iterator<Item = Shape> {
+        self.links.iter().map(Link::out)
     }
 
     pub fn scratch_len(&self, samples: usize) -> usize {
-        let links = self.convs().enumerate();
-        let passes = links.map(|(i, conv)| passes::scratch_len(conv, samples, i > 0));
+        let links = self.links.iter().enumerate();
+        let passes = links.map(|(i, link)| {
+            let pool = link.pool.as_ref().map_or(0, Pool::scratch_len);
+            passes::scratch_len(&link.conv, samples, i > 0).max(pool)
+        });
         let own = self.kept(samples) + 2 * self.largest(samples);
         own + passes.max().unwrap_or(0)
     }
@@ -96,7 +111,7 @@ impl Chain {
     fn kept(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
-            .map(|(i, link)| link.masks(samples) + self.staged(i, samples))
+            .map(|(i, link)| self.staged(i, samples) + link.masks(samples) + link.pooled(samples))
             .sum()
     }
 
@@ -109,10 +124,11 @@ impl Chain {
         }
     }
 
-    /// The length of the largest staged images.
+    /// The length of the largest images between convolutions and poolings.
     fn largest(&self, samples: usize) -> usize {
-        let links = 0..self.links.len();
-        links.map(|i| self.staged(i, samples)).max().unwrap_or(0)
+        let links = self.links.iter().enumerate();
+        let largest = links.map(|(i, link)| self.staged(i, samples).max(link.pooled(samples)));
+        largest.max().unwrap_or(0)
     }
 
     pub fn forward<T: Passes>(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
@@ -122,19 +138,18 @@ impl Chain {
         let scratch = pieces.rest();
         let mut x = Maps::Channels(x);
         for (i, pair) in self.links.windows(2).enumerate() {
-            let masks = kept.take_flat(pair[0].masks(samples));
+            let own = pair[0].keep(samples, &mut kept);
             let staged = kept.take_flat(self.staged(i + 1, samples));
             let patches = &pair[1].conv.patches;
             let images = staged.chunks_exact_mut(patches.staged());
             images.for_each(|image| patches.clear_border(image));
             let y = MapsMut::Staged(patches, staged);
-            pair[0].forward(params, (samples, x), (y, masks), scratch);
+            pair[0].forward(params, (samples, x), (y, own), scratch);
             x = Maps::Staged(patches, staged);
         }
-        let masks = kept.take_flat(self.last().masks(samples));
+        let own = self.last().keep(samples, &mut kept);
         let y = MapsMut::Channels(y);
-        self.last()
-            .forward(params, (samples, x), (y, masks), scratch);
+        self.last().forward(params, (samples, x), (y, own), scratch);
     }
 
     pub fn backward<T: Passes>(&self, pass: BackwardPass<T>) {
@@ -147,8 +162,26 @@ impl Chain {
         let mut dx = pass.dx;
         for (i, link) in self.links.iter().enumerate().rev() {
             let patches = &link.conv.patches;
+            let pooled = take_back(&mut kept, link.pooled(samples));
             let masks = take_back(&mut kept, link.masks(samples));
             let staged = take_back(&mut kept, self.staged(i, samples));
+            let mut dy = match self.links.get(i + 1) {
+                None => Maps::Channels(pass.dy),
+                Some(next) => Maps::Staged(&next.conv.patches, output_gradient),
+            };
+            if let Some(pool) = &link.pool {
+                let dx = &mut input_gradient[..pooled.len()];
+                T::unpool(Unpooling {
+                    pool,
+                    samples,
+                    x: pooled,
+                    dy,
+                    dx,
+                    scratch,
+                });
+                std::mem::swap(&mut output_gradient, &mut input_gradient);
+                dy = Maps::Staged(&pool.patches, output_gradient);
+            }
             let (x, dx) = match i {
                 0 => (Maps::Channels(pass.x), dx.take().map(MapsMut::Channels)),
                 _ => {
@@ -164,10 +197,7 @@ impl Chain {
                 samples,
                 params: &pass.params[link.params.clone()],
                 x,
-                dy: match self.links.get(i + 1) {
-                    None => Maps::Channels(pass.dy),
-                    Some(next) => Maps::Staged(&next.conv.patches, output_gradient),
-                },
+                dy,
                 masks: link.rectified.then_some(masks),
                 dx,
                 dparams: &mut pass.dparams[link.params.clone()],
@@ -178,8 +208,47 @@ impl Chain {
     }
 }
 
+/// What the forward pass of a link leaves to the backward pass.
+struct Kept<'a, T> {
+    masks: &'a mut [T],
+    /// What a pooling reads.
+    pooled: &'a mut [T],
+}
+
 impl Link {
+    fn out(&self) -> Shape {
+        self.pool.as_ref().map_or(self.conv.out, |pool| pool.out)
+    }
+
+    fn keep<'a, T: Passes>(&self, samples: usize, kept: &mut Pieces<'a, T>) -> Kept<'a, T> {
+        Kept {
+            masks: kept.take_flat(self.masks(samples)),
+            pooled: kept.take_flat(self.pooled(samples)),
+        }
+    }
+
     fn forward<T: Passes>(
+        &self,
+        params: &[T],
+        (samples, x): (usize, Maps<T>),
+        (y, kept): (MapsMut<T>, Kept<T>),
+        scratch: &mut [T],
+    ) {
+        let Some(pool) = &self.pool else {
+            return self.convolve(params, (samples, x), (y, kept.masks), scratch);
+        };
+        let before = MapsMut::Staged(&pool.patches, &mut *kept.pooled);
+        self.convolve(params, (samples, x), (before, kept.masks), scratch);
+        T::pool(Pooling {
+            pool,
+            samples,
+            x: kept.pooled,
+            y,
+            scratch,
+        });
+    }
+
+    fn convolve<T: Passes>(
         &self,
         params: &[T],
         (samples, x): (usize, Maps<T>),
@@ -199,6 +268,12 @@ impl Link {
             scratch,
         };
         pass.run_on_threads();
+    }
+
+    /// The length of the maps before a pooling.
+    fn pooled(&self, samples: usize) -> usize {
+        let pool = self.pool.as_ref();
+        pool.map_or(0, |pool| samples * pool.patches.staged())
     }
 
     /// The length of the masks of the ReLU, in whole blocks.

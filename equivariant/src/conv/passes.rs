@@ -5,6 +5,7 @@ use crate::chunks::in_one_of_many_chunks;
 use crate::conv::geometry::Conv;
 use crate::conv::maps::Maps;
 use crate::conv::pass::{Backward, Forward};
+use crate::conv::pool::{Pooling, Unpooling};
 use crate::conv::{backward, forward};
 use crate::order::with_order;
 use crate::real::Real;
@@ -22,6 +23,12 @@ pub trait Passes: Real {
 
     /// Runs a backward pass.
     fn backward(pass: Backward<Self>);
+
+    /// Runs a pooling.
+    fn pool(pass: Pooling<Self>);
+
+    /// Runs the backward pass of a pooling.
+    fn unpool(pass: Unpooling<Self>);
 }
 
 impl Passes for f32 {
@@ -34,6 +41,16 @@ impl Passes for f32 {
         let widest = pass.conv.widest;
         run_f32(pass, widest);
     }
+
+    fn pool(pass: Pooling<f32>) {
+        let widest = pass.pool.widest;
+        run_f32(pass, widest);
+    }
+
+    fn unpool(pass: Unpooling<f32>) {
+        let widest = pass.pool.widest;
+        run_f32(pass, widest);
+    }
 }
 
 impl Passes for f64 {
@@ -42,6 +59,14 @@ impl Passes for f64 {
     }
 
     fn backward(pass: Backward<f64>) {
+        pass.run(Portable);
+    }
+
+    fn pool(pass: Pooling<f64>) {
+        pass.run(Portable);
+    }
+
+    fn unpool(pass: Unpooling<f64>) {
         pass.run(Portable);
     }
 }

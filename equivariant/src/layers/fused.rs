@@ -42,7 +42,7 @@ impl<T: Scalar> Layer<T> for Chain {
 
 impl fmt::Display for Chain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shapes: Vec<String> = self.convs().map(|conv| conv.out.to_string()).collect();
+        let shapes: Vec<String> = self.outs().map(|out| out.to_string()).collect();
         write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::conv::chain::Fusible;
 use crate::error::LayerError;
 use crate::layers::accepted::permuted_fields;
 use crate::layers::layer::Signature;
@@ -92,6 +93,10 @@ impl Signature for MaxPool {
     /// One image in the regular basis, then two of its pixels.
     fn scratch_len(&self, _samples: usize) -> usize {
         self.shape.len() + 2 * self.shape.fields.dim()
+    }
+
+    fn fusible(&self) -> Option<Fusible<'_>> {
+        Some(Fusible::MaxPool(self.windows.kernel))
     }
 
     #[cfg(feature = "wgpu")]

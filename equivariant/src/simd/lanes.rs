@@ -4,7 +4,7 @@
 mod x86;
 
 use crate::instruction_set::InstructionSet;
-use crate::real::Real;
+use crate::real::{Real, exceeds};
 
 /// How many numbers a kernel handles at once.
 pub(crate) const LANES: usize = 16;
@@ -41,6 +41,9 @@ pub(crate) trait Lanes<T>: Copy {
     fn rectify(self, v: Self::V) -> (Self::V, u16);
     /// Zero where a bit is not set.
     fn keep(self, v: Self::V, bits: u16) -> Self::V;
+    /// The larger number of each lane, `best` of two equal ones, and the bits of the lanes of `v`
+    /// that won: not a number wins over anything.
+    fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16);
 }
 
 /// Work that is written once for all instruction sets.
@@ -171,5 +174,13 @@ impl<T: Real> Lanes<T> for Portable {
     fn keep(self, v: Block<T>, bits: u16) -> Block<T> {
         let kept = |lane: usize| bits >> lane & 1 == 1;
         std::array::from_fn(|lane| if kept(lane) { v[lane] } else { T::ZERO })
+    }
+
+    #[inline(always)]
+    fn larger(self, best: Block<T>, v: Block<T>) -> (Block<T>, u16) {
+        let won = |lane: usize| exceeds(v[lane], best[lane]);
+        let bits = (0..LANES).map(|lane| u16::from(won(lane)) << lane).sum();
+        let larger = |lane| if won(lane) { v[lane] } else { best[lane] };
+        (std::array::from_fn(larger), bits)
     }
 }

@@ -213,6 +213,11 @@ impl Patches {
         &self.windows
     }
 
+    /// Where every pixel of the image lies in a staged image.
+    pub fn pixels(&self) -> &[usize] {
+        &self.pixels
+    }
+
     /// Where consecutive pixels lie in staged images, in blocks.
     #[inline(always)]
     pub fn places(&self, first: usize, places: &mut [usize]) {

@@ -102,6 +102,7 @@ pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
         ),
         ("sequential", Box::new(network(group))),
         ("nested", Box::new(nested(group))),
+        ("pooled", Box::new(Sequential::new(pooled(group)).unwrap())),
     ]
 }
 
@@ -144,6 +145,24 @@ pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
         boxed(Linear::new(regular(8), hidden(group))),
     ];
     Sequential::new(layers).unwrap()
+}
+
+/// Convolutions with poolings behind them: one of a rectified map, one of a map that is not, and one
+/// that gives channels.
+pub fn pooled<T: Scalar>(group: Group) -> Vec<Box<dyn Layer<T>>> {
+    let regular = |n| group.regular(n);
+    let image = Shape::image;
+    let pool = |shape, size| boxed(MaxPool::new(shape, kernel([size, size, 0])));
+    vec![
+        conv(group.trivial(3), regular(3), [3, 1, 1], [12, 24]),
+        boxed(Relu::new(image(12, 24, regular(3)))),
+        pool(image(12, 24, regular(3)), 2),
+        conv(regular(3), regular(8), [3, 1, 1], [6, 12]),
+        pool(image(6, 12, regular(8)), 3),
+        conv(regular(8), regular(5), [1, 1, 0], [2, 4]),
+        boxed(Relu::new(image(2, 4, regular(5)))),
+        pool(image(2, 4, regular(5)), 2),
+    ]
 }
 
 fn hidden(group: Group) -> FieldType {

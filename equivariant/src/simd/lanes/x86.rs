@@ -1,6 +1,6 @@
 //! AVX-512 and AVX2 through the safe intrinsics of `pulp`.
 
-use std::arch::x86_64::{__m256, __m512};
+use std::arch::x86_64::{__m256, __m512, _CMP_GT_OQ, _CMP_UNORD_Q};
 
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
@@ -108,6 +108,13 @@ impl Lanes<f32> for V4 {
     #[inline(always)]
     fn keep(self, v: __m512, bits: u16) -> __m512 {
         self.avx512f._mm512_maskz_mov_ps(bits, v)
+    }
+
+    #[inline(always)]
+    fn larger(self, best: __m512, v: __m512) -> (__m512, u16) {
+        let more = self.avx512f._mm512_cmp_ps_mask::<_CMP_GT_OQ>(v, best);
+        let bits = more | self.avx512f._mm512_cmp_ps_mask::<_CMP_UNORD_Q>(v, v);
+        (self.avx512f._mm512_mask_mov_ps(best, bits, v), bits)
     }
 }
 
@@ -228,5 +235,21 @@ impl Lanes<f32> for V3 {
             }
         };
         cast(std::array::from_fn::<f32, 16, _>(kept))
+    }
+
+    #[inline(always)]
+    fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16) {
+        let avx = self.avx;
+        let won = |i: usize| {
+            let more = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[i], best[i]);
+            avx._mm256_or_ps(more, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[i], v[i]))
+        };
+        let [low, high] = [won(0), won(1)];
+        let bits = avx._mm256_movemask_ps(low) | avx._mm256_movemask_ps(high) << 8;
+        let larger = [
+            avx._mm256_blendv_ps(best[0], v[0], low),
+            avx._mm256_blendv_ps(best[1], v[1], high),
+        ];
+        (larger, bits as u16)
     }
 }

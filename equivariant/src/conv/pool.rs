@@ -1,0 +1,230 @@
+//! Max-pooling between the convolutions of a chain.
+//!
+//! It reads what the convolution before it wrote in the layout of the kernels, and writes the
+//! staged image of the next: fields are transformed to the basis that the group permutes in
+//! registers, and no map is brought to irrep-major channels.
+
+use crate::conv::geometry::Conv;
+use crate::conv::maps::{Maps, MapsMut};
+use crate::conv::pieces::Pieces;
+use crate::instruction_set::InstructionSet;
+use crate::order::with_order;
+use crate::real::Real;
+use crate::shape::Shape;
+use crate::simd::join::Join;
+use crate::simd::lanes::{Block, LANES, Lanes, WithLanes, unscaled_hadamard};
+use crate::simd::patches::Patches;
+use crate::steerable::taps::Taps;
+use crate::window::Kernel;
+
+/// Pixels of the largest window.
+const MOST: usize = 16;
+
+/// A max-pooling of regular fields whose windows tile the image.
+#[derive(Clone, Debug)]
+pub(crate) struct Pool {
+    /// The layout of the maps before it: no padding, and nothing is folded.
+    pub patches: Patches,
+    pub out: Shape,
+    /// The first pixel of every window, in blocks of a staged image.
+    windows: Vec<usize>,
+    /// The pixels of a window, as distances from the first.
+    taps: Vec<usize>,
+    pub widest: InstructionSet,
+}
+
+impl Pool {
+    /// The pooling of what a convolution gives; none if the windows overlap, leave pixels out or
+    /// have too many, or channels are not those of regular fields.
+    pub fn behind(conv: &Conv, kernel: Kernel) -> Option<Pool> {
+        let image = conv.out;
+        let size = kernel.size;
+        let tiles = [image.height, image.width].map(|side| side / size);
+        let whole = tiles.map(|count| count * size) == [image.height, image.width];
+        let apart = kernel == Kernel::new(size, size, 0) && size * size <= MOST;
+        image.fields.regular_fields()?;
+        if !(whole && apart) {
+            return None;
+        }
+        let pixel = Kernel::new(1, 1, 0);
+        let size_of = [image.height, image.width];
+        let patches = Patches::new(&Taps::new(image.fields, 1), image, pixel, size_of);
+        let at = |y: usize, x: usize| patches.pixels()[y * image.width + x] / LANES;
+        let grid = |[height, width]: [usize; 2], step: usize| -> Vec<usize> {
+            let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+            lines.map(|(y, x)| at(y * step, x * step)).collect()
+        };
+        Some(Pool {
+            windows: grid(tiles, size),
+            taps: grid([size, size], 1),
+            out: Shape::image(tiles[0], tiles[1], image.fields),
+            widest: conv.widest,
+            patches,
+        })
+    }
+
+    /// Room for the blocks of a pixel.
+    pub fn scratch_len(&self) -> usize {
+        self.patches.blocks() * LANES
+    }
+
+    /// What makes values in one layout, of which twice the transform was taken, those of another.
+    fn scale(&self, from: f64, to: f64) -> f64 {
+        to / from / self.out.fields.group().order() as f64
+    }
+}
+
+/// Everything that a pooling reads and writes.
+pub struct Pooling<'a, T> {
+    pub(crate) pool: &'a Pool,
+    pub(crate) samples: usize,
+    /// In the layout of the pooling.
+    pub(crate) x: &'a [T],
+    pub(crate) y: MapsMut<'a, T>,
+    pub(crate) scratch: &'a mut [T],
+}
+
+/// Everything that the backward pass of a pooling reads and writes.
+pub struct Unpooling<'a, T> {
+    pub(crate) pool: &'a Pool,
+    pub(crate) samples: usize,
+    /// What the pooling read.
+    pub(crate) x: &'a [T],
+    pub(crate) dy: Maps<'a, T>,
+    /// In the layout of the pooling; overwritten.
+    pub(crate) dx: &'a mut [T],
+    pub(crate) scratch: &'a mut [T],
+}
+
+impl<T: Real> WithLanes<T> for Pooling<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<T>>(self, lanes: L) {
+        with_order!(
+            G = self.pool.out.fields.group().order(),
+            self.run_groups::<L, G>(lanes)
+        );
+    }
+}
+
+impl<T: Real> Pooling<'_, T> {
+    #[inline(always)]
+    fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
+        let (pool, own) = (self.pool, self.pool.patches.scale());
+        let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
+        let room = Pieces::new(self.scratch).take(blocks);
+        let join = Join::new(pool.out.fields);
+        let images = self.x.as_chunks().0;
+        let images = images.chunks_exact(pool.patches.staged() / LANES);
+        for (n, x) in images.take(self.samples).enumerate() {
+            for (i, &window) in pool.windows.iter().enumerate() {
+                match &mut self.y {
+                    MapsMut::Channels(y) => {
+                        maxima::<T, L, G>(lanes, pool, &x[window..], pool.scale(own, 1.0), room);
+                        let pixel = n * pool.windows.len() + i;
+                        let y = &mut y[pixel * channels..][..channels];
+                        join.undo::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
+                    }
+                    MapsMut::Staged(patches, y) => {
+                        let at = n * patches.staged() + patches.pixels()[i];
+                        let y = &mut y[at..][..blocks * LANES];
+                        let scale = pool.scale(own, patches.scale());
+                        maxima::<T, L, G>(lanes, pool, &x[window..], scale, y.as_chunks_mut().0);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The maxima of one window, which `x` begins with.
+#[inline(always)]
+fn maxima<T: Real, L: Lanes<T>, const G: usize>(
+    lanes: L,
+    pool: &Pool,
+    x: &[Block<T>],
+    scale: f64,
+    y: &mut [Block<T>],
+) {
+    let scale = lanes.splat(T::from_f64(scale));
+    for (c, y) in y.iter_mut().enumerate() {
+        let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
+        for tap in &pool.taps[1..] {
+            let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
+            best = lanes.larger(best, v).0;
+        }
+        let best = unscaled_hadamard::<T, L, G>(lanes, best);
+        lanes.store(y, lanes.mul(best, scale));
+    }
+}
+
+impl<T: Real> WithLanes<T> for Unpooling<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<T>>(self, lanes: L) {
+        with_order!(
+            G = self.pool.out.fields.group().order(),
+            self.run_groups::<L, G>(lanes)
+        );
+    }
+}
+
+impl<T: Real> Unpooling<'_, T> {
+    #[inline(always)]
+    fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
+        let (pool, own) = (self.pool, self.pool.patches.scale());
+        let (blocks, channels) = (pool.patches.blocks(), pool.out.fields.dim());
+        let room = Pieces::new(self.scratch).zeros(blocks);
+        let join = Join::new(pool.out.fields);
+        let staged = pool.patches.staged() / LANES;
+        let images = self.x.as_chunks().0.chunks_exact(staged);
+        let gradients = self.dx.as_chunks_mut().0.chunks_exact_mut(staged);
+        for (n, (x, dx)) in images.zip(gradients).take(self.samples).enumerate() {
+            for (i, &window) in pool.windows.iter().enumerate() {
+                // the gradient in a staged value is that in the value over its scale
+                let (dy, scale) = match self.dy {
+                    Maps::Channels(dy) => {
+                        let pixel = n * pool.windows.len() + i;
+                        let dy = &dy[pixel * channels..][..channels];
+                        join.run::<T, G>(T::from_f64(1.0), dy, room.as_flattened_mut());
+                        (&*room, pool.scale(own, 1.0))
+                    }
+                    Maps::Staged(patches, dy) => {
+                        let at = n * patches.staged() + patches.pixels()[i];
+                        let dy = &dy[at..][..blocks * LANES];
+                        (dy.as_chunks().0, pool.scale(own, patches.scale()))
+                    }
+                };
+                let (x, dx) = (&x[window..], &mut dx[window..]);
+                route::<T, L, G>(lanes, pool, x, (dy, scale), dx);
+            }
+        }
+    }
+}
+
+/// Hands the gradient of one window to the first pixel that holds the maximum.
+#[inline(always)]
+fn route<T: Real, L: Lanes<T>, const G: usize>(
+    lanes: L,
+    pool: &Pool,
+    x: &[Block<T>],
+    (dy, scale): (&[Block<T>], f64),
+    dx: &mut [Block<T>],
+) {
+    let scale = lanes.splat(T::from_f64(scale));
+    for (c, dy) in dy.iter().enumerate() {
+        let mut won = [0; MOST];
+        won[0] = u16::MAX;
+        let mut best = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[c]));
+        for (i, tap) in pool.taps.iter().enumerate().skip(1) {
+            let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&x[tap + c]));
+            (best, won[i]) = lanes.larger(best, v);
+            for earlier in 0..i {
+                won[earlier] &= !won[i];
+            }
+        }
+        let dy = unscaled_hadamard::<T, L, G>(lanes, lanes.load(dy));
+        for (&tap, &won) in pool.taps.iter().zip(&won) {
+            let d = unscaled_hadamard::<T, L, G>(lanes, lanes.keep(dy, won));
+            lanes.store(&mut dx[tap + c], lanes.mul(d, scale));
+        }
+    }
+}
