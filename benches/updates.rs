@@ -8,9 +8,9 @@ use noise::{HORIZON, Noise};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, EnvSpec, Experience, NetworkSettings,
-    Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
-    SacSettings, collect,
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, EnvSpec, Experience, Metrics,
+    NetworkSettings, Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer,
+    RolloutState, Sac, SacPolicy, SacSettings, collect,
 };
 use symmetry::Group;
 
@@ -48,7 +48,8 @@ impl Case<'_> {
             ..PpoSettings::default()
         };
         let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
-        self.measure(c, "ppo", 2 * HORIZON * self.spec.num_envs, fresh, &buffer)
+        let samples = 2 * HORIZON * self.spec.num_envs;
+        self.measure(c, "ppo", (samples, "epochs", 2.0), fresh, &buffer)
     }
 
     fn sac(
@@ -74,19 +75,22 @@ impl Case<'_> {
             ..settings
         };
         let fresh = || Ok((Sac::new(settings.clone(), &policy)?, policy.clone()));
-        self.measure(c, name, samples, fresh, &replay)
+        self.measure(c, name, (samples, "steps", updates.into()), fresh, &replay)
     }
 
-    /// Times updates of a fresh copy each time.
+    /// Times updates of a fresh copy each time, which report this figure.
     fn measure<A: Algorithm>(
         &self,
         c: &mut Criterion,
         name: &str,
-        samples: usize,
+        (samples, figure, expected): (usize, &str, f64),
         fresh: impl Fn() -> Result<(A, A::Policy), RlError>,
         experience: &A::Experience,
     ) -> Result<(), RlError> {
-        drop(fresh()?);
+        let (mut algorithm, mut policy) = fresh()?;
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let stats = algorithm.update(&mut policy, experience, &mut rng)?;
+        assert!(stats.metrics().contains(&(figure.to_owned(), expected)));
         let mut group = c.benchmark_group(format!("updates_{}", self.name));
         group.sample_size(10);
         group.throughput(Throughput::Elements(samples as u64));

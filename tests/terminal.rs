@@ -1,4 +1,5 @@
-//! Screens on a terminal, and what becomes of who draws on it when it goes away.
+//! Screens on a terminal, and what becomes of who draws on it when it goes away. The terminal is
+//! not the one that controls the session, so no signal says that it is gone.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::Read;
@@ -81,8 +82,10 @@ fn a_run_ends_with_its_terminal_and_leaves_a_checkpoint() {
     while metrics().lines().count() < 3 && clock.elapsed() < PATIENCE {
         sleep(Duration::from_millis(20));
     }
+    let begun = metrics().lines().count() >= 3;
     drop(owner);
     assert_eq!(end(child).code(), Some(1));
+    assert!(begun, "no rollouts within {PATIENCE:?}");
     let saved = fs::read_dir(run.join("checkpoints")).unwrap().next();
     let name = saved.unwrap().unwrap().file_name().into_string().unwrap();
     // a header, and a row a rollout

@@ -1,7 +1,8 @@
 //! The chunked gradient engine: same bits for any number of threads.
 
 use equivariant::{
-    Chunks, FieldType, Group, Layer, Relu, Scalar, Scratch, Sequential, Shape, Signature,
+    Chunks, FieldType, Group, Kernel, Layer, MaxPool, Relu, Scalar, Scratch, Sequential, Shape,
+    Signature,
 };
 
 use crate::common::{
@@ -67,9 +68,9 @@ fn the_bits_do_not_depend_on_threads_or_on_earlier_calls() {
     }
 }
 
-/// Layers with enough to do for a second thread: fused and alone, odd numbers of lines, types that
-/// fill no block.
-fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 4] {
+/// Layers with enough to do for a second thread: fused, also with a pooling, and alone, odd numbers
+/// of lines, types that fill no block.
+fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 5] {
     let mixed = FieldType::new(group, [5, 4, 3, 2]);
     let [trivial, regular] = [group.trivial(6), group.regular(16)];
     let fused = Sequential::new(vec![
@@ -77,8 +78,16 @@ fn large_layers<T: Scalar>(group: Group) -> [Box<dyn Layer<T>>; 4] {
         boxed(Relu::new(Shape::image(27, 25, regular))),
         conv(regular, regular, [3, 1, 1], [27, 25]),
     ]);
+    let map = Shape::image(26, 28, regular);
+    let pooled = Sequential::new(vec![
+        conv(trivial, regular, [3, 1, 1], [26, 28]),
+        boxed(Relu::new(map)),
+        boxed(MaxPool::new(map, Kernel::new(2, 2, 0))),
+        conv(regular, regular, [3, 1, 1], [13, 14]),
+    ]);
     [
         boxed(fused),
+        boxed(pooled),
         conv(trivial, regular, [5, 1, 2], [19, 17]),
         conv(mixed, mixed, [5, 1, 2], [31, 37]),
         conv(regular, mixed, [3, 2, 1], [65, 33]),

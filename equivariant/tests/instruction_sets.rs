@@ -8,16 +8,22 @@ use crate::common::{params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 
-/// Outputs and gradients of a convolution with a ReLU, and with a pooling where windows fit; without
-/// an input gradient first layers take another path.
+/// Outputs and gradients of a convolution with a ReLU, and of one with a pooling where windows fit;
+/// without an input gradient first layers take another path.
 fn run(conv: &R2Conv, set: InstructionSet, with_dx: bool) -> Vec<f32> {
+    let pooled = run_pooled(conv, set, with_dx, true);
+    [run_pooled(conv, set, with_dx, false), pooled].concat()
+}
+
+fn run_pooled(conv: &R2Conv, set: InstructionSet, with_dx: bool, pooled: bool) -> Vec<f32> {
     let relu = Relu::new(conv.out_shape());
     let conv = Box::new(conv.clone().at_most(set));
     let layer: Box<dyn Layer<f32>> = match relu {
         Ok(relu) => {
             let pool = MaxPool::new(relu.out_shape(), Kernel::new(2, 2, 0));
             let mut layers: Vec<Box<dyn Layer<f32>>> = vec![conv, Box::new(relu)];
-            layers.extend(pool.ok().map(|pool| Box::new(pool) as Box<dyn Layer<f32>>));
+            let pool = pool.ok().filter(|_| pooled);
+            layers.extend(pool.map(|pool| Box::new(pool) as Box<dyn Layer<f32>>));
             Box::new(Sequential::new(layers).unwrap())
         }
         // types without a basis that the group permutes

@@ -293,3 +293,38 @@ fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
     *rest = front;
     back
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use symmetry::{FieldType, Group};
+
+    /// A convolution of a 6 x 8 map to this type.
+    fn conv(to: FieldType) -> Conv {
+        let image = Shape::image(6, 8, to.group().trivial(3));
+        Conv::new("R2Conv", image, to, Kernel::new(3, 1, 1)).unwrap()
+    }
+
+    /// How many of a convolution, a ReLU where types have one, a pooling and a ReLU are fused.
+    fn taken(to: FieldType, pool: [usize; 3]) -> usize {
+        let conv = conv(to);
+        let [size, stride, padding] = pool;
+        let pool = Fusible::MaxPool(Kernel::new(size, stride, padding));
+        let layers = [Fusible::Conv(&conv), Fusible::Relu, pool, Fusible::Relu];
+        Chain::take(layers.into_iter().map(Some)).map_or(0, |(_, taken)| taken)
+    }
+
+    #[test]
+    fn poolings_whose_windows_tile_the_map_are_fused() {
+        for group in Group::ALL {
+            assert_eq!(taken(group.regular(3), [2, 2, 0]), 3);
+            assert_eq!(taken(group.regular(3), [1, 1, 0]), 3);
+        }
+        let overlapping = [3, 1, 1];
+        let beyond_the_map = [4, 4, 0];
+        for pool in [overlapping, beyond_the_map, [2, 1, 0], [5, 5, 0]] {
+            assert_eq!(taken(Group::C1.regular(3), pool), 2, "{pool:?}");
+        }
+        assert_eq!(taken(Group::D2.trivial(3), [2, 2, 0]), 2);
+    }
+}

@@ -200,7 +200,8 @@ impl<T: Real> Unpooling<'_, T> {
     }
 }
 
-/// Hands the gradient of one window to the first pixel that holds the maximum.
+/// Hands the gradient of one window to the first pixel that holds the maximum. Where a pixel is not
+/// a number it takes the gradient, which [`MaxPool`](crate::MaxPool) by itself drops.
 #[inline(always)]
 fn route<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,

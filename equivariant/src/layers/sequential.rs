@@ -15,8 +15,8 @@ use crate::simd::lanes::LANES;
 
 /// A chain of layers, itself a layer.
 ///
-/// Convolutions and ReLUs that follow one another run fused, which changes no value but by
-/// rounding. Its parameters are those of its layers in order. `forward` leaves every activation in
+/// Convolutions, ReLUs and max-poolings that follow one another run fused, which changes no value
+/// but by rounding. Its parameters are those of its layers in order. `forward` leaves every activation in
 /// `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same
 /// samples filled.
 pub struct Sequential<T> {

@@ -147,8 +147,8 @@ pub fn network<T: Scalar>(group: Group) -> Sequential<T> {
     Sequential::new(layers).unwrap()
 }
 
-/// Convolutions with poolings behind them: one of a rectified map, one of a map that is not, and one
-/// that gives channels.
+/// Convolutions with poolings behind them, over the largest windows that run fused, over three
+/// pixels and over one: of a rectified map, of one that is not, and one that gives channels.
 pub fn pooled<T: Scalar>(group: Group) -> Vec<Box<dyn Layer<T>>> {
     let regular = |n| group.regular(n);
     let image = Shape::image;
@@ -156,12 +156,12 @@ pub fn pooled<T: Scalar>(group: Group) -> Vec<Box<dyn Layer<T>>> {
     vec![
         conv(group.trivial(3), regular(3), [3, 1, 1], [12, 24]),
         boxed(Relu::new(image(12, 24, regular(3)))),
-        pool(image(12, 24, regular(3)), 2),
-        conv(regular(3), regular(8), [3, 1, 1], [6, 12]),
-        pool(image(6, 12, regular(8)), 3),
-        conv(regular(8), regular(5), [1, 1, 0], [2, 4]),
-        boxed(Relu::new(image(2, 4, regular(5)))),
-        pool(image(2, 4, regular(5)), 2),
+        pool(image(12, 24, regular(3)), 4),
+        conv(regular(3), regular(8), [3, 1, 1], [3, 6]),
+        pool(image(3, 6, regular(8)), 3),
+        conv(regular(8), regular(5), [1, 1, 0], [1, 2]),
+        boxed(Relu::new(image(1, 2, regular(5)))),
+        pool(image(1, 2, regular(5)), 1),
     ]
 }
 

@@ -240,11 +240,10 @@ impl Lanes<f32> for V3 {
     #[inline(always)]
     fn larger(self, best: Self::V, v: Self::V) -> (Self::V, u16) {
         let avx = self.avx;
-        let won = |i: usize| {
-            let more = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[i], best[i]);
-            avx._mm256_or_ps(more, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[i], v[i]))
-        };
-        let [low, high] = [won(0), won(1)];
+        let low = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[0], best[0]);
+        let low = avx._mm256_or_ps(low, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[0], v[0]));
+        let high = avx._mm256_cmp_ps::<_CMP_GT_OQ>(v[1], best[1]);
+        let high = avx._mm256_or_ps(high, avx._mm256_cmp_ps::<_CMP_UNORD_Q>(v[1], v[1]));
         let bits = avx._mm256_movemask_ps(low) | avx._mm256_movemask_ps(high) << 8;
         let larger = [
             avx._mm256_blendv_ps(best[0], v[0], low),
