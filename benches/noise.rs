@@ -25,12 +25,11 @@ pub struct Noise {
 }
 
 impl Noise {
-    pub fn new(spec: EnvSpec) -> Self {
-        let rng = ChaCha8Rng::seed_from_u64(0);
+    pub fn new() -> Self {
         Self {
-            spec,
+            spec: spec(),
             steps: 0,
-            rng,
+            rng: ChaCha8Rng::seed_from_u64(0),
         }
     }
 }

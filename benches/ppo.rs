@@ -15,7 +15,7 @@ use rl::{
 
 /// A rollout of noise.
 fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<RolloutBuffer, RlError> {
-    let mut env = Noise::new(spec());
+    let mut env = Noise::new();
     let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
     let mut state = RolloutState::reset(&mut env, policy)?;
     collect(&mut env, policy, &mut buffer, &mut state, rng)?;

@@ -4,13 +4,13 @@
 mod noise;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use noise::{HORIZON, Noise};
+use noise::{HORIZON, Noise, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, EnvSpec, Experience, Metrics,
-    NetworkSettings, Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer,
-    RolloutState, Sac, SacPolicy, SacSettings, collect,
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Experience, Metrics, NetworkSettings,
+    Ppo, PpoSettings, Replay, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy,
+    SacSettings, collect,
 };
 use symmetry::Group;
 
@@ -21,7 +21,6 @@ const STEPS: usize = 4;
 struct Case<'a> {
     name: &'a str,
     network: NetworkSettings,
-    spec: EnvSpec,
 }
 
 impl Case<'_> {
@@ -31,7 +30,7 @@ impl Case<'_> {
         policy: &mut A,
         experience: &mut impl Experience<A>,
     ) -> Result<(), RlError> {
-        let (mut env, mut rng) = (Noise::new(self.spec.clone()), ChaCha8Rng::seed_from_u64(1));
+        let (mut env, mut rng) = (Noise::new(), ChaCha8Rng::seed_from_u64(1));
         let mut state = RolloutState::reset(&mut env, policy)?;
         collect(&mut env, policy, experience, &mut state, &mut rng)?;
         Ok(())
@@ -39,8 +38,8 @@ impl Case<'_> {
 
     /// Two passes over 1000 decisions.
     fn ppo(&self, c: &mut Criterion) -> Result<(), RlError> {
-        let mut policy = ActorCriticPolicy::new(&self.network, &self.spec, 0)?;
-        let mut buffer = RolloutBuffer::new(&self.spec, HORIZON)?;
+        let mut policy = ActorCriticPolicy::new(&self.network, &spec(), 0)?;
+        let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
         self.fill(&mut policy, &mut buffer)?;
         let settings = PpoSettings {
             epochs: 2,
@@ -48,7 +47,7 @@ impl Case<'_> {
             ..PpoSettings::default()
         };
         let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
-        let samples = 2 * HORIZON * self.spec.num_envs;
+        let samples = 2 * HORIZON * spec().num_envs;
         self.measure(c, "ppo", (samples, "epochs", 2.0), fresh, &buffer)
     }
 
@@ -59,12 +58,12 @@ impl Case<'_> {
         context: Option<ContextSettings>,
         settings: SacSettings,
     ) -> Result<(), RlError> {
-        let mut policy = SacPolicy::new(&self.network, context, &self.spec, 0)?;
+        let mut policy = SacPolicy::new(&self.network, context, &spec(), 0)?;
         let replay = ReplaySettings {
             steps: HORIZON,
             ..ReplaySettings::default()
         };
-        let mut replay = Replay::new(replay, &self.spec)?;
+        let mut replay = Replay::new(replay, &spec())?;
         self.fill(&mut policy, &mut replay)?;
         let samples = 512 * STEPS;
         let updates = samples as f32 / settings.batch as f32;
@@ -109,14 +108,12 @@ impl Case<'_> {
 }
 
 fn all(c: &mut Criterion) -> Result<(), RlError> {
-    let spec = noise::spec();
     let plain = Case {
         name: "plain",
         network: NetworkSettings {
             group: Group::C1,
             ..NetworkSettings::default()
         },
-        spec: spec.clone(),
     };
     plain.ppo(c)?;
     plain.sac(c, "sac", None, SacSettings::paper())?;
@@ -129,7 +126,6 @@ fn all(c: &mut Criterion) -> Result<(), RlError> {
     let equivariant = Case {
         name: "equivariant",
         network: NetworkSettings::default(),
-        spec,
     };
     equivariant.ppo(c)?;
     let augmented = SacSettings {

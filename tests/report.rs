@@ -1,6 +1,7 @@
 //! What `covers report` says of runs, and what it refuses.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use clap::Parser;
@@ -325,4 +326,33 @@ fn pictures_take_a_program_that_is_asked_for_first() {
     assert_eq!(covers.status.code(), Some(1), "{said}");
     assert!(said.contains("librsvg2-bin"), "{said}");
     assert!(!out.exists());
+}
+
+#[test]
+fn every_drawing_is_a_picture_too_where_they_are_asked_for() {
+    let scratch = Scratch::new("pngs");
+    scratch.run("equi-seed0", alone(Method::Equi, 0));
+    // a program whose pictures are what it is fed
+    let program = scratch.0.join("rsvg-convert");
+    fs::write(&program, "#!/bin/sh\ncat\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let out = scratch.0.join("out");
+    let covers = std::process::Command::new(env!("CARGO_BIN_EXE_covers"))
+        .arg("report")
+        .arg(scratch.0.join("equi-seed0"))
+        .args(["--png", "--out"])
+        .arg(&out)
+        .env("PATH", format!("{}:/usr/bin:/bin", scratch.0.display()))
+        .output()
+        .unwrap();
+    assert!(covers.status.success(), "{covers:?}");
+    let files = fs::read_dir(&out).unwrap().map(|file| file.unwrap().path());
+    let drawings: Vec<_> = files
+        .filter(|path| path.extension().is_some_and(|e| e == "svg"))
+        .collect();
+    assert!(!drawings.is_empty());
+    for svg in drawings {
+        let picture = fs::read(svg.with_extension("png")).unwrap();
+        assert_eq!(picture, fs::read(&svg).unwrap(), "{}", svg.display());
+    }
 }
