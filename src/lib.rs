@@ -32,6 +32,7 @@ pub mod commands;
 mod completions;
 pub mod deploy;
 mod disk;
+mod distinct;
 pub mod doctor;
 mod error;
 pub mod evaluation;

@@ -173,6 +173,9 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     let last = "the last rows of";
     for (name, column, wrong, problem) in [
         ("evaluation.csv", "rollouts", "1", last),
+        ("evaluation.csv", "decisions", "1", "about decisions"),
+        ("evaluation.csv", "element", "flip y", "twice"),
+        ("evaluation.csv", "element", "turn", "cannot be"),
         ("evaluation.csv", "success", "NaN", "cannot be"),
         (
             "evaluation.csv",

@@ -6,6 +6,7 @@ use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
 
+use crate::distinct::distinct;
 use crate::report::Table;
 
 /// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
@@ -75,8 +76,7 @@ fn table(scores: &[TrialScore]) -> Table {
         "policies",
     ];
     let mut table = Table::new("Success in trials on a robot.", &header);
-    let mut groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).collect();
-    groups.dedup();
+    let groups = distinct(scores.iter().map(|score| score.group));
     for &group in &groups {
         let of = scores.iter().filter(|score| score.group == group);
         let paper = PAPER.iter().find(|(name, _)| *name == group.name());

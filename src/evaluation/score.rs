@@ -4,6 +4,8 @@ use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
 
+use crate::distinct::distinct;
+
 /// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Score {
@@ -45,8 +47,7 @@ pub struct GroupScore {
 
 /// Means over the variants of each group, in the order in which the groups appear.
 pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
-    let mut groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).collect();
-    groups.dedup();
+    let groups: Vec<TaskGroup> = distinct(scores.iter().map(|score| score.group));
     let of = |group| scores.iter().filter(move |score| score.group == group);
     let summarise = |group| {
         let episodes: usize = of(group).map(|score| score.episodes).sum();

@@ -10,6 +10,7 @@ use super::run_data::RunData;
 use super::svg::escaped;
 use super::table::Table;
 use crate::colours::colour;
+use crate::distinct::distinct;
 use crate::evaluation::SHOWN;
 
 /// What the page looks like, light or dark.
@@ -59,13 +60,8 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
 /// How the runs were made.
 fn command(methods: &[MethodRuns]) -> String {
     let runs = methods.iter().flat_map(|method| &method.runs);
-    let mut commands: Vec<String> = Vec::new();
-    for process in runs.flat_map(|run| run.provenance.first()) {
-        let command = process.command.join(" ");
-        if !commands.contains(&command) {
-            commands.push(command);
-        }
-    }
+    let first = runs.flat_map(|run| run.provenance.first());
+    let commands = distinct(first.map(|process| process.command.join(" ")));
     match commands.is_empty() {
         true => String::new(),
         false => format!(

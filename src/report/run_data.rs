@@ -1,10 +1,13 @@
 //! The files of one run's folder.
 
+use std::collections::HashSet;
 use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
+use symmetry::D2;
 
+use crate::distinct::distinct;
 use crate::error::CoversError;
 use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
@@ -139,8 +142,7 @@ impl RunData {
 
     /// The commits that the run was made by, each once, those of changed trees marked.
     pub fn commits(&self) -> Vec<String> {
-        let mut commits = Vec::new();
-        for process in &self.provenance {
+        distinct(self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
             let commit: String = commit.chars().take(SHORT).collect();
             let mark = if process.clean == Some(false) {
@@ -148,12 +150,8 @@ impl RunData {
             } else {
                 ""
             };
-            let commit = format!("{commit}{mark}");
-            if !commits.contains(&commit) {
-                commits.push(commit);
-            }
-        }
-        commits
+            format!("{commit}{mark}")
+        }))
     }
 
     /// The rows of the evaluation after the stream.
@@ -191,9 +189,7 @@ impl RunData {
 
     /// The groups, in the order in which they are scored.
     pub fn groups(&self) -> Vec<&str> {
-        let mut groups: Vec<&str> = self.last_scores().map(|row| row.group.as_str()).collect();
-        groups.dedup();
-        groups
+        distinct(self.last_scores().map(|row| row.group.as_str()))
     }
 }
 
@@ -209,8 +205,10 @@ fn check(
         return Err(unfit("it is not finished; go on with `covers resume`"));
     }
     let share = |value: f64| (0.0..=1.0).contains(&value);
+    let elements = D2::ALL.map(|element| element.to_string());
     let sound = |row: &ScoreRow| {
         counted(row.episodes)
+            && elements.contains(&row.element)
             && share(row.success)
             && share(row.success_at_end)
             && row.reward.is_finite()
@@ -231,14 +229,35 @@ fn check(
     {
         return Err(unfit("metrics.csv holds a row that cannot be"));
     }
-    let end = rollouts.last().map(|row| (rollouts.len(), row.decisions));
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
-    if !in_order || scores.last().map(|row| (row.rollouts, row.decisions)) != end {
+    if !in_order || scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
         return Err(unfit(
             "the last rows of evaluation.csv and metrics.csv do not agree",
         ));
     }
+    if !scores
+        .iter()
+        .all(|row| spent(rollouts, row.rollouts) == Some(row.decisions))
+    {
+        return Err(unfit(
+            "evaluation.csv and metrics.csv do not agree about decisions",
+        ));
+    }
+    let mut variants = HashSet::new();
+    let keys = scores.iter();
+    let mut keys = keys.map(|row| (row.rollouts, &row.group, &row.element));
+    if !keys.all(|key| variants.insert(key)) {
+        return Err(unfit("evaluation.csv scores a variant twice at a time"));
+    }
     Ok(())
+}
+
+/// Decisions taken by the end of the first so many rollouts; none where there are fewer.
+fn spent(rollouts: &[RolloutRow], first: usize) -> Option<usize> {
+    match first.checked_sub(1) {
+        None => Some(0),
+        Some(last) => rollouts.get(last).map(|row| row.decisions),
+    }
 }
 
 fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), CoversError> {
@@ -348,6 +367,25 @@ mod tests {
         // of a process after a crash that took the table with it
         run.timings = vec![TimingRow::default()];
         assert_eq!(run.seconds(), None);
+    }
+
+    /// Whoever sorts a table by variants leaves a group's rows apart.
+    #[test]
+    fn a_group_is_named_once_wherever_its_rows_are() {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let row = |group: &str| ScoreRow {
+            rollouts: 1,
+            decisions: 500,
+            group: group.to_owned(),
+            element: D2::Identity.to_string(),
+            seen: true,
+            episodes: 1,
+            success: 0.5,
+            success_at_end: 0.5,
+            reward: 100.0,
+        };
+        run.scores = ["b", "a", "b"].map(row).to_vec();
+        assert_eq!(run.groups(), ["b", "a"]);
     }
 
     #[test]

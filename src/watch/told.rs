@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde_json::Value;
 use symmetry::D2;
 
+use crate::distinct::distinct;
 use crate::report::{RolloutRow, RunData, ScoreRow, mean};
 use crate::tables::{RolloutLine, number};
 
@@ -78,8 +79,7 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
 
 /// The mean success of each group's variants.
 fn successes(scores: &[&ScoreRow]) -> String {
-    let mut groups: Vec<&str> = scores.iter().map(|row| row.group.as_str()).collect();
-    groups.dedup();
+    let groups = distinct(scores.iter().map(|row| row.group.as_str()));
     let success = |group: &str| {
         let own = scores.iter().filter(|row| row.group == group);
         let own: Vec<f64> = own.map(|row| row.success).collect();
