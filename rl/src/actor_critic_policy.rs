@@ -84,6 +84,54 @@ impl ActorCriticPolicy {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
     }
 
+    /// Samples actions `[N, A]` from the outputs of N observations.
+    pub(crate) fn write_actions(
+        &mut self,
+        samples: usize,
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        check_len("actions", "[N, A]", out.len(), samples * self.width())?;
+        self.sample(rng, out);
+        Ok(())
+    }
+
+    /// Decides from the outputs of N observations.
+    pub(crate) fn write_decisions(
+        &mut self,
+        samples: usize,
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        out.check(self.network().spec(), samples)?;
+        self.sample(rng, &mut out.actions);
+        self.weigh(out);
+        Ok(())
+    }
+
+    /// Writes the means `[N, A]` of the outputs of N observations.
+    pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
+        let width = self.width();
+        check_len("mean actions", "[N, A]", out.len(), samples * width)?;
+        let rows = out.chunks_exact_mut(width);
+        for (mean, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+            mean.iter_mut()
+                .zip(output)
+                .for_each(|(m, &o)| *m = o as f32);
+        }
+        Ok(())
+    }
+
+    /// Writes the values `[N]` of the outputs of N observations.
+    pub(crate) fn write_values(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
+        check_len("values", "[N]", out.len(), samples)?;
+        let width = self.width();
+        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
+            *value = output[width] as f32;
+        }
+        Ok(())
+    }
+
     /// Draws actions `[N, A]` around the means of the last run.
     fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
         let width = self.width();
@@ -128,9 +176,7 @@ impl Actor for ActorCriticPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        check_len("actions", "[N, A]", out.len(), samples * self.width())?;
-        self.sample(rng, out);
-        Ok(())
+        self.write_actions(samples, rng, out)
     }
 
     fn mean_actions(
@@ -139,18 +185,8 @@ impl Actor for ActorCriticPolicy {
         (): &mut (),
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        let width = self.width();
         let samples = self.run(observations)?;
-        check_len("mean actions", "[N, A]", out.len(), samples * width)?;
-        for (mean, output) in out
-            .chunks_exact_mut(width)
-            .zip(self.outputs.chunks_exact(width + 1))
-        {
-            mean.iter_mut()
-                .zip(output)
-                .for_each(|(m, &o)| *m = o as f32);
-        }
-        Ok(())
+        self.write_means(samples, out)
     }
 }
 
@@ -163,10 +199,7 @@ impl OnPolicy for ActorCriticPolicy {
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        out.check(self.network().spec(), samples)?;
-        self.sample(rng, &mut out.actions);
-        self.weigh(out);
-        Ok(())
+        self.write_decisions(samples, rng, out)
     }
 }
 
@@ -185,13 +218,8 @@ impl Assess for ActorCriticPolicy {
 
 impl Values for ActorCriticPolicy {
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let width = self.width();
         let samples = self.run(observations)?;
-        check_len("values", "[N]", out.len(), samples)?;
-        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
-            *value = output[width] as f32;
-        }
-        Ok(())
+        self.write_values(samples, out)
     }
 }
 

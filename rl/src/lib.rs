@@ -97,6 +97,8 @@ mod actor_critic_policy;
 mod adam;
 mod algorithm;
 mod buffer;
+#[cfg(feature = "wgpu")]
+mod device;
 mod encoder;
 mod env;
 mod error;
@@ -133,6 +135,8 @@ pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
+#[cfg(feature = "wgpu")]
+pub use device::policy::DevicePolicy;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, RlError};

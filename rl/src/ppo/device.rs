@@ -137,14 +137,14 @@ impl Compiled {
         for (slot, values) in placed {
             self.program.write(slot, &plan.placed(values));
         }
-        let observations = task.buffer.observations();
-        self.program
-            .write_words(slots.images, &words(&observations.images));
-        self.program
-            .write(slots.vectors, &vectors(network, observations));
+        let Observations { images, vectors } = task.buffer.observations();
+        slots
+            .observed
+            .write(&self.program, network, images, vectors);
         self.program
             .write(slots.decisions, &decisions(network, task));
-        self.program.write_words(slots.draws, &schedule.draws);
+        self.program
+            .write_words(slots.observed.draws, &schedule.draws);
         self.program.write(slots.log, &vec![0.0; log_len(schedule)]);
     }
 
@@ -226,23 +226,6 @@ impl Totals {
 
 fn log_len(schedule: &Schedule) -> usize {
     ROW * (schedule.minibatches.len() + 1)
-}
-
-/// Bytes in words of four, the first the lowest; the last word is filled up with zeros.
-fn words(bytes: &[u8]) -> Vec<u32> {
-    let word = |chunk: &[u8]| {
-        let bytes = chunk.iter().rev();
-        bytes.fold(0, |word, &byte| word << 8 | u32::from(byte))
-    };
-    bytes.chunks(4).map(word).collect()
-}
-
-/// The vectors of all decisions, irrep-major.
-fn vectors(network: &ActorCritic<f32>, observations: &Observations) -> Vec<f32> {
-    let order = network.trunk.parts().vector_order;
-    let vectors = observations.vectors.chunks_exact(order.len());
-    let components = vectors.flat_map(|vector| order.iter().map(|&i| vector[i]));
-    components.collect()
 }
 
 /// Action, irrep-major, log-probability and return of every decision.

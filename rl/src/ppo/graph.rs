@@ -1,12 +1,11 @@
 //! An update as a plan for a GPU: the network, its loss, and the optimiser.
 
-use equivariant::Signature;
-use equivariant::gpu::{GpuError, Plan, Slot, Step, Tensor, Work};
+use equivariant::gpu::{GpuError, Plan, Slot, Step, Work};
 
 use crate::adam::Adam;
+use crate::device::network::{DRAW, Observed, Outputs, add_network};
 use crate::loss::LARGEST_LOG_RATIO;
 use crate::network::ActorCritic;
-use crate::network_settings::Critic;
 use crate::ppo_settings::PpoSettings;
 
 /// Numbers of a row of the log; the first row is the state.
@@ -36,26 +35,12 @@ pub(super) struct Graph {
 /// What the processor writes and reads besides parameters.
 #[derive(Clone, Copy)]
 pub(super) struct Slots {
-    /// Bytes of the rollout's pictures, four to a word.
-    pub images: Slot,
-    /// Vectors of the rollout, irrep-major.
-    pub vectors: Slot,
+    /// The rollout's observations, and the draws from them.
+    pub observed: Observed,
     /// Action, irrep-major, log-probability and return of each decision of the rollout.
     pub decisions: Slot,
-    /// Decision and advantage of each draw.
-    pub draws: Slot,
     /// The state and a row for each minibatch.
     pub log: Slot,
-}
-
-/// What the network puts out, and where two kinds of parameters start.
-struct Outputs {
-    mean: Tensor,
-    value: Tensor,
-    /// The first that is not the encoder's.
-    heads: usize,
-    /// The first logarithm of a standard deviation.
-    log_std: usize,
 }
 
 impl Graph {
@@ -66,7 +51,7 @@ impl Graph {
     ) -> Result<Self, GpuError> {
         let mut plan = Plan::new();
         let slots = Slots::new(&mut plan, network, size);
-        let outputs = add_network(&mut plan, network, slots)?;
+        let outputs = add_network(&mut plan, network, slots.observed)?;
         let loss = loss(&plan, network, settings, slots, &outputs)?;
         plan.push(vec![loss], Vec::new());
         let params = plan.device_params();
@@ -89,70 +74,11 @@ impl Slots {
     fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: Size) -> Self {
         let spec = network.spec();
         Self {
-            images: plan.buffer((size.rollout * spec.image_len()).div_ceil(4), 0),
-            vectors: plan.buffer(size.rollout * spec.vector.len(), 0),
+            observed: Observed::new(plan, spec, size.rollout, size.draws),
             decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
-            draws: plan.buffer(2 * size.draws, 0),
             log: plan.buffer(ROW * (size.minibatches + 1), 0),
         }
     }
-}
-
-/// Adds the passes of the network, from a minibatch's observations on.
-fn add_network(
-    plan: &mut Plan,
-    network: &ActorCritic<f32>,
-    slots: Slots,
-) -> Result<Outputs, GpuError> {
-    let parts = network.trunk.parts();
-    let x_vector = plan.input(parts.vector.in_shape());
-    let sight = parts.sight.map(|(encoder, concat)| {
-        let x = plan.input(encoder.in_shape());
-        (encoder, concat, x)
-    });
-    let gather = gather(plan, slots, sight.map(|(.., x)| x), x_vector);
-    plan.push(vec![gather], Vec::new());
-    let top = match sight {
-        Some((encoder, _, x)) => Some(plan.layer(encoder, x)?),
-        None => None,
-    };
-    let heads = plan.device_params();
-    let fields = plan.layer(parts.vector, x_vector)?;
-    let h = match (sight, top) {
-        (Some((_, concat, _)), Some(top)) => plan.concat(concat, [top, fields]),
-        _ => fields,
-    };
-    let [of_actor, of_critic] = plan.fork(h);
-    let mean = plan.layer(&network.actor, of_actor)?;
-    let of_critic = match network.settings().critic {
-        Critic::Pooled { .. } => plan.layer(parts.pool, of_critic)?,
-        Critic::Joint { .. } => of_critic,
-    };
-    let value = plan.layer(&network.critic, of_critic)?;
-    let action = network.action_order.len();
-    Ok(Outputs {
-        mean,
-        value,
-        heads,
-        log_std: plan.reserve(action, 0..action),
-    })
-}
-
-/// Reads the observations of a minibatch; a blind network has no picture.
-fn gather(plan: &mut Plan, slots: Slots, image: Option<Tensor>, vector: Tensor) -> Step {
-    let pixels = image.map_or(0, |x| x.shape.len());
-    let nothing = || plan.buffer(0, 0);
-    let x_image = image.map_or_else(nothing, |x| x.values);
-    let components = vector.shape.len();
-    Step::new("gather", 1, Work::threads(pixels + components))
-        .constants([("IMAGE", pixels), ("VECTOR", components)])
-        .text(include_str!("wgsl/draw.wgsl"))
-        .read("draws", "Draw", slots.draws)
-        .read("images", "u32", slots.images)
-        .read("vectors", "f32", slots.vectors)
-        .write("x_image", "f32", x_image)
-        .write("x_vector", "f32", vector.values)
-        .text(include_str!("wgsl/gather.wgsl"))
 }
 
 /// The loss and its gradient in what the network puts out.
@@ -180,9 +106,9 @@ fn loss(
         .text(&format!(
             "var<private> component: {list} = {list}({components});"
         ))
-        .text(include_str!("wgsl/draw.wgsl"))
+        .text(DRAW)
         .text(include_str!("wgsl/log.wgsl"))
-        .read("draws", "Draw", slots.draws)
+        .read("draws", "Draw", slots.observed.draws)
         .read("decisions", "f32", slots.decisions)
         .read("params", "f32", plan.params())
         .read("mean", "f32", outputs.mean.values)

@@ -1,8 +1,31 @@
-//! Updates on a GPU against the same updates on the processor. A software driver will do.
+//! Updates and decisions on a GPU against those of the processor. A software driver will do.
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+use std::sync::OnceLock;
+
+use equivariant::gpu::Device;
 
 #[path = "../common/mod.rs"]
 #[allow(dead_code, reason = "other tests use the rest")]
 mod common;
+mod decisions;
 mod update;
+
+/// Of the largest value of the processor's.
+const TOLERANCE: f32 = 1e-4;
+
+fn device() -> &'static Device {
+    static DEVICE: OnceLock<Device> = OnceLock::new();
+    DEVICE.get_or_init(|| Device::open(None).unwrap())
+}
+
+/// The largest difference over the largest magnitude.
+fn deviation(got: &[f32], expected: &[f32]) -> f32 {
+    assert_eq!(got.len(), expected.len());
+    let largest = |values: &mut dyn Iterator<Item = f32>| {
+        values.fold(0.0, |m: f32, v| if v > m || v.is_nan() { v } else { m })
+    };
+    let differences = got.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    largest(&mut { differences }) / largest(&mut expected.iter().map(|v| v.abs()))
+}

@@ -1,7 +1,5 @@
 //! One update of proximal policy optimisation.
 
-use std::sync::OnceLock;
-
 use equivariant::gpu::{Device, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -12,16 +10,9 @@ use rl::{
 use symmetry::Group;
 
 use crate::common::{EPISODE, PointReach};
+use crate::{TOLERANCE, deviation, device};
 
 const ENVS: usize = 9;
-/// Of the largest value of the processor's.
-const TOLERANCE: f32 = 1e-4;
-
-fn device() -> &'static Device {
-    static DEVICE: OnceLock<Device> = OnceLock::new();
-    DEVICE.get_or_init(|| Device::open(None).unwrap())
-}
-
 fn network() -> NetworkSettings {
     NetworkSettings {
         encoder: Encoder::Strided { fields: vec![3, 4] },
@@ -78,16 +69,6 @@ fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     let here = Ppo::new(settings.clone(), &policy).unwrap();
     let there = Ppo::on_device(settings.clone(), &policy, device()).unwrap();
     [here, there].map(|ppo| after(ppo, network))
-}
-
-/// The largest difference over the largest magnitude.
-fn deviation(got: &[f32], expected: &[f32]) -> f32 {
-    assert_eq!(got.len(), expected.len());
-    let largest = |values: &mut dyn Iterator<Item = f32>| {
-        values.fold(0.0, |m: f32, v| if v > m || v.is_nan() { v } else { m })
-    };
-    let differences = got.iter().zip(expected).map(|(a, b)| (a - b).abs());
-    largest(&mut { differences }) / largest(&mut expected.iter().map(|v| v.abs()))
 }
 
 fn assert_alike(here: &After, there: &After, what: &str) {

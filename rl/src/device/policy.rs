@@ -1,0 +1,178 @@
+//! A policy that decides on a GPU.
+
+use std::fmt;
+use std::ops::Range;
+
+use equivariant::gpu::{Batch, Device, GpuError, Passes, Plan, Program, Slot};
+use rand_chacha::ChaCha8Rng;
+
+use crate::actor_critic_policy::ActorCriticPolicy;
+use crate::device::network::{Observed, add_network};
+use crate::env::{EnvSpec, Observations};
+use crate::error::RlError;
+use crate::policy::{Actor, Decisions, OnPolicy, Values};
+use crate::require::require;
+
+/// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
+/// enough to keep one busy. Noise and log-probabilities are the policy's own, so but for rounding
+/// its decisions are those of the policy.
+///
+/// A batch goes there and its outputs come back in one round trip, or in as many as its samples
+/// need; one for few pictures may take longer than the processor does.
+pub struct DevicePolicy {
+    policy: ActorCriticPolicy,
+    plan: Plan,
+    program: Program,
+    observed: Observed,
+    /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
+    outputs: [Slot; 2],
+    /// Whether the device has the policy's parameters.
+    current: bool,
+}
+
+impl DevicePolicy {
+    /// Compiles the policy's network for a device, with memory for `samples` observations at a
+    /// time.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] for no samples; [`RlError::Gpu`] where the adapter has not so much
+    /// memory, before anything is allocated, and where the device fails.
+    pub fn new(
+        policy: ActorCriticPolicy,
+        device: &Device,
+        samples: usize,
+    ) -> Result<Self, RlError> {
+        require("samples", samples as f32, "at least 1", samples > 0)?;
+        let mut plan = Plan::new();
+        let network = policy.network();
+        let observed = Observed::new(&mut plan, network.spec(), samples, samples);
+        let outputs = add_network(&mut plan, network, observed)?;
+        let program = Program::new(device, &plan, samples)?;
+        let draws: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
+        program.write_words(observed.draws, &draws);
+        Ok(Self {
+            policy,
+            plan,
+            program,
+            observed,
+            outputs: [outputs.mean.values, outputs.value.values],
+            current: false,
+        })
+    }
+
+    /// The policy.
+    pub fn policy(&self) -> &ActorCriticPolicy {
+        &self.policy
+    }
+
+    /// The policy, for an update. The device takes over its parameters at the next decision.
+    pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
+        self.current = false;
+        &mut self.policy
+    }
+
+    /// Fills the policy's outputs as a pass of its own does; returns N.
+    fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
+        let spec = self.policy.network().spec();
+        let (samples, width) = (observations.samples(spec)?, spec.action.len());
+        if !self.current {
+            let params = self.plan.placed(self.policy.params());
+            self.program.write(self.plan.params(), &params);
+            self.current = true;
+        }
+        self.policy.outputs.resize(samples * (width + 1), 0.0);
+        let most = self.program.samples();
+        for start in (0..samples).step_by(most) {
+            self.run_batch(observations, start..samples.min(start + most))?;
+        }
+        Ok(samples)
+    }
+
+    fn run_batch(
+        &mut self,
+        observations: &Observations,
+        range: Range<usize>,
+    ) -> Result<(), GpuError> {
+        let network = self.policy.network();
+        let EnvSpec { vector, action, .. } = network.spec();
+        let (pixels, width) = (network.spec().image_len(), action.len());
+        let images = &observations.images[range.start * pixels..range.end * pixels];
+        let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
+        self.observed.write(&self.program, network, images, vectors);
+        let samples = range.len();
+        let batch = Batch {
+            samples,
+            ..Batch::default()
+        };
+        self.program.submit(Passes::Forward, batch);
+        let [mean, value] = self.outputs;
+        let fronts = [(mean, samples * width), (value, samples)];
+        let [means, values] = self.program.read(fronts)?;
+        let order = network.action_order.clone();
+        let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
+        for ((row, mean), &value) in rows.zip(means.chunks_exact(width)).zip(&values) {
+            for (&i, &mean) in order.iter().zip(mean) {
+                row[i] = mean.into();
+            }
+            row[width] = value.into();
+        }
+        Ok(())
+    }
+}
+
+impl Actor for DevicePolicy {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_actions(samples, rng, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_means(samples, out)
+    }
+}
+
+impl OnPolicy for DevicePolicy {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_decisions(samples, rng, out)
+    }
+}
+
+impl Values for DevicePolicy {
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_values(samples, out)
+    }
+}
+
+impl fmt::Debug for DevicePolicy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DevicePolicy")
+            .field("policy", &self.policy)
+            .field("adapter", &self.program.device().adapter().name)
+            .field("samples", &self.program.samples())
+            .finish()
+    }
+}

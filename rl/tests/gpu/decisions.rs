@@ -1,0 +1,250 @@
+//! Decisions of a policy.
+
+use equivariant::gpu::{Device, GpuError};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, ActorCriticPolicy, Algorithm, Critic, Decisions, DevicePolicy, Encoder, EnvSpec,
+    NetworkSettings, Observations, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer,
+    RolloutState, Values, VectorEnv, collect,
+};
+use symmetry::{D2, Group, Irrep};
+
+use crate::common::{EPISODE, PointReach};
+use crate::{TOLERANCE, deviation, device};
+
+/// Observations in a test, and how many of them fit the device at a time.
+const OBSERVATIONS: usize = 7;
+const SAMPLES: usize = 3;
+
+/// Pictures whose bytes do not fill words, and components that are not irrep-major.
+fn spec(num_envs: usize) -> EnvSpec {
+    let vector = vec![Irrep::X, Irrep::Trivial, Irrep::Y, Irrep::XY, Irrep::X];
+    EnvSpec {
+        num_envs,
+        image: [6, 6, 3],
+        action: vector[..4].to_vec(),
+        vector,
+    }
+}
+
+fn networks() -> Vec<NetworkSettings> {
+    let strided = Encoder::Strided { fields: vec![3] };
+    let pooled = Critic::Pooled { width: 5 };
+    let joint = Critic::Joint { fields: 7 };
+    let mut networks = Vec::new();
+    for group in [Group::D2, Group::C1] {
+        for (encoder, critic) in [
+            (strided.clone(), joint),
+            (strided.clone(), pooled),
+            (Encoder::Blind, joint),
+        ] {
+            networks.push(NetworkSettings {
+                group,
+                encoder,
+                critic,
+                top_fields: 6,
+                vector_fields: 5,
+                action_gain: 1.0,
+                ..NetworkSettings::default()
+            });
+        }
+    }
+    networks
+}
+
+fn policy(network: &NetworkSettings) -> ActorCriticPolicy {
+    ActorCriticPolicy::new(network, &spec(OBSERVATIONS), 2).unwrap()
+}
+
+fn there(network: &NetworkSettings) -> DevicePolicy {
+    DevicePolicy::new(policy(network), device(), SAMPLES).unwrap()
+}
+
+fn observations() -> Observations {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut out = Observations::new(&spec(OBSERVATIONS));
+    out.images.fill_with(|| rng.random());
+    out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
+    out
+}
+
+/// Mean actions and values.
+fn outputs(policy: &mut (impl Actor<Memory = ()> + Values), of: &Observations) -> [Vec<f32>; 2] {
+    let (width, n) = (
+        spec(1).action.len(),
+        of.vectors.len() / spec(1).vector.len(),
+    );
+    let mut out = [width, 1].map(|width| vec![0.0; n * width]);
+    policy.mean_actions(of, &mut (), &mut out[0]).unwrap();
+    policy.values(of, &mut out[1]).unwrap();
+    out
+}
+
+fn decisions(policy: &mut impl OnPolicy<Memory = ()>) -> Decisions {
+    let mut out = Decisions::new(&spec(OBSERVATIONS));
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    policy
+        .decide(&observations(), &mut (), &mut rng, &mut out)
+        .unwrap();
+    out
+}
+
+/// In two whole batches and one of a single observation.
+#[test]
+fn decisions_are_those_of_the_processor() {
+    for network in networks() {
+        let here = decisions(&mut policy(&network));
+        let there = decisions(&mut there(&network));
+        let pairs = [
+            ("actions", &there.actions, &here.actions),
+            ("log-probabilities", &there.log_probs, &here.log_probs),
+            ("values", &there.values, &here.values),
+        ];
+        for (what, there, here) in pairs {
+            let error = deviation(there, here);
+            assert!(error < TOLERANCE, "{network:?}: {what} are off by {error}");
+        }
+    }
+}
+
+#[test]
+fn means_values_and_samples_are_those_of_decisions() {
+    for network in networks() {
+        let mut here = policy(&network);
+        let mut there = there(&network);
+        let [mean, value] = outputs(&mut there, &observations());
+        let [expected, values] = outputs(&mut here, &observations());
+        assert!(deviation(&mean, &expected) < TOLERANCE, "{network:?}");
+        assert!(deviation(&value, &values) < TOLERANCE, "{network:?}");
+        let made = decisions(&mut there);
+        assert_eq!(made.values, value);
+        let mut actions = vec![0.0; made.actions.len()];
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        there
+            .act(&observations(), &mut (), &mut rng, &mut actions)
+            .unwrap();
+        assert_eq!(actions, made.actions);
+    }
+}
+
+/// The observations changed by an element of D2.
+fn moved(g: D2) -> Observations {
+    let EnvSpec { image, vector, .. } = spec(1);
+    let [h, w, c] = image;
+    let from = observations();
+    let images = from.images.chunks(h * w * c);
+    Observations {
+        images: images
+            .flat_map(|image| g.transform_image(image, h, w, c))
+            .collect(),
+        vectors: signed(&from.vectors, &vector, g),
+    }
+}
+
+fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+    let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
+    let rows = rows.iter().zip(signs.cycle());
+    rows.map(|(x, sign)| x * sign).collect()
+}
+
+#[test]
+fn mirrored_observations_get_mirrored_means_and_the_same_values() {
+    let [network, plain] = [Group::D2, Group::C1].map(|group| NetworkSettings {
+        group,
+        ..networks().swap_remove(0)
+    });
+    let errors = |network: &NetworkSettings, g| {
+        let mut policy = there(network);
+        let [mean, value] = outputs(&mut policy, &observations());
+        let [mean_g, value_g] = outputs(&mut policy, &moved(g));
+        let mean = signed(&mean, &spec(1).action, g);
+        [deviation(&mean_g, &mean), deviation(&value_g, &value)]
+    };
+    for g in D2::ALL {
+        let [mean, value] = errors(&network, g);
+        assert!(mean < 1e-5 && value < 1e-5, "{g}: {mean} and {value}");
+    }
+    let [mean, value] = errors(&plain, D2::FlipX);
+    assert!(mean > 0.01 && value > 0.01, "{mean} and {value}");
+}
+
+/// As a rollout of the processor's, which ends elsewhere only by rounding.
+#[test]
+fn a_rollout_is_collected_and_an_update_is_taken_over() {
+    let mut env = PointReach::new(9, 1);
+    let network = NetworkSettings {
+        encoder: Encoder::Strided { fields: vec![3, 4] },
+        ..NetworkSettings::default()
+    };
+    let policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let mut there = DevicePolicy::new(policy.clone(), device(), 4).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env, &there).unwrap();
+    let stats = collect(&mut env, &mut there, &mut buffer, &mut state, &mut rng).unwrap();
+    let mut env = PointReach::new(9, 1);
+    let (mut here, mut expected) = (policy, RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap());
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env, &here).unwrap();
+    let same = collect(&mut env, &mut here, &mut expected, &mut state, &mut rng).unwrap();
+    assert_eq!(stats.decisions, same.decisions);
+    let [got, of_processor] = [&buffer, &expected].map(|buffer| &buffer.decisions().actions);
+    let error = deviation(got, of_processor);
+    assert!(error < 100.0 * TOLERANCE, "the actions are off by {error}");
+
+    let mut ppo = Ppo::new(PpoSettings::default(), there.policy()).unwrap();
+    ppo.update(there.policy_mut(), &buffer, &mut rng).unwrap();
+    let mut updated = there.policy().clone();
+    let mut values =
+        [there.policy(), &here].map(|policy| vec![0.0; policy.network().spec().num_envs]);
+    let mut first = Observations::new(env.spec());
+    env.reset(&mut first).unwrap();
+    there.values(&first, &mut values[0]).unwrap();
+    updated.values(&first, &mut values[1]).unwrap();
+    let error = deviation(&values[0], &values[1]);
+    assert!(error < TOLERANCE, "the values are off by {error}");
+    here.values(&first, &mut values[1]).unwrap();
+    assert!(deviation(&values[0], &values[1]) > 100.0 * TOLERANCE);
+}
+
+#[test]
+fn the_same_bits_come_twice() {
+    let network = networks().swap_remove(0);
+    assert_eq!(
+        decisions(&mut there(&network)),
+        decisions(&mut there(&network))
+    );
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    let network = networks().swap_remove(0);
+    let error = DevicePolicy::new(policy(&network), device(), 0).unwrap_err();
+    assert!(error.to_string().contains("samples"), "{error}");
+    let most = device().adapter().binding_bytes as usize;
+    let error = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
+    assert!(
+        matches!(error, RlError::Gpu(GpuError::Limit { .. })),
+        "{error}"
+    );
+    let mut short = observations();
+    short.vectors.pop();
+    let mut values = vec![0.0; OBSERVATIONS];
+    let error = there(&network).values(&short, &mut values).unwrap_err();
+    assert!(matches!(error, RlError::Shape { .. }), "{error}");
+}
+
+#[test]
+fn a_lost_device_is_an_error() {
+    let own = Device::open(None).unwrap();
+    let mut there = DevicePolicy::new(policy(&networks()[0]), &own, SAMPLES).unwrap();
+    let mut values = vec![0.0; OBSERVATIONS];
+    there.values(&observations(), &mut values).unwrap();
+    own.close();
+    let error = there.values(&observations(), &mut values).unwrap_err();
+    assert!(
+        matches!(error, RlError::Gpu(GpuError::Lost { .. })),
+        "{error}"
+    );
+}
