@@ -200,6 +200,37 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     }
 }
 
+#[test]
+fn what_was_counted_twice_is_refused() {
+    let scratch = Scratch::new("twice");
+    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    for name in ["evaluation.csv", "units.csv"] {
+        let file = scratch.0.join("cnn-seed0").join(name);
+        let table = fs::read_to_string(&file).unwrap();
+        let last = table.lines().last().unwrap();
+        fs::write(&file, format!("{table}{last}\n")).unwrap();
+        let refusal = scratch.refusal(&["cnn-seed0"]);
+        assert!(
+            refusal.contains(name) && refusal.contains("twice"),
+            "{refusal}"
+        );
+        fs::write(&file, table).unwrap();
+    }
+}
+
+/// Scores before the stream that tell another number of decisions than none.
+#[test]
+fn earlier_evaluations_agree_with_the_rollouts_too() {
+    let scratch = Scratch::new("earlier");
+    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    let file = scratch.0.join("cnn-seed0/evaluation.csv");
+    let table = fs::read_to_string(&file).unwrap();
+    assert!(table.contains("\n0,0,"), "{table}");
+    fs::write(&file, table.replacen("\n0,0,", "\n0,1,", 1)).unwrap();
+    let refusal = scratch.refusal(&["cnn-seed0"]);
+    assert!(refusal.contains("about decisions"), "{refusal}");
+}
+
 /// A table with another cell in its last row.
 fn with_cell(table: &str, column: &str, cell: &str) -> String {
     let names = table.lines().next().unwrap();

@@ -5,8 +5,9 @@
 //!
 //! A convolution is four products, one for each irrep: folded patches times weights. A training
 //! step has two more of each, for the gradients in the weights and, but for the first layer, in the
-//! patches. The factors lie there ready: nothing is gathered, folded or scattered, and all chunks
-//! of images have the same ones, which is kind to the cache.
+//! patches. The factors lie there ready, column by column, for 8 images at a time: nothing is
+//! gathered, folded or scattered, and all chunks of images have the same ones, which is kind to the
+//! cache.
 
 use std::time::Instant;
 
@@ -24,6 +25,8 @@ const KERNEL: Kernel = Kernel::new(4, 2, 1);
 const NETWORKS: [(&str, [usize; 4]); 2] =
     [("reference", [8, 16, 32, 32]), ("narrow", [4, 8, 16, 16])];
 const TURNS: usize = 15;
+/// Of D2.
+const IRREPS: usize = 4;
 
 /// One irrep's matrices of a layer, for a chunk of images.
 struct Product {
@@ -67,15 +70,15 @@ fn multiply(to: &mut Mat<f32>, a: MatRef<f32>, b: MatRef<f32>) {
     matmul(to.as_mut(), Accum::Replace, a, b, 1.0, Par::Seq);
 }
 
-/// The products of one irrep in every layer.
+/// The four products of every layer, in their order.
 fn products(fields: [usize; 4]) -> Vec<Product> {
     let (mut channels, mut size) = (CHANNELS, SIZE);
-    let layers = fields.iter().enumerate().map(|(layer, &fields)| {
+    let layers = fields.iter().enumerate().flat_map(|(layer, &fields)| {
         size /= KERNEL.stride;
         // a fourth of the patch for each irrep
-        let folded = KERNEL.size * KERNEL.size * channels / 4;
-        channels = 4 * fields;
-        Product::new(CHUNK * size * size, folded, fields, layer == 0)
+        let folded = KERNEL.size * KERNEL.size * channels / IRREPS;
+        channels = IRREPS * fields;
+        [(); IRREPS].map(|()| Product::new(CHUNK * size * size, folded, fields, layer == 0))
     });
     layers.collect()
 }
@@ -160,13 +163,9 @@ fn main() -> Result<(), LayerError> {
                     }
                 }));
                 times[1].push(timed(|| {
-                    for product in &mut products {
-                        for _irrep in 0..4 {
-                            product.forward();
-                            if backward {
-                                product.backward();
-                            }
-                        }
+                    products.iter_mut().for_each(Product::forward);
+                    if backward {
+                        products.iter_mut().rev().for_each(Product::backward);
                     }
                 }));
             }

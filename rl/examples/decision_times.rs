@@ -1,10 +1,10 @@
-//! Times of decisions here and on a GPU: the learner's network and 48 x 48 x 6 pictures.
+//! Times of decisions for batches of observations, here and on a GPU: the learner's network and
+//! 48 x 48 x 6 pictures.
 //!
 //! `cargo run --release -p covers-rl --features wgpu --example decision_times -- [ADAPTER]`
 //!
-//! A decision brings the observations to the device, 512 at a time, and the outputs of the network
-//! back.
-//! The processor has as many threads as rayon gives it (`RAYON_NUM_THREADS`).
+//! Observations go to the device, 512 at a time, and the outputs of the network come back. The
+//! processor has as many threads as rayon gives it (`RAYON_NUM_THREADS`).
 
 use std::time::{Duration, Instant};
 
@@ -49,7 +49,7 @@ fn spec(num_envs: usize) -> EnvSpec {
     }
 }
 
-/// Milliseconds of a decision.
+/// Milliseconds of the decisions for a batch.
 fn time(policy: &mut impl OnPolicy<Memory = ()>, spec: &EnvSpec) -> Result<f64, RlError> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut observations = Observations::new(spec);

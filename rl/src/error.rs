@@ -17,6 +17,13 @@ pub enum RlError {
     #[cfg(feature = "wgpu")]
     #[error(transparent)]
     Gpu(#[from] equivariant::gpu::GpuError),
+    /// The network of a policy on a GPU was replaced by another one.
+    #[cfg(feature = "wgpu")]
+    #[error(
+        "got a policy with a network of its own, expected a clone of the one that the device was \
+         prepared for; make a new DevicePolicy"
+    )]
+    OtherNetwork,
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \

@@ -31,8 +31,6 @@ pub struct Trunk<T> {
     pool: GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     vector_order: Vec<usize>,
-    /// What each byte of a picture becomes, in [-0.5, 0.5].
-    levels: Vec<T>,
 }
 
 /// The image encoder, and how its fields join those of the vector.
@@ -83,7 +81,6 @@ impl<T: Scalar> Trunk<T> {
             sight,
             vector,
             vector_order: irrep_order(group, &spec.vector),
-            levels: (0..=u8::MAX).map(level).collect(),
             settings: settings.clone(),
             spec: spec.clone(),
         })
@@ -160,7 +157,7 @@ impl<T: Scalar> Trunk<T> {
         if let Some(stage) = &mut pass.image {
             let pixels = &mut stage.x[slot * image.len()..(slot + 1) * image.len()];
             for (x, &byte) in pixels.iter_mut().zip(image) {
-                *x = self.levels[usize::from(byte)];
+                *x = level(byte);
             }
         }
         let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
@@ -281,6 +278,7 @@ impl<T: Scalar> Sight<T> {
     }
 }
 
+/// What a byte of a picture becomes, in [-0.5, 0.5].
 fn level<T: Scalar>(byte: u8) -> T {
     T::from_f64(f64::from(byte)) * T::from_f64(1.0 / 255.0) - T::from_f64(0.5)
 }

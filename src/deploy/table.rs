@@ -187,7 +187,8 @@ mod tests {
         let mut scores: Vec<_> = (0..4)
             .map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0))
             .collect();
-        scores.push(score(TaskGroup::GOAL_REACH, 0, true));
+        // between the trials of the other group
+        scores.insert(2, score(TaskGroup::GOAL_REACH, 0, true));
         let table = deployment_table(&scores);
         let lines: Vec<Vec<&str>> = table
             .lines()

@@ -93,8 +93,8 @@ mod tests {
         let groups = by_group(&[
             score(reach, 2, 30, 1.0),
             score(reach, 0, 10, 0.5),
-            score(reach, 2, 0, 0.0),
             score(drawer, 1, 20, 0.25),
+            score(reach, 2, 0, 0.0),
         ]);
         assert_eq!(groups.len(), 2);
         assert_eq!(groups[0].policies, [0, 2]);

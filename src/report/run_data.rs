@@ -265,6 +265,11 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), C
     if !units.iter().all(sound) {
         return Err(unfit(path, "units.csv holds a row that cannot be"));
     }
+    let mut policies = HashSet::new();
+    let mut keys = units.iter().map(|row| (row.rollouts, row.policy));
+    if !keys.all(|key| policies.insert(key)) {
+        return Err(unfit(path, "units.csv counts a policy twice at a time"));
+    }
     match units.last() {
         Some(last) if last.rollouts != rollouts => Err(unfit(
             path,

@@ -163,6 +163,17 @@ mod tests {
         run
     }
 
+    #[test]
+    fn a_group_is_told_once_wherever_its_variants_stand() {
+        let mut run = run(1);
+        evaluate(&mut run, 1, 4);
+        run.scores[1].group = "drawer-close".to_owned();
+        run.scores[1].success = 0.25;
+        let scores: Vec<&ScoreRow> = run.scores.iter().collect();
+        let told = "success [goal-reach 0.50, drawer-close 0.25]";
+        assert_eq!(successes(&scores), told);
+    }
+
     fn evaluate(run: &mut RunData, rollouts: usize, variants: usize) {
         for element in &D2::ALL[..variants] {
             run.scores.push(ScoreRow {

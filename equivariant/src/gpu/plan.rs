@@ -1,5 +1,7 @@
 //! What a network needs of a device, as data: buffers, and kernels in their order.
 
+use std::collections::HashSet;
+
 use crate::gpu::adapter::Adapter;
 use crate::gpu::error::GpuError;
 use crate::gpu::step::{Slot, Step};
@@ -189,6 +191,24 @@ impl Plan {
         self.last.push(step);
     }
 
+    /// The forward pass alone: without the backward pass, what comes after it, and the buffers that
+    /// only those use.
+    #[must_use]
+    pub fn forward_only(mut self) -> Plan {
+        self.backward.clear();
+        self.last.clear();
+        let used = self.forward.iter().flat_map(|step| &step.buffers);
+        let mut used: HashSet<Slot> = used.map(|&(slot, _)| slot).collect();
+        used.insert(PARAMS);
+        for (slot, extent) in self.extents.iter_mut().enumerate() {
+            if !used.contains(&Slot(slot)) {
+                *extent = Extent::default();
+            }
+        }
+        self.tables.retain(|(slot, _)| used.contains(slot));
+        self
+    }
+
     /// A buffer that is shared, with room for so many numbers.
     pub(crate) fn shared(&mut self, which: Shared, fixed: usize, each: usize) -> Slot {
         let slot = match which {
@@ -241,5 +261,41 @@ impl Plan {
             return Err(refused("bytes of a buffer", adapter.buffer_bytes));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Group;
+
+    use super::*;
+    use crate::layers::layer::Signature;
+    use crate::layers::r2_conv::R2Conv;
+    use crate::window::Kernel;
+
+    #[test]
+    fn a_forward_plan_has_no_gradients() {
+        let [from, to] = [3, 2].map(|fields| Group::D2.regular(fields));
+        let conv = R2Conv::new(from, to, Kernel::new(4, 2, 1), [8, 8]).unwrap();
+        let mut plan = Plan::new();
+        let x = plan.tensor(conv.in_shape());
+        let y = plan.layer(&conv, x).unwrap();
+        let ([forward, backward], params) = (plan.dispatches(), plan.device_params());
+        assert!(forward > 0 && backward > 0);
+        let plan = plan.forward_only();
+        assert_eq!(plan.dispatches(), [forward, 0]);
+        assert_eq!(plan.device_params(), params);
+        let words = |slot: Slot| {
+            let Extent { fixed, each } = plan.extents()[slot.0];
+            fixed + each
+        };
+        let gradients = [x.gradient.unwrap(), y.gradient.unwrap(), GRADIENT, PARTIAL];
+        assert_eq!(gradients.map(words), [0; 4]);
+        assert!(
+            [x.values, y.values, PARAMS]
+                .map(words)
+                .iter()
+                .all(|&n| n > 0)
+        );
     }
 }

@@ -10,7 +10,7 @@ use crate::network_settings::Critic;
 /// WGSL: a row of [`Observed::draws`].
 pub(crate) const DRAW: &str = include_str!("wgsl/draw.wgsl");
 
-/// Observations on the device, and which of them batches are drawn from.
+/// Observations on the device, and the draws from them that make up batches.
 #[derive(Clone, Copy)]
 pub(crate) struct Observed {
     /// Bytes of all pictures, four to a word.
@@ -56,7 +56,10 @@ impl Observed {
         let components: Vec<f32> = rows
             .flat_map(|vector| order.iter().map(|&i| vector[i]))
             .collect();
-        program.write_words(self.images, &words(images));
+        // a blind network reads no picture
+        if network.trunk.parts().sight.is_some() {
+            program.write_words(self.images, &words(images));
+        }
         program.write(self.vectors, &components);
     }
 }
@@ -125,4 +128,25 @@ fn words(bytes: &[u8]) -> Vec<u32> {
         bytes.fold(0, |word, &byte| word << 8 | u32::from(byte))
     };
     bytes.chunks(4).map(word).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_word_is_filled_up() {
+        let bytes = [1, 2, 3, 4, 5];
+        let expected: [&[u32]; 6] = [
+            &[],
+            &[0x01],
+            &[0x0201],
+            &[0x030201],
+            &[0x04030201],
+            &[0x04030201, 0x05],
+        ];
+        for (len, expected) in expected.into_iter().enumerate() {
+            assert_eq!(words(&bytes[..len]), expected);
+        }
+    }
 }

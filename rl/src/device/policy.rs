@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 use equivariant::gpu::{Batch, Device, GpuError, Passes, Plan, Program, Slot};
 use rand_chacha::ChaCha8Rng;
@@ -10,6 +11,7 @@ use crate::actor_critic_policy::ActorCriticPolicy;
 use crate::device::network::{Observed, add_network};
 use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
+use crate::network::ActorCritic;
 use crate::policy::{Actor, Decisions, OnPolicy, Values};
 use crate::require::require;
 
@@ -21,6 +23,8 @@ use crate::require::require;
 /// need; one for few pictures may take longer than the processor does.
 pub struct DevicePolicy {
     policy: ActorCriticPolicy,
+    /// The one that the plan was made for.
+    network: Arc<ActorCritic<f32>>,
     plan: Plan,
     program: Program,
     observed: Observed,
@@ -35,8 +39,8 @@ impl DevicePolicy {
     /// time.
     ///
     /// # Errors
-    /// [`RlError::Setting`] for no samples; [`RlError::Gpu`] where the adapter has not so much
-    /// memory, before anything is allocated, and where the device fails.
+    /// [`RlError::Setting`] for no samples; [`RlError::Gpu`] where a buffer for so many is larger
+    /// than the adapter allows, before anything is allocated, and where the device fails.
     pub fn new(
         policy: ActorCriticPolicy,
         device: &Device,
@@ -44,14 +48,16 @@ impl DevicePolicy {
     ) -> Result<Self, RlError> {
         require("samples", samples as f32, "at least 1", samples > 0)?;
         let mut plan = Plan::new();
-        let network = policy.network();
+        let network = Arc::clone(policy.network());
         let observed = Observed::new(&mut plan, network.spec(), samples, samples);
-        let outputs = add_network(&mut plan, network, observed)?;
+        let outputs = add_network(&mut plan, &network, observed)?;
+        let plan = plan.forward_only();
         let program = Program::new(device, &plan, samples)?;
         let draws: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
         program.write_words(observed.draws, &draws);
         Ok(Self {
             policy,
+            network,
             plan,
             program,
             observed,
@@ -65,7 +71,8 @@ impl DevicePolicy {
         &self.policy
     }
 
-    /// The policy, for an update. The device takes over its parameters at the next decision.
+    /// The policy, for an update. The device takes over its parameters at the next decision; a
+    /// policy with another network, in its place, is refused then with [`RlError::OtherNetwork`].
     pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
         self.current = false;
         &mut self.policy
@@ -73,18 +80,23 @@ impl DevicePolicy {
 
     /// Fills the policy's outputs as a pass of its own does; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
-        let spec = self.policy.network().spec();
+        if !Arc::ptr_eq(&self.network, self.policy.network()) {
+            return Err(RlError::OtherNetwork);
+        }
+        let spec = self.network.spec();
         let (samples, width) = (observations.samples(spec)?, spec.action.len());
         if !self.current {
             let params = self.plan.placed(self.policy.params());
             self.program.write(self.plan.params(), &params);
-            self.current = true;
         }
+        // what fails below may have kept the parameters from the device
+        self.current = false;
         self.policy.outputs.resize(samples * (width + 1), 0.0);
         let most = self.program.samples();
         for start in (0..samples).step_by(most) {
             self.run_batch(observations, start..samples.min(start + most))?;
         }
+        self.current = samples > 0;
         Ok(samples)
     }
 
@@ -93,7 +105,7 @@ impl DevicePolicy {
         observations: &Observations,
         range: Range<usize>,
     ) -> Result<(), GpuError> {
-        let network = self.policy.network();
+        let network = &self.network;
         let EnvSpec { vector, action, .. } = network.spec();
         let (pixels, width) = (network.spec().image_len(), action.len());
         let images = &observations.images[range.start * pixels..range.end * pixels];
@@ -108,10 +120,9 @@ impl DevicePolicy {
         let [mean, value] = self.outputs;
         let fronts = [(mean, samples * width), (value, samples)];
         let [means, values] = self.program.read(fronts)?;
-        let order = network.action_order.clone();
         let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
         for ((row, mean), &value) in rows.zip(means.chunks_exact(width)).zip(&values) {
-            for (&i, &mean) in order.iter().zip(mean) {
+            for (&i, &mean) in network.action_order.iter().zip(mean) {
                 row[i] = mean.into();
             }
             row[width] = value.into();

@@ -13,6 +13,7 @@ use crate::common::{EPISODE, PointReach};
 use crate::{TOLERANCE, deviation, device};
 
 const ENVS: usize = 9;
+
 fn network() -> NetworkSettings {
     NetworkSettings {
         encoder: Encoder::Strided { fields: vec![3, 4] },

@@ -1,4 +1,4 @@
-// A decision of a minibatch, and its normalised advantage.
+// An observation of a batch; in an update, the decision and its normalised advantage.
 struct Draw {
     decision: u32,
     advantage: f32,

@@ -1,4 +1,4 @@
-// The observations of a minibatch: a thread for each byte and component. Bytes become numbers in
+// The observations of a batch: a thread for each byte and component. Bytes become numbers in
 // [-0.5, 0.5].
 
 @compute @workgroup_size(THREADS)
