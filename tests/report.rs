@@ -204,7 +204,10 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
 fn what_was_counted_twice_is_refused() {
     let scratch = Scratch::new("twice");
     scratch.run("cnn-seed0", alone(Method::Cnn, 0));
-    for name in ["evaluation.csv", "units.csv"] {
+    let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
+    fs::write(scratch.0.join("cnn-seed0/recognition.csv"), answer).unwrap();
+    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    for name in ["evaluation.csv", "units.csv", "recognition.csv"] {
         let file = scratch.0.join("cnn-seed0").join(name);
         let table = fs::read_to_string(&file).unwrap();
         let last = table.lines().last().unwrap();

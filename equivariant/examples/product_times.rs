@@ -6,8 +6,7 @@
 //! A convolution is four products, one for each irrep: folded patches times weights. A training
 //! step has two more of each, for the gradients in the weights and, but for the first layer, in the
 //! patches. The factors lie there ready, column by column, for 8 images at a time: nothing is
-//! gathered, folded or scattered, and all chunks of images have the same ones, which is kind to the
-//! cache.
+//! gathered, folded or scattered, and all chunks of images have the same ones.
 
 use std::time::Instant;
 

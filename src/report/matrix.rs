@@ -92,6 +92,8 @@ impl Matrix {
 
 #[cfg(test)]
 mod tests {
+    use symmetry::D2;
+
     use super::*;
     use crate::presets::{Budget, Method};
     use crate::report::rows::{RecognitionRow, RolloutRow, ScoreRow};
@@ -117,6 +119,7 @@ mod tests {
         };
         let answer = |(group, policy, times): (&str, Option<usize>, usize)| RecognitionRow {
             group: group.to_owned(),
+            element: D2::Identity.to_string(),
             episodes: 4,
             policy,
             times,

@@ -97,6 +97,8 @@ fn share(
 
 #[cfg(test)]
 mod tests {
+    use symmetry::D2;
+
     use super::*;
     use crate::presets::{Budget, Method};
     use crate::report::{RecognitionRow, RolloutRow};
@@ -112,6 +114,7 @@ mod tests {
         };
         let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
             group: group.to_owned(),
+            element: D2::Identity.to_string(),
             episodes,
             policy,
             times,

@@ -104,6 +104,8 @@ pub struct UnitsRow {
 pub struct RecognitionRow {
     /// The group that was shown.
     pub group: String,
+    /// The variant that was shown.
+    pub element: String,
     /// Episodes that were shown each time.
     pub episodes: usize,
     /// The policy that was named; none where none of them was.

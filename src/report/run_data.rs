@@ -288,9 +288,17 @@ fn check_recognition(
     let sound = |row: &RecognitionRow| {
         counted(row.times) && SHOWN.contains(&row.episodes) && scored(&row.group)
     };
-    match answers.iter().all(sound) {
+    if !answers.iter().all(sound) {
+        return Err(unfit(path, "recognition.csv holds a row that cannot be"));
+    }
+    let key = |row: &RecognitionRow| {
+        let RecognitionRow { group, element, .. } = row.clone();
+        (group, element, row.episodes, row.policy)
+    };
+    let mut known = HashSet::new();
+    match answers.iter().map(key).all(|key| known.insert(key)) {
         true => Ok(()),
-        false => Err(unfit(path, "recognition.csv holds a row that cannot be")),
+        false => Err(unfit(path, "recognition.csv counts an answer twice")),
     }
 }
 

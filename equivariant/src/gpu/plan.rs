@@ -192,7 +192,7 @@ impl Plan {
     }
 
     /// The forward pass alone: without the backward pass, what comes after it, and the buffers that
-    /// only those use.
+    /// only those use, the gradient among them. It comes after all layers were added.
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();
@@ -282,20 +282,18 @@ mod tests {
         let y = plan.layer(&conv, x).unwrap();
         let ([forward, backward], params) = (plan.dispatches(), plan.device_params());
         assert!(forward > 0 && backward > 0);
-        let plan = plan.forward_only();
-        assert_eq!(plan.dispatches(), [forward, 0]);
-        assert_eq!(plan.device_params(), params);
-        let words = |slot: Slot| {
+        let words = |plan: &Plan, slot: Slot| {
             let Extent { fixed, each } = plan.extents()[slot.0];
             fixed + each
         };
-        let gradients = [x.gradient.unwrap(), y.gradient.unwrap(), GRADIENT, PARTIAL];
-        assert_eq!(gradients.map(words), [0; 4]);
-        assert!(
-            [x.values, y.values, PARAMS]
-                .map(words)
-                .iter()
-                .all(|&n| n > 0)
-        );
+        let [dx, dy] = [x, y].map(|map| map.gradient.unwrap());
+        let gradients = [dx, dy, GRADIENT, PARTIAL, FOLDED];
+        assert!(gradients.iter().all(|&slot| words(&plan, slot) > 0));
+        let plan = plan.forward_only();
+        assert_eq!(plan.dispatches(), [forward, 0]);
+        assert_eq!(plan.device_params(), params);
+        assert_eq!(gradients.map(|slot| words(&plan, slot)), [0; 5]);
+        let values = [x.values, y.values, PARAMS];
+        assert!(values.iter().all(|&slot| words(&plan, slot) > 0));
     }
 }

@@ -3,7 +3,6 @@
 use equivariant::Signature;
 use equivariant::gpu::{GpuError, Plan, Program, Slot, Step, Tensor, Work};
 
-use crate::env::EnvSpec;
 use crate::network::ActorCritic;
 use crate::network_settings::Critic;
 
@@ -33,8 +32,16 @@ pub(crate) struct Outputs {
 }
 
 impl Observed {
-    pub fn new(plan: &mut Plan, spec: &EnvSpec, observations: usize, draws: usize) -> Self {
-        let bytes = observations.saturating_mul(spec.image_len());
+    /// Room for so many observations and draws; for no pictures where the network is blind.
+    pub fn new(
+        plan: &mut Plan,
+        network: &ActorCritic<f32>,
+        observations: usize,
+        draws: usize,
+    ) -> Self {
+        let spec = network.spec();
+        let picture = network.trunk.parts().sight.map_or(0, |_| spec.image_len());
+        let bytes = observations.saturating_mul(picture);
         let components = observations.saturating_mul(spec.vector.len());
         Self {
             images: plan.buffer(bytes.div_ceil(4), 0),

@@ -49,7 +49,7 @@ impl DevicePolicy {
         require("samples", samples as f32, "at least 1", samples > 0)?;
         let mut plan = Plan::new();
         let network = Arc::clone(policy.network());
-        let observed = Observed::new(&mut plan, network.spec(), samples, samples);
+        let observed = Observed::new(&mut plan, &network, samples, samples);
         let outputs = add_network(&mut plan, &network, observed)?;
         let plan = plan.forward_only();
         let program = Program::new(device, &plan, samples)?;

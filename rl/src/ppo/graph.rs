@@ -74,7 +74,7 @@ impl Slots {
     fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: Size) -> Self {
         let spec = network.spec();
         Self {
-            observed: Observed::new(plan, spec, size.rollout, size.draws),
+            observed: Observed::new(plan, network, size.rollout, size.draws),
             decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
             log: plan.buffer(ROW * (size.minibatches + 1), 0),
         }
