@@ -8,10 +8,13 @@
 
 #![allow(clippy::unwrap_used, reason = "an example")]
 
+mod networks;
+
 use std::time::{Duration, Instant};
 
 use equivariant::gpu::{Batch, Device, GpuError, Passes, Plan, Program, adapters};
-use equivariant::{Group, Kernel, Layer, LayerError, R2Conv, Relu, Sequential, Shape, Signature};
+use equivariant::{Layer, Signature};
+use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const BATCHES: [usize; 3] = [64, 512, 4096];
@@ -37,7 +40,7 @@ fn main() -> Result<(), GpuError> {
 
 /// Kernels and time of a training step.
 fn step(device: &Device, samples: usize) -> Result<(usize, Duration), GpuError> {
-    let network = network().unwrap();
+    let network = network(64, &[8, 16, 32, 32], false).unwrap();
     let mut plan = Plan::new();
     let x = plan.input(network.in_shape());
     let y = plan.layer(&network, x)?;
@@ -70,18 +73,4 @@ fn step(device: &Device, samples: usize) -> Result<(usize, Duration), GpuError> 
         }
         steps *= 2;
     }
-}
-
-fn network() -> Result<Sequential<f32>, LayerError> {
-    let kernel = Kernel::new(4, 2, 1);
-    let mut shape = Shape::image(64, 64, Group::D2.trivial(6));
-    let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    for fields in [8, 16, 32, 32] {
-        let to = Group::D2.regular(fields);
-        let conv = R2Conv::new(shape.fields, to, kernel, [shape.height, shape.width])?;
-        shape = conv.out_shape();
-        layers.push(Box::new(conv));
-        layers.push(Box::new(Relu::new(shape)?));
-    }
-    Sequential::new(layers)
 }

@@ -6,13 +6,14 @@
 //! `<network> multiplications` answers with the multiplications of one image's forward pass
 //! instead: ours and those of the dense network.
 
+mod networks;
+
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use equivariant::{
-    Chunks, Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Scratch, Sequential, Signature,
-};
+use equivariant::{Chunks, Layer, LayerError, Scratch, Sequential, Signature};
+use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 /// Images of a training chunk and of an inference chunk.
@@ -53,26 +54,7 @@ const SPECS: [Spec; 3] = [
 
 impl Spec {
     fn build(&self) -> Result<Sequential<f32>, LayerError> {
-        let kernel = if self.pooled {
-            Kernel::new(3, 1, 1)
-        } else {
-            Kernel::new(4, 2, 1)
-        };
-        let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-        let (mut fields, mut size) = (Group::D2.trivial(6), self.size);
-        for &n in self.fields {
-            let conv = R2Conv::new(fields, Group::D2.regular(n), kernel, [size; 2])?;
-            let mut shape = conv.out_shape();
-            layers.push(Box::new(conv));
-            layers.push(Box::new(Relu::new(shape)?));
-            if self.pooled {
-                let pool = MaxPool::new(shape, Kernel::new(2, 2, 0))?;
-                shape = pool.out_shape();
-                layers.push(Box::new(pool));
-            }
-            (fields, size) = (shape.fields, shape.height);
-        }
-        Sequential::new(layers)
+        network(self.size, self.fields, self.pooled)
     }
 }
 

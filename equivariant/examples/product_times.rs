@@ -8,19 +8,20 @@
 //! patches. The factors lie there ready, column by column, for 8 images at a time: nothing is
 //! gathered, folded or scattered, and all chunks of images have the same ones.
 
+mod networks;
+
 use std::time::Instant;
 
-use equivariant::{Group, Kernel, Layer, LayerError, R2Conv, Relu, Scratch, Sequential, Signature};
+use equivariant::{Layer, LayerError, Scratch, Sequential, Signature};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
+use networks::{CHANNELS, HALVING, network};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const IMAGES: usize = 64;
 /// Images that are computed together, here and there.
 const CHUNK: usize = 8;
 const SIZE: usize = 64;
-const CHANNELS: usize = 6;
-const KERNEL: Kernel = Kernel::new(4, 2, 1);
 const NETWORKS: [(&str, [usize; 4]); 2] =
     [("reference", [8, 16, 32, 32]), ("narrow", [4, 8, 16, 16])];
 const TURNS: usize = 15;
@@ -73,26 +74,13 @@ fn multiply(to: &mut Mat<f32>, a: MatRef<f32>, b: MatRef<f32>) {
 fn products(fields: [usize; 4]) -> Vec<Product> {
     let (mut channels, mut size) = (CHANNELS, SIZE);
     let layers = fields.iter().enumerate().flat_map(|(layer, &fields)| {
-        size /= KERNEL.stride;
+        size /= HALVING.stride;
         // a fourth of the patch for each irrep
-        let folded = KERNEL.size * KERNEL.size * channels / IRREPS;
+        let folded = HALVING.size * HALVING.size * channels / IRREPS;
         channels = IRREPS * fields;
         [(); IRREPS].map(|()| Product::new(CHUNK * size * size, folded, fields, layer == 0))
     });
     layers.collect()
-}
-
-fn network(fields: [usize; 4]) -> Result<Sequential<f32>, LayerError> {
-    let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
-    let (mut from, mut size) = (Group::D2.trivial(CHANNELS), SIZE);
-    for fields in fields {
-        let conv = R2Conv::new(from, Group::D2.regular(fields), KERNEL, [size; 2])?;
-        let shape = conv.out_shape();
-        (from, size) = (shape.fields, shape.height);
-        layers.push(Box::new(conv));
-        layers.push(Box::new(Relu::new(shape)?));
-    }
-    Sequential::new(layers)
 }
 
 /// A network with a chunk of images.
@@ -107,7 +95,7 @@ struct Passes {
 
 impl Passes {
     fn new(fields: [usize; 4]) -> Result<Passes, LayerError> {
-        let net = network(fields)?;
+        let net = network(SIZE, &fields, false)?;
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         let pixels = 0..CHUNK * net.in_shape().len();

@@ -1,13 +1,12 @@
 //! The files of one run's folder.
 
-use std::collections::HashSet;
 use std::io::ErrorKind;
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
 use symmetry::D2;
 
-use crate::distinct::distinct;
+use crate::distinct::{are_distinct, distinct};
 use crate::error::CoversError;
 use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
@@ -243,10 +242,8 @@ fn check(
             "evaluation.csv and metrics.csv do not agree about decisions",
         ));
     }
-    let mut variants = HashSet::new();
-    let keys = scores.iter();
-    let mut keys = keys.map(|row| (row.rollouts, &row.group, &row.element));
-    if !keys.all(|key| variants.insert(key)) {
+    let variants = scores.iter();
+    if !are_distinct(variants.map(|row| (row.rollouts, &row.group, &row.element))) {
         return Err(unfit("evaluation.csv scores a variant twice at a time"));
     }
     Ok(())
@@ -265,9 +262,7 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), C
     if !units.iter().all(sound) {
         return Err(unfit(path, "units.csv holds a row that cannot be"));
     }
-    let mut policies = HashSet::new();
-    let mut keys = units.iter().map(|row| (row.rollouts, row.policy));
-    if !keys.all(|key| policies.insert(key)) {
+    if !are_distinct(units.iter().map(|row| (row.rollouts, row.policy))) {
         return Err(unfit(path, "units.csv counts a policy twice at a time"));
     }
     match units.last() {
@@ -291,12 +286,8 @@ fn check_recognition(
     if !answers.iter().all(sound) {
         return Err(unfit(path, "recognition.csv holds a row that cannot be"));
     }
-    let key = |row: &RecognitionRow| {
-        let RecognitionRow { group, element, .. } = row.clone();
-        (group, element, row.episodes, row.policy)
-    };
-    let mut known = HashSet::new();
-    match answers.iter().map(key).all(|key| known.insert(key)) {
+    let keys = answers.iter();
+    match are_distinct(keys.map(|row| (&row.group, &row.element, row.episodes, row.policy))) {
         true => Ok(()),
         false => Err(unfit(path, "recognition.csv counts an answer twice")),
     }

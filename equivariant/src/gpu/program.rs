@@ -97,14 +97,26 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
+    /// The same with bytes, four to a word, the first the lowest; the last word is filled up with
+    /// zeros.
+    ///
+    /// # Panics
+    /// For more bytes than it has.
+    pub fn write_bytes(&self, slot: Slot, bytes: &[u8]) {
         let buffer = &self.buffers[slot.0];
         let (got, most) = (bytes.len() as u64, buffer.size());
         assert!(
             got <= most,
             "got {got} bytes for a buffer, expected at most {most}"
         );
-        self.device.queue.write_buffer(buffer, 0, bytes);
+        let (words, rest) = bytes.split_at(bytes.len() - bytes.len() % 4);
+        let queue = &self.device.queue;
+        queue.write_buffer(buffer, 0, words);
+        if !rest.is_empty() {
+            let mut last = [0; 4];
+            last[..rest.len()].copy_from_slice(rest);
+            queue.write_buffer(buffer, words.len() as u64, &last);
+        }
     }
 
     /// Starts passes over a batch, in one command buffer. They run after all that was started

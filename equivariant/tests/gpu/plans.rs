@@ -96,3 +96,22 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
     let [y] = program.read([(y.values, 100)]).unwrap();
     assert_eq!([y[0], y[69], y[70], y[99]], [20.5, 89.5, 77.5, 106.5]);
 }
+
+#[test]
+fn bytes_are_words_whose_last_one_is_filled_up() {
+    let numbers = [1.5_f32, -2.25];
+    let bytes = numbers.map(f32::to_le_bytes).concat();
+    let mut plan = Plan::new();
+    let slot = plan.buffer(2, 0);
+    let program = Program::new(device(), &plan, 1).unwrap();
+    for len in 0..=bytes.len() {
+        program.write(slot, &[7.0, 7.0]);
+        program.write_bytes(slot, &bytes[..len]);
+        let [read] = program.read([(slot, 2)]).unwrap();
+        let mut expected = [7.0_f32; 2].map(f32::to_le_bytes).concat();
+        expected[..len.next_multiple_of(4)].fill(0);
+        expected[..len].copy_from_slice(&bytes[..len]);
+        let read: Vec<u8> = read.into_iter().flat_map(f32::to_le_bytes).collect();
+        assert_eq!(read, expected, "{len} bytes");
+    }
+}

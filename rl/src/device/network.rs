@@ -58,15 +58,16 @@ impl Observed {
         images: &[u8],
         vectors: &[f32],
     ) {
-        let order = network.trunk.parts().vector_order;
+        let parts = network.trunk.parts();
+        // a blind network reads no picture
+        if parts.sight.is_some() {
+            program.write_bytes(self.images, images);
+        }
+        let order = parts.vector_order;
         let rows = vectors.chunks_exact(order.len());
         let components: Vec<f32> = rows
             .flat_map(|vector| order.iter().map(|&i| vector[i]))
             .collect();
-        // a blind network reads no picture
-        if network.trunk.parts().sight.is_some() {
-            program.write_words(self.images, &words(images));
-        }
         program.write(self.vectors, &components);
     }
 }
@@ -126,34 +127,4 @@ fn gather(plan: &mut Plan, observed: Observed, image: Option<Tensor>, vector: Te
         .write("x_image", "f32", x_image)
         .write("x_vector", "f32", vector.values)
         .text(include_str!("wgsl/gather.wgsl"))
-}
-
-/// Bytes in words of four, the first the lowest; the last word is filled up with zeros.
-fn words(bytes: &[u8]) -> Vec<u32> {
-    let word = |chunk: &[u8]| {
-        let bytes = chunk.iter().rev();
-        bytes.fold(0, |word, &byte| word << 8 | u32::from(byte))
-    };
-    bytes.chunks(4).map(word).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_last_word_is_filled_up() {
-        let bytes = [1, 2, 3, 4, 5];
-        let expected: [&[u32]; 6] = [
-            &[],
-            &[0x01],
-            &[0x0201],
-            &[0x030201],
-            &[0x04030201],
-            &[0x04030201, 0x05],
-        ];
-        for (len, expected) in expected.into_iter().enumerate() {
-            assert_eq!(words(&bytes[..len]), expected);
-        }
-    }
 }
