@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use envs::{Randomisation, TaskGroup, VecEnvSettings};
-use rl::NetworkSettings;
+use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -36,6 +36,8 @@ pub enum Method {
     Cnn,
     /// COVERS with ordinary networks that learn from randomly mirrored decisions.
     CnnAug,
+    /// COVERS with ordinary networks that pay for what is not equivariant.
+    CnnDrac,
     /// Soft actor-critic with a replay: one ordinary policy for everything.
     Clear,
     /// CLEAR with cloning of the actions in its replay.
@@ -52,7 +54,7 @@ pub enum Method {
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
@@ -61,6 +63,7 @@ impl Method {
         Self::Equi,
         Self::Cnn,
         Self::CnnAug,
+        Self::CnnDrac,
         Self::Clear,
         Self::ClearBc,
         Self::ThreeRl,
@@ -79,6 +82,7 @@ impl Method {
             Self::Equi => "equi",
             Self::Cnn => "cnn",
             Self::CnnAug => "cnn-aug",
+            Self::CnnDrac => "cnn-drac",
             Self::Clear => "clear",
             Self::ClearBc => "clear-bc",
             Self::ThreeRl => "3rl",
@@ -104,7 +108,8 @@ impl Method {
             Self::Paper => CoversSettings::paper(),
             _ => CoversSettings::default(),
         };
-        if matches!(self, Self::CoversCnn | Self::Cnn | Self::CnnAug) {
+        let plain = [Self::CoversCnn, Self::Cnn, Self::CnnAug, Self::CnnDrac];
+        if plain.contains(&self) {
             settings.network.group = Group::C1;
         }
         match self {
@@ -112,6 +117,7 @@ impl Method {
             Self::CoversGt => settings.grouping = GroupingSettings::Oracle,
             Self::Equi | Self::Cnn => settings.grouping = GroupingSettings::Single,
             Self::CnnAug => settings.augmentation = Group::D2,
+            Self::CnnDrac => settings.ppo = symmetrised(settings.ppo),
             _ => {}
         }
         settings
@@ -139,6 +145,16 @@ impl Method {
             _ => {}
         }
         envs
+    }
+}
+
+/// With a loss of broken symmetries. Half as many updates of twice as many passes: as often as with
+/// every method, a decision passes through a gradient.
+fn symmetrised(ppo: PpoSettings) -> PpoSettings {
+    PpoSettings {
+        epochs: ppo.epochs / 2,
+        symmetry: Some(SymmetryLoss::default()),
+        ..ppo
     }
 }
 
@@ -369,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn methods_of_covers_differ_in_networks_groupings_and_data_alone() {
+    fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
         let covers = Method::Covers.covers();
         for method in [
             Method::CoversGt,
@@ -378,12 +394,18 @@ mod tests {
             Method::Equi,
             Method::Cnn,
             Method::CnnAug,
+            Method::CnnDrac,
         ] {
             let mut settings = method.covers();
             assert_ne!(settings, covers, "{method:?}");
             settings.network = covers.network.clone();
             settings.grouping = covers.grouping;
             settings.augmentation = covers.augmentation;
+            if method == Method::CnnDrac {
+                assert_eq!(2 * settings.ppo.epochs, covers.ppo.epochs);
+                settings.ppo.epochs = covers.ppo.epochs;
+                settings.ppo.symmetry = covers.ppo.symmetry;
+            }
             assert_eq!(settings, covers, "{method:?}");
         }
     }

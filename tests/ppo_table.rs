@@ -82,6 +82,7 @@ fn states(cell: &str, value: &Value) -> bool {
         .and_then(|fields| fields.keys().next().map(String::as_str));
     match (cell.parse::<f64>(), value.as_f64()) {
         (Ok(stated), Some(value)) => stated == value,
+        _ if value.is_null() => cell == "none",
         _ => value.as_str().or(variant) == Some(cell.replace(' ', "_").as_str()),
     }
 }
@@ -101,7 +102,7 @@ fn every_value_is_that_of_the_presets() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 20);
+    assert_eq!(seen, 21);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
     assert!(!states(
         "reuse",
@@ -122,6 +123,7 @@ fn every_setting_of_the_update_is_in_a_table() {
 fn every_logged_column_is_written_and_every_metric_is_in_the_table() {
     let update = rl::UpdateStats {
         log_std: vec![0.0],
+        symmetry_loss: Some(0.0),
         ..rl::UpdateStats::default()
     };
     let metrics: Vec<String> = update.metrics().into_iter().map(|(name, _)| name).collect();

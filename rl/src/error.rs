@@ -24,6 +24,13 @@ pub enum RlError {
          prepared for; make a new DevicePolicy"
     )]
     OtherNetwork,
+    /// A [`SymmetryLoss`](crate::SymmetryLoss) on a GPU.
+    #[cfg(feature = "wgpu")]
+    #[error(
+        "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
+         the processor, or leave it out"
+    )]
+    OnProcessorAlone,
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \

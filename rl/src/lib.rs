@@ -125,6 +125,7 @@ mod require;
 mod rollout;
 mod sac;
 mod stage;
+mod symmetry_loss;
 mod trunk;
 
 #[cfg(feature = "wgpu")]
@@ -163,3 +164,4 @@ pub use sac::policy::SacPolicy;
 pub use sac::settings::{ContextSettings, SacSettings, Temperature};
 pub use sac::stats::SacStats;
 pub use sac::update::Sac;
+pub use symmetry_loss::SymmetryLoss;

@@ -18,6 +18,8 @@ pub(crate) struct LossWeights {
     pub value: f64,
     /// Weight of the entropy bonus.
     pub entropy: f64,
+    /// Weight of the loss of broken symmetries.
+    pub symmetry: f64,
 }
 
 /// What was recorded about a decision.
@@ -46,7 +48,7 @@ pub(crate) struct Output<'a> {
 
 sums! {
     /// Sums over decisions of the loss's terms and of the diagnostics.
-    LossSums: samples, policy, value, entropy, kl, clipped
+    LossSums: samples, policy, value, entropy, kl, clipped, symmetry
 }
 
 /// Loss terms of one decision. Writes the gradient with respect to the mean to `d_mean`, adds the
@@ -91,6 +93,7 @@ pub(crate) fn sample_loss(
         entropy: entropy(output.log_std),
         kl: (ratio - 1.0) - log_ratio,
         clipped: f64::from(u8::from((ratio - 1.0).abs() > weights.clip)),
+        symmetry: 0.0,
     };
     (sums, 2.0 * weights.value * error * scale)
 }
@@ -100,6 +103,7 @@ impl LossSums {
     /// The sum that is minimised.
     pub fn total(&self, weights: &LossWeights) -> f64 {
         self.policy + weights.value * self.value - weights.entropy * self.entropy
+            + weights.symmetry * self.symmetry
     }
 }
 
@@ -111,6 +115,7 @@ mod tests {
         clip: 0.2,
         value: 0.5,
         entropy: 0.01,
+        symmetry: 0.0,
     };
 
     /// What is minimised, and its gradient; parameters are mean (2), log_std (2), value.

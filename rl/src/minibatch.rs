@@ -8,6 +8,7 @@ use crate::buffer::RolloutBuffer;
 use crate::loss::{LossSums, LossWeights, Output, Sample, sample_loss};
 use crate::network::ActorCritic;
 use crate::pass::Workspace;
+use crate::symmetry_loss::Moved;
 
 /// A minibatch of B decisions of a rollout.
 #[derive(Clone, Copy, Debug)]
@@ -22,6 +23,8 @@ pub(crate) struct Minibatch<'a> {
     /// Their normalised advantages, `[B]`.
     pub advantages: &'a [f64],
     pub weights: LossWeights,
+    /// The decisions of the rollout moved, where broken symmetries cost something.
+    pub moved: Option<&'a Moved>,
 }
 
 impl Minibatch<'_> {
@@ -41,8 +44,14 @@ impl Minibatch<'_> {
             network.load(slot, image, vector, workspace);
         }
         network.forward(params, range.len(), workspace);
-        let sums = self.loss(range.clone(), workspace);
+        let mut sums = self.loss(range.clone(), workspace);
         network.backward(params, range.len(), workspace, gradient);
+        if let Some(moved) = self.moved {
+            let scale = 1.0 / self.indices.len() as f64;
+            let part = (self.buffer.spec(), &self.indices[range]);
+            let network = (network, params);
+            sums.symmetry = moved.chunk(network, part, &self.weights, scale, workspace, gradient);
+        }
         sums
     }
 
@@ -119,6 +128,7 @@ mod tests {
         clip: 0.2,
         value: 0.5,
         entropy: 0.01,
+        symmetry: 0.0,
     };
 
     fn spec() -> EnvSpec {
@@ -204,6 +214,7 @@ mod tests {
             indices: &[3, 1, 4, 0, 2],
             advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
             weights: WEIGHTS,
+            moved: None,
         };
         let mut gradient = vec![0.0; params.len()];
         let mut workspace = network.workspace(3);

@@ -64,13 +64,17 @@ impl Ppo {
     /// the other.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`].
+    /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
+    /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
         settings: PpoSettings,
         policy: &ActorCriticPolicy,
         device: &equivariant::gpu::Device,
     ) -> Result<Self, RlError> {
+        if settings.symmetry.is_some() {
+            return Err(RlError::OnProcessorAlone);
+        }
         let engine = Engine::Device(Box::new(device::Device::new(device)));
         Self::on(settings, policy, engine)
     }
@@ -102,7 +106,9 @@ impl Algorithm for Ppo {
     type Stats = UpdateStats;
 
     /// Improves `policy` by several passes over the minibatches of a finished rollout; their order
-    /// comes from `rng`. The same inputs give the same bits on any number of threads.
+    /// comes from `rng`, and before it the elements that move decisions for a
+    /// [`SymmetryLoss`](crate::SymmetryLoss). The same inputs give the same bits on any number of
+    /// threads.
     ///
     /// The update stops before a gradient step when the minibatch's KL divergence exceeds
     /// [`PpoSettings::kl_stop`] (Stable-Baselines3, `PPO.train`).
@@ -119,7 +125,7 @@ impl Algorithm for Ppo {
         let expected = self.optimiser.first_moment.len();
         check_params(expected, policy.params().len())?;
         policy.network().spec().check_same(buffer.spec())?;
-        self.rollout.prepare(&self.settings, buffer)?;
+        self.rollout.prepare(&self.settings, buffer, rng)?;
         let totals = self.engine.run(Task {
             settings: &self.settings,
             optimiser: &mut self.optimiser,
@@ -130,7 +136,11 @@ impl Algorithm for Ppo {
         })?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        Ok(totals.stats(values, &self.rollout.returns, policy.log_std()))
+        let symmetry_loss = totals.losses.symmetry / totals.losses.samples;
+        Ok(UpdateStats {
+            symmetry_loss: self.rollout.moved.is_some().then_some(symmetry_loss),
+            ..totals.stats(values, &self.rollout.returns, policy.log_std())
+        })
     }
 
     /// Both moments of Adam and its number of steps.

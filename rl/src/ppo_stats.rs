@@ -29,10 +29,14 @@ pub struct UpdateStats {
     pub epochs: usize,
     /// Logarithm of every action component's standard deviation after the update, `[A]`.
     pub log_std: Vec<f32>,
+    /// The loss of broken symmetries before its weight, where there is one
+    /// ([`SymmetryLoss`](crate::SymmetryLoss)).
+    pub symmetry_loss: Option<f64>,
 }
 
 impl Metrics for UpdateStats {
-    /// The fields in their order; the components of `log_std` are `log_std_0`, `log_std_1`, ...
+    /// The fields in their order, `symmetry_loss` last and where there is one; the components of
+    /// `log_std` are `log_std_0`, `log_std_1`, ...
     fn metrics(&self) -> Vec<(String, f64)> {
         let mut all = named!(
             self: policy_loss, value_loss, entropy, approx_kl, clip_fraction, explained_variance,
@@ -40,6 +44,10 @@ impl Metrics for UpdateStats {
         );
         let components = self.log_std.iter().enumerate();
         all.extend(components.map(|(i, &s)| (format!("log_std_{i}"), f64::from(s))));
+        all.extend(
+            self.symmetry_loss
+                .map(|loss| ("symmetry_loss".to_owned(), loss)),
+        );
         all
     }
 }
@@ -68,6 +76,7 @@ impl Totals {
             steps: self.steps,
             epochs: self.epochs,
             log_std: log_std.to_vec(),
+            symmetry_loss: None,
         }
     }
 }

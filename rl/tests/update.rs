@@ -4,9 +4,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, Decisions, Encoder, EnvSpec, Metrics, NetworkSettings,
-    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, UpdateStats,
-    VectorEnv, collect, evaluate,
+    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, RolloutStats, SymmetryLoss,
+    UpdateStats, VectorEnv, collect, evaluate,
 };
+use symmetry::Group;
 
 use crate::common::{EPISODE, PointReach};
 
@@ -53,6 +54,71 @@ fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
     (policy.params().to_vec(), stats)
+}
+
+/// The symmetry loss of a plain policy's rollout after an update with this weight of it.
+fn asymmetry(weight: f32) -> f64 {
+    let mut env = PointReach::new(ENVS, 1);
+    let network = NetworkSettings {
+        group: Group::C1,
+        ..settings()
+    };
+    let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+    let settings = |weight| PpoSettings {
+        symmetry: Some(SymmetryLoss {
+            group: Group::D2,
+            weight,
+        }),
+        ..PpoSettings::default()
+    };
+    let mut ppo = Ppo::new(settings(weight), &policy).unwrap();
+    ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    // what the next update finds before its first step
+    let first = PpoSettings {
+        epochs: 1,
+        minibatch: buffer.samples(),
+        ..settings(0.0)
+    };
+    let mut ppo = Ppo::new(first, &policy).unwrap();
+    let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    stats.symmetry_loss.unwrap()
+}
+
+#[test]
+fn a_symmetry_loss_makes_a_plain_policy_more_symmetric() {
+    let (without, with) = (asymmetry(0.0), asymmetry(1.0));
+    assert!(with < without / 2.0, "{without} {with}");
+}
+
+#[test]
+fn an_update_without_a_symmetry_loss_reports_none() {
+    let (_, stats) = updated(PpoSettings::default());
+    assert_eq!(stats.symmetry_loss, None);
+    assert!(
+        stats
+            .metrics()
+            .iter()
+            .all(|(name, _)| name != "symmetry_loss")
+    );
+}
+
+#[test]
+fn symmetry_losses_without_a_flip_or_with_a_negative_weight_are_refused() {
+    for (group, weight, start) in [
+        (Group::D2, -1.0, "symmetry.weight = -1:"),
+        (Group::C1, 0.1, "the order of symmetry.group = 1:"),
+    ] {
+        let settings = PpoSettings {
+            symmetry: Some(SymmetryLoss { group, weight }),
+            ..PpoSettings::default()
+        };
+        let refused = Ppo::new(settings, &rollout().policy).unwrap_err();
+        assert!(refused.to_string().starts_with(start), "{refused}");
+    }
 }
 
 #[test]

@@ -211,6 +211,7 @@ impl Totals {
                 entropy,
                 kl,
                 clipped,
+                symmetry: 0.0,
             });
             check_finite("the norm of the gradient", norm)?;
             if stepped == 0.0 {

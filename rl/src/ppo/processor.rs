@@ -79,6 +79,7 @@ impl Processor {
             indices,
             advantages: &self.normalised,
             weights: loss_weights(task.settings),
+            moved: rollout.moved.as_ref(),
         };
         self.gradient.fill(0.0);
         let (network, params) = (task.policy.network(), task.policy.params());
@@ -93,7 +94,7 @@ impl Processor {
         parts.iter().for_each(|part| sums.add(part));
         check_finite(
             "the loss of a minibatch",
-            sums.policy + sums.value + sums.kl,
+            sums.policy + sums.value + sums.kl + sums.symmetry,
         )?;
         Ok(sums)
     }
@@ -115,5 +116,8 @@ fn loss_weights(settings: &PpoSettings) -> LossWeights {
         clip: settings.clip.into(),
         value: settings.value_weight.into(),
         entropy: settings.entropy_weight.into(),
+        symmetry: settings
+            .symmetry
+            .map_or(0.0, |symmetry| symmetry.weight.into()),
     }
 }

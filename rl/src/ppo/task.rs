@@ -8,6 +8,7 @@ use crate::adam::{Adam, ParamGroup};
 use crate::buffer::RolloutBuffer;
 use crate::error::{RlError, check_all_finite};
 use crate::ppo_settings::PpoSettings;
+use crate::symmetry_loss::Moved;
 
 /// An update that is to be run.
 pub(super) struct Task<'a> {
@@ -41,14 +42,17 @@ pub(super) struct Rollout {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
+    /// Its decisions moved, for the loss of [`SymmetryLoss`](crate::SymmetryLoss).
+    pub moved: Option<Moved>,
 }
 
 impl Rollout {
-    /// Computes advantages and returns.
+    /// Computes advantages and returns, and moves decisions by what `rng` draws.
     pub fn prepare(
         &mut self,
         settings: &PpoSettings,
         buffer: &RolloutBuffer,
+        rng: &mut ChaCha8Rng,
     ) -> Result<(), RlError> {
         self.advantages.resize(buffer.samples(), 0.0);
         self.returns.resize(buffer.samples(), 0.0);
@@ -62,6 +66,7 @@ impl Rollout {
         self.actions.clear();
         self.actions
             .extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
+        self.moved = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
         Ok(())
     }
 }

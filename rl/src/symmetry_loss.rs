@@ -1,0 +1,341 @@
+//! A loss that draws a policy towards a symmetry that its network lacks.
+
+use equivariant::Scalar;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use symmetry::{D2, Group};
+
+use crate::buffer::RolloutBuffer;
+use crate::env::{EnvSpec, Observations};
+use crate::error::RlError;
+use crate::loss::LossWeights;
+use crate::network::ActorCritic;
+use crate::pass::Workspace;
+use crate::require::{require, require_weight};
+
+/// What a policy pays for answering a moved observation with anything but the moved action and the
+/// same value: the regularisers of data-regularised actor-critic (Raileanu et al., "Automatic data
+/// augmentation for generalization in deep reinforcement learning", NeurIPS 2021, equations 3 to
+/// 5), for transformations that move actions, too. The surrogate itself sees what was collected
+/// alone, so it stays an estimate of the policy's own gradient.
+///
+/// For a decision with mean m and value v and an element g, with m' and v' for the moved
+/// observation, it is `weight * (sum((m' - g m)^2 / (2 sigma^2)) + value_weight * (v' - v)^2)`. The
+/// first term is the KL divergence of the answers to the moved observation from the moved answers;
+/// m, v and sigma are constants in it. An equivariant policy pays nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SymmetryLoss {
+    /// One element other than the identity is drawn for each decision and update; any group but C1,
+    /// which has none.
+    pub group: Group,
+    /// Weight of the whole, at least 0.
+    pub weight: f32,
+}
+
+impl Default for SymmetryLoss {
+    /// D2, with the weight of the source (its table of hyper-parameters).
+    fn default() -> Self {
+        Self {
+            group: Group::D2,
+            weight: 0.1,
+        }
+    }
+}
+
+impl SymmetryLoss {
+    pub(crate) fn check(&self) -> Result<(), RlError> {
+        let order = self.group.order();
+        require(
+            "the order of symmetry.group",
+            order as f32,
+            "2 or 4 (D1x, D1y, C2 or D2); leave `symmetry` out to have no such loss",
+            order > 1,
+        )?;
+        require_weight("symmetry.weight", self.weight)
+    }
+
+    /// Draws an element for each decision of the rollout, and moves what was observed.
+    pub(crate) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> Moved {
+        // the identity comes first
+        let others = &self.group.elements()[1..];
+        let draw = |_| others[rng.random_range(0..others.len())];
+        let elements: Vec<D2> = (0..buffer.samples()).map(draw).collect();
+        let mut observations = buffer.observations().clone();
+        for (i, &g) in elements.iter().enumerate() {
+            observations.transform(buffer.spec(), i, g);
+        }
+        Moved {
+            elements,
+            observations,
+        }
+    }
+}
+
+/// The decisions of a rollout, moved.
+#[derive(Debug)]
+pub(crate) struct Moved {
+    elements: Vec<D2>,
+    observations: Observations,
+}
+
+/// Means `[n, A]` and values `[n]` of decisions as they were observed.
+#[derive(Debug)]
+struct Answers {
+    means: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Moved {
+    /// Runs the moved decisions at `indices` forward and backward, after a forward pass over the
+    /// same decisions as they were observed. Adds their gradient, times `scale`, and returns the
+    /// sum of the loss before its weight.
+    pub fn chunk<T: Scalar>(
+        &self,
+        (network, params): (&ActorCritic<T>, &[T]),
+        (spec, indices): (&EnvSpec, &[usize]),
+        weights: &LossWeights,
+        scale: f64,
+        workspace: &mut Workspace<T>,
+        gradient: &mut [T],
+    ) -> f64 {
+        let answers = Answers::of(spec, indices.len(), workspace);
+        self.forward((network, params), (spec, indices), workspace);
+        let loss = self.loss((spec, indices), &answers, weights, scale, workspace);
+        network.backward(params, indices.len(), workspace, gradient);
+        loss
+    }
+
+    fn forward<T: Scalar>(
+        &self,
+        (network, params): (&ActorCritic<T>, &[T]),
+        (spec, indices): (&EnvSpec, &[usize]),
+        workspace: &mut Workspace<T>,
+    ) {
+        for (slot, &i) in indices.iter().enumerate() {
+            let (image, vector) = self.observations.sample(spec, i);
+            network.load(slot, image, vector, workspace);
+        }
+        network.forward(params, indices.len(), workspace);
+    }
+
+    /// Sums the loss and leaves its weighted and scaled gradients in the workspace.
+    fn loss<T>(
+        &self,
+        (spec, indices): (&EnvSpec, &[usize]),
+        answers: &Answers,
+        weights: &LossWeights,
+        scale: f64,
+        w: &mut Workspace<T>,
+    ) -> f64 {
+        let width = spec.action.len();
+        let scale = weights.symmetry * scale;
+        let mut loss = 0.0;
+        w.d_log_std.fill(0.0);
+        for (slot, &i) in indices.iter().enumerate() {
+            for (a, irrep) in spec.action.iter().enumerate() {
+                let own = slot * width + a;
+                let target = f64::from(irrep.sign(self.elements[i])) * answers.means[own];
+                let (off, precision) = (w.mean[own] - target, (-2.0 * w.log_std[a]).exp());
+                loss += off * off * precision / 2.0;
+                w.d_mean[own] = scale * off * precision;
+            }
+            let off = w.value[slot] - answers.values[slot];
+            loss += weights.value * off * off;
+            w.d_value[slot] = 2.0 * scale * weights.value * off;
+        }
+        loss
+    }
+}
+
+impl Answers {
+    /// Those of the last forward pass.
+    fn of<T>(spec: &EnvSpec, n: usize, workspace: &Workspace<T>) -> Self {
+        Self {
+            means: workspace.mean[..n * spec.action.len()].to_vec(),
+            values: workspace.value[..n].to_vec(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+    use crate::env::Transition;
+    use crate::fixtures::{self, strided};
+    use crate::network_settings::{Critic, NetworkSettings};
+    use crate::policy::Decisions;
+
+    const B: usize = 12;
+    const WEIGHTS: LossWeights = LossWeights {
+        clip: 0.2,
+        value: 0.3,
+        entropy: 0.0,
+        symmetry: 0.7,
+    };
+    const ALL: SymmetryLoss = SymmetryLoss {
+        group: Group::D2,
+        weight: 0.7,
+    };
+
+    fn spec() -> EnvSpec {
+        EnvSpec {
+            num_envs: B,
+            ..fixtures::spec()
+        }
+    }
+
+    fn network(group: Group, critic: Critic) -> ActorCritic<f64> {
+        let settings = NetworkSettings {
+            critic,
+            ..fixtures::settings(group, strided())
+        };
+        ActorCritic::new(&settings, &spec()).unwrap()
+    }
+
+    /// One step of random observations.
+    fn buffer() -> RolloutBuffer {
+        let (spec, observations) = (spec(), fixtures::observations(B));
+        let (decisions, transition) = (Decisions::new(&spec), Transition::new(&spec));
+        let mut buffer = RolloutBuffer::new(&spec, 1).unwrap();
+        buffer
+            .push(&observations, &decisions, &transition, &[0.0; B])
+            .unwrap();
+        buffer
+    }
+
+    fn rng() -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(4)
+    }
+
+    /// A network with parameters that are not small, a workspace after a pass over what was
+    /// observed, and what was moved.
+    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, Moved) {
+        let (buffer, mut workspace) = (buffer(), network.workspace(B));
+        let mut params = network.init(&mut rng());
+        params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
+        for i in 0..B {
+            let (image, vector) = buffer.observations().sample(&spec(), i);
+            network.load(i, image, vector, &mut workspace);
+        }
+        network.forward(&params, B, &mut workspace);
+        let moved = ALL.draw(&buffer, &mut rng());
+        (params, workspace, moved)
+    }
+
+    fn loss(group: Group, critic: Critic) -> (f64, Vec<f64>) {
+        let network = network(group, critic);
+        let (params, mut workspace, moved) = observed(&network);
+        let indices: Vec<usize> = (0..B).collect();
+        let mut gradient = vec![0.0; params.len()];
+        let loss = moved.chunk(
+            (&network, &params),
+            (&spec(), &indices),
+            &WEIGHTS,
+            1.0,
+            &mut workspace,
+            &mut gradient,
+        );
+        (loss, gradient)
+    }
+
+    #[test]
+    fn an_equivariant_policy_pays_nothing_and_a_plain_one_does() {
+        for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
+            let (none, flat) = loss(Group::D2, critic);
+            assert!(none < 1e-20 && flat.iter().all(|g| g.abs() < 1e-9));
+            for group in [Group::C1, Group::D1x, Group::C2] {
+                let (some, steep) = loss(group, critic);
+                assert!(
+                    some > 1e-6 && steep.iter().any(|g| g.abs() > 1e-6),
+                    "{group}"
+                );
+            }
+        }
+    }
+
+    /// By hand, with two of three components off: an action along x changes its sign under a flip
+    /// of x and a height does not.
+    #[test]
+    fn the_loss_of_one_decision_by_hand() {
+        let network = network(Group::C1, Critic::Joint { fields: 3 });
+        let (_, mut w, mut moved) = observed(&network);
+        moved.elements[0] = D2::FlipX;
+        let answers = Answers {
+            means: vec![0.5, 0.25, -1.0],
+            values: vec![2.0],
+        };
+        w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
+        w.value[0] = 4.0;
+        w.log_std = vec![0.0, -(2f64.ln()), 0.0];
+        w.d_log_std.fill(9.0);
+        let loss = moved.loss((&spec(), &[0]), &answers, &WEIGHTS, 0.5, &mut w);
+        assert!((loss - (0.0625 / 2.0 + 0.25 * 4.0 / 2.0 + 0.3 * 4.0)).abs() < 1e-12);
+        for (d, by_hand) in w.d_mean.iter().zip([0.25 * 0.35, -2.0 * 0.35, 0.0]) {
+            assert!((d - by_hand).abs() < 1e-12, "{:?}", w.d_mean);
+        }
+        assert!((w.d_value[0] - 0.35 * 2.0 * 0.3 * 2.0).abs() < 1e-12);
+        assert_eq!(w.d_log_std, [0.0; 3]);
+    }
+
+    #[test]
+    fn gradient_equals_finite_differences_with_the_answers_held() {
+        for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
+            let network = network(Group::C1, critic);
+            let (mut params, mut workspace, moved) = observed(&network);
+            let (spec, held) = (spec(), Answers::of(&spec(), B, &workspace));
+            // the answers are those of the order in which they were observed
+            let indices: Vec<usize> = (0..B).collect();
+            let mut gradient = vec![0.0; params.len()];
+            let part = (&spec, &indices[..]);
+            moved.chunk(
+                (&network, &params),
+                part,
+                &WEIGHTS,
+                0.25,
+                &mut workspace,
+                &mut gradient,
+            );
+            let log_std = params.len() - 3;
+            for i in 0..params.len() {
+                let centre = params[i];
+                let mut at = |h: f64| {
+                    params[i] = centre + h;
+                    moved.forward((&network, &params), part, &mut workspace);
+                    let loss = moved.loss(part, &held, &WEIGHTS, 0.25, &mut workspace);
+                    loss * 0.25 * WEIGHTS.symmetry
+                };
+                let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+                params[i] = centre;
+                // standard deviations are not trained by it
+                let expected = if i < log_std { slope } else { 0.0 };
+                assert!(
+                    (expected - gradient[i]).abs() < 1e-7,
+                    "{i}: {} {slope}",
+                    gradient[i]
+                );
+            }
+            assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 4);
+        }
+    }
+
+    #[test]
+    fn all_elements_but_the_identity_are_drawn_and_move_what_was_observed() {
+        let (buffer, spec) = (buffer(), spec());
+        let moved = ALL.draw(&buffer, &mut rng());
+        for g in D2::ALL {
+            assert_eq!(moved.elements.contains(&g), g != D2::Identity, "{g}");
+        }
+        for (i, &g) in moved.elements.iter().enumerate() {
+            let mut expected = buffer.observations().clone();
+            expected.transform(&spec, i, g);
+            assert_eq!(
+                moved.observations.sample(&spec, i),
+                expected.sample(&spec, i)
+            );
+        }
+    }
+}
