@@ -148,8 +148,8 @@ impl Method {
     }
 }
 
-/// With a loss of broken symmetries. Half as many updates of twice as many passes: as often as with
-/// every method, a decision passes through a gradient.
+/// With a loss of broken symmetries, which runs every decision twice, in half as many passes: a
+/// decision goes through at most as many gradients as with other methods.
 fn symmetrised(ppo: PpoSettings) -> PpoSettings {
     PpoSettings {
         epochs: ppo.epochs / 2,

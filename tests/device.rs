@@ -10,13 +10,18 @@ fn on(method: Method, device: DeviceChoice) -> Result<Experiment, String> {
 }
 
 #[test]
-fn learners_with_replays_learn_on_the_processor() {
-    let message = on(Method::Clear, DeviceChoice::Gpu).unwrap_err();
-    assert!(message.contains("setting `device` is gpu"), "{message}");
-    assert!(message.contains("a learner with replays"), "{message}");
-    for choice in [DeviceChoice::Cpu, DeviceChoice::Auto] {
-        let experiment = on(Method::Clear, choice).unwrap();
-        assert_eq!(experiment.learner.gpu(), None);
+fn learners_with_replays_or_a_symmetry_loss_learn_on_the_processor() {
+    for (method, reason) in [
+        (Method::Clear, "a learner with replays"),
+        (Method::CnnDrac, "a symmetry loss"),
+    ] {
+        let message = on(method, DeviceChoice::Gpu).unwrap_err();
+        assert!(message.contains("setting `device` is gpu"), "{message}");
+        assert!(message.contains(reason), "{message}");
+        for choice in [DeviceChoice::Cpu, DeviceChoice::Auto] {
+            let experiment = on(method, choice).unwrap();
+            assert_eq!(experiment.learner.gpu(), None);
+        }
     }
 }
 

@@ -210,7 +210,7 @@ fn every_other_method_runs_its_smoke_budget() {
 }
 
 #[test]
-fn replays_mirrored_rollouts_and_randomised_pictures_go_on_to_the_same_bytes_on_any_number_of_threads()
+fn replays_mirrored_decisions_and_randomised_pictures_go_on_to_the_same_bytes_on_any_number_of_threads()
  {
     let scratch = Scratch::new("replays");
     let off_policy = [
@@ -219,7 +219,7 @@ fn replays_mirrored_rollouts_and_randomised_pictures_go_on_to_the_same_bytes_on_
         Method::ThreeRl,
         Method::EquiSac,
     ];
-    let others = [Method::CnnAug, Method::CoversRandomised];
+    let others = [Method::CnnAug, Method::CnnDrac, Method::CoversRandomised];
     for method in [&off_policy[..], &others].concat() {
         let (summary, reference) = finish(start(&scratch.0, small(method)));
         let many = small(method).learner.tells_groups_apart();

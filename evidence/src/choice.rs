@@ -10,6 +10,9 @@ const MARGIN: f64 = 3.0;
 /// and where that has at most this probability for the one that acted. Groups that look alike, too,
 /// differ by chance.
 const UNLIKELY: f64 = 1e-3;
+/// A policy is by far the nearest if the ratio of every other one exceeds 1 by so many times as
+/// much.
+const APART: f64 = 2.5;
 
 /// All policies' opinions of episodes in which one of them acted.
 pub(crate) struct Choice<'a> {
@@ -61,15 +64,29 @@ impl<'a> Choice<'a> {
         near
     }
 
-    /// The policy whose looks differ least among the eligible ones that were tested, if they differ
-    /// by less than this ratio.
-    pub(crate) fn drifted(&self, most: f64, eligible: impl Fn(usize) -> bool) -> Option<usize> {
+    /// The policy whose looks differ least among the eligible ones that were tested: where every
+    /// other one of them differs by far more, if it differs by less than the ratio `farthest`; else
+    /// among those that can show that they serve, if it differs by less than `most`.
+    pub(crate) fn drifted(
+        &self,
+        (most, farthest): (f64, f64),
+        is_eligible: impl Fn(usize) -> bool,
+        can_show: impl Fn(usize) -> bool,
+    ) -> Option<usize> {
         let ratio = |policy: usize| self.opinions[policy].look_ratio();
-        let tested = (0..self.opinions.len())
-            .filter(|&policy| self.opinions[policy].test.is_some() && eligible(policy));
-        tested
-            .min_by(|&a, &b| ratio(a).total_cmp(&ratio(b)))
-            .filter(|&policy| ratio(policy) < most)
+        let is_tested = |policy: usize| self.opinions[policy].test.is_some();
+        let mut eligible: Vec<usize> = (0..self.opinions.len())
+            .filter(|&policy| is_tested(policy) && is_eligible(policy))
+            .collect();
+        eligible.sort_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
+        let (&nearest, others) = eligible.split_first()?;
+        let far = 1.0 + APART * (ratio(nearest) - 1.0);
+        let is_apart = others.first().is_none_or(|&next| ratio(next) >= far);
+        if is_apart && ratio(nearest) < farthest {
+            return Some(nearest);
+        }
+        let near = eligible.into_iter().find(|&policy| can_show(policy));
+        near.filter(|&policy| ratio(policy) < most)
     }
 
     /// The accepted policies, but for the one that acted.

@@ -21,8 +21,13 @@ const LEARNT: f64 = 1.0;
 /// serves where it is.
 const PROOF: f64 = 3.0;
 const FEW: f64 = 1.0 / 3.0;
-/// There, distances of looks may exceed those of chance by so many times as much as elsewhere.
+/// There, distances of looks may exceed those of chance by so many times as much as elsewhere,
 const EXCUSED: f64 = 2.5;
+/// and by so many where a policy is excused, because it is by far the nearest one.
+const FARTHEST: f64 = 4.0;
+/// Motion and the way that pays change while a policy learns. They count where their distance is so
+/// many times what chance makes of it.
+const LEAST_RATIO: f64 = 2.0;
 
 /// Tests with settings.
 #[derive(Clone, Copy, Debug)]
@@ -112,18 +117,24 @@ impl Examiner<'_> {
     }
 
     /// From which ratio on looks speak against a policy: a larger one where it returns and shows
-    /// that it serves where it is.
+    /// that it serves where it is, or has learnt too little to show anything.
     fn least_ratio(self, opinion: &Opinion) -> f64 {
-        let returns = matches!(opinion.role, Role::Returns | Role::Excused);
-        match returns && self.is_proven(opinion) {
-            true => self.drifted(),
-            false => self.0.min_ratio,
+        let may_serve = self.is_proven(opinion) || opinion.learnt < PROOF;
+        match opinion.role {
+            Role::Returns if may_serve => self.drifted(),
+            Role::Excused if may_serve => self.farthest(),
+            _ => self.0.min_ratio,
         }
     }
 
     /// The largest ratio that drift may have caused while a policy was away.
     pub(crate) fn drifted(self) -> f64 {
         1.0 + EXCUSED * (self.0.min_ratio - 1.0)
+    }
+
+    /// The same for one that is by far the nearest.
+    pub(crate) fn farthest(self) -> f64 {
+        1.0 + FARTHEST * (self.0.min_ratio - 1.0)
     }
 
     /// How much weaker the evidence may be: the more of the earnings is lost, the less it takes.
@@ -173,9 +184,12 @@ impl Examiner<'_> {
     fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),
-            Kind::Motion => opinion.changed >= self.0.min_motion,
+            Kind::Motion => opinion.changed >= self.0.min_motion && source.ratio() >= LEAST_RATIO,
             // one that has learnt is known by what it earns
-            Kind::Slope => opinion.learnt < PROOF && opinion.turned >= self.0.min_motion,
+            Kind::Slope => {
+                let has_turned = opinion.turned >= self.0.min_motion;
+                opinion.learnt < PROOF && has_turned && source.ratio() >= LEAST_RATIO
+            }
             Kind::Earnings => opinion.lost >= self.0.min_loss,
         }
     }

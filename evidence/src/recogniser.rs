@@ -258,13 +258,9 @@ impl Recogniser {
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
     }
 
-    /// Whether a policy may be meant that looks another, or has an heir: it was away, and has
-    /// learnt so much that it can show it.
+    /// Whether a policy may be meant that looks another, or has an heir: it was away.
     fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
-        let memory = &self.memories[policy];
-        policy != situation.collector
-            && !situation.refused.contains(&policy)
-            && Examiner(&self.settings).knows(memory)
+        policy != situation.collector && !situation.refused.contains(&policy)
     }
 
     /// Refuses a policy that was never told of.
@@ -327,9 +323,11 @@ impl Recogniser {
         let choice = Choice::new(&opinions, situation.collector);
         let rivals = choice.rivals();
         let named = choice.kept().or_else(|| rivals.first().copied());
-        let most = Examiner(&self.settings).drifted();
+        let examiner = Examiner(&self.settings);
+        let most = (examiner.drifted(), examiner.farthest());
         let may_have = |policy| self.may_have_drifted(policy, situation);
-        let named = named.or_else(|| choice.drifted(most, may_have));
+        let can_show = |policy: usize| examiner.knows(&self.memories[policy]);
+        let named = named.or_else(|| choice.drifted(most, may_have, can_show));
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
             cut: None,

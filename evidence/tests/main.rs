@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod common;
+mod limits;
 mod merging;
 mod recogniser;
 mod state;

@@ -268,6 +268,49 @@ mod tests {
         assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 2);
     }
 
+    /// Decisions meet their own moved ones, whatever the order and the chunks.
+    #[test]
+    fn a_symmetry_loss_is_a_sum_over_decisions() {
+        let network = network(Group::C1, strided(), JOINT);
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let params = network.init(&mut rng);
+        let buffer = rollout(&network, &params, 0.5, &mut rng);
+        let actions: Vec<f64> = (buffer.decisions().actions.iter())
+            .map(|&a| a.into())
+            .collect();
+        let symmetry = crate::SymmetryLoss::default();
+        let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
+        let weights = LossWeights {
+            symmetry: 0.7,
+            ..WEIGHTS
+        };
+        let run = |indices: &[usize], chunks: &[std::ops::Range<usize>]| {
+            let minibatch = Minibatch {
+                buffer: &buffer,
+                actions: &actions,
+                returns: &returns,
+                indices,
+                advantages: &[0.0; B],
+                weights,
+                moved: Some(&moved),
+            };
+            let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
+            let mut workspace = network.workspace(B);
+            for chunk in chunks {
+                let chunk = chunk.clone();
+                let sums = minibatch.chunk(&network, &params, chunk, &mut workspace, &mut gradient);
+                sum += sums.symmetry;
+            }
+            (sum, gradient)
+        };
+        let (whole, at_once) = run(&[0, 1, 2, 3, 4], &[0..B]);
+        let (parts, in_chunks) = run(&[3, 1, 4, 0, 2], &[0..3, 3..B]);
+        assert!(whole > 1e-6 && (whole - parts).abs() < 1e-12 * whole);
+        for (a, b) in at_once.iter().zip(&in_chunks) {
+            assert!((a - b).abs() < 1e-12, "{a} {b}");
+        }
+    }
+
     #[test]
     fn before_the_first_step_the_ratio_is_one() {
         let network = network(Group::D2, strided(), JOINT);

@@ -136,9 +136,10 @@ impl Algorithm for Ppo {
         })?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        let symmetry_loss = totals.losses.symmetry / totals.losses.samples;
+        let losses = totals.losses;
+        let moved = self.rollout.moved.take();
         Ok(UpdateStats {
-            symmetry_loss: self.rollout.moved.is_some().then_some(symmetry_loss),
+            symmetry_loss: moved.map(|_| losses.symmetry / losses.samples),
             ..totals.stats(values, &self.rollout.returns, policy.log_std())
         })
     }

@@ -48,7 +48,7 @@ pub struct PpoSettings {
     /// -0.4. Much below -10, actions in f32 are too coarse for their own density.
     pub min_log_std: f32,
     /// What answers that break a symmetry cost, on the processor alone; nothing by default. With it
-    /// an update takes twice as many passes.
+    /// every pass runs each decision twice.
     pub symmetry: Option<SymmetryLoss>,
 }
 

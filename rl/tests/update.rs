@@ -56,8 +56,21 @@ fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
     (policy.params().to_vec(), stats)
 }
 
-/// The symmetry loss of a plain policy's rollout after an update with this weight of it.
-fn asymmetry(weight: f32) -> f64 {
+/// Settings with a symmetry loss of this weight, whose updates no KL divergence ends.
+fn symmetrised(weight: f32) -> PpoSettings {
+    PpoSettings {
+        symmetry: Some(SymmetryLoss {
+            group: Group::D2,
+            weight,
+        }),
+        max_kl: 1e9,
+        ..PpoSettings::default()
+    }
+}
+
+/// The symmetry loss of a plain policy's rollout after an update with this weight of it, and the
+/// number of gradient steps of that update.
+fn asymmetry(weight: f32) -> (f64, usize) {
     let mut env = PointReach::new(ENVS, 1);
     let network = NetworkSettings {
         group: Group::C1,
@@ -68,30 +81,24 @@ fn asymmetry(weight: f32) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-    let settings = |weight| PpoSettings {
-        symmetry: Some(SymmetryLoss {
-            group: Group::D2,
-            weight,
-        }),
-        ..PpoSettings::default()
-    };
-    let mut ppo = Ppo::new(settings(weight), &policy).unwrap();
-    ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    let mut ppo = Ppo::new(symmetrised(weight), &policy).unwrap();
+    let steps = ppo.update(&mut policy, &buffer, &mut rng).unwrap().steps;
     // what the next update finds before its first step
     let first = PpoSettings {
         epochs: 1,
         minibatch: buffer.samples(),
-        ..settings(0.0)
+        ..symmetrised(0.0)
     };
     let mut ppo = Ppo::new(first, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
-    stats.symmetry_loss.unwrap()
+    (stats.symmetry_loss.unwrap(), steps)
 }
 
 #[test]
 fn a_symmetry_loss_makes_a_plain_policy_more_symmetric() {
-    let (without, with) = (asymmetry(0.0), asymmetry(1.0));
+    let ((without, steps), (with, as_many)) = (asymmetry(0.0), asymmetry(1.0));
     assert!(with < without / 2.0, "{without} {with}");
+    assert_eq!(steps, as_many);
 }
 
 #[test]
@@ -246,21 +253,23 @@ fn the_figures_of_an_update_have_names() {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
-    let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| updated(PpoSettings::default()))
-    };
-    let ((one, one_stats), (two, two_stats)) = (on(1), on(2));
-    assert_eq!(one_stats, two_stats);
-    assert!(
-        one.iter()
-            .zip(&two)
-            .all(|(a, b)| a.to_bits() == b.to_bits())
-    );
-    assert_ne!(one, rollout().policy.params());
+    for settings in [PpoSettings::default(), symmetrised(0.1)] {
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| updated(settings.clone()))
+        };
+        let ((one, one_stats), (two, two_stats)) = (on(1), on(2));
+        assert_eq!(one_stats, two_stats);
+        assert!(
+            one.iter()
+                .zip(&two)
+                .all(|(a, b)| a.to_bits() == b.to_bits())
+        );
+        assert_ne!(one, rollout().policy.params());
+    }
 }
 
 #[test]

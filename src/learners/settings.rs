@@ -11,7 +11,7 @@ use crate::groupings::{GroupingSettings, Labels};
 
 use super::collection::{Collection, CollectionSettings};
 use super::covers::CoversSettings;
-use super::device::DeviceChoice;
+use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
 use super::off_policy::OffPolicySettings;
 
@@ -94,21 +94,28 @@ impl LearnerSettings {
     /// Chooses where policies learn.
     ///
     /// # Errors
-    /// Those of [`DeviceChoice::open`], and a GPU for learners with replays, whose updates run on
-    /// the processor.
+    /// Those of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
+    /// alone: those with replays, and those with a symmetry loss.
     pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), CoversError> {
-        match (self, choice) {
-            (Self::Covers(settings), _) => settings.device = choice.open()?,
-            (Self::OffPolicy(_), DeviceChoice::Cpu | DeviceChoice::Auto) => {}
-            (Self::OffPolicy(_), DeviceChoice::Gpu) => {
-                return Err(CoversError::Setting {
-                    name: "device",
-                    value: "gpu".to_owned(),
-                    expected: "`cpu` or `auto`: a learner with replays has no updates on a GPU",
-                });
+        let expected = match self {
+            Self::Covers(settings) if settings.ppo.symmetry.is_none() => {
+                settings.device = choice.open()?;
+                return Ok(());
             }
+            Self::Covers(settings) => {
+                settings.device = LearningDevice::Processor;
+                "`cpu` or `auto`: a symmetry loss (`covers.ppo.symmetry`) has no updates on a GPU"
+            }
+            Self::OffPolicy(_) => "`cpu` or `auto`: a learner with replays has no updates on a GPU",
+        };
+        match choice {
+            DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
+            DeviceChoice::Gpu => Err(CoversError::Setting {
+                name: "device",
+                value: "gpu".to_owned(),
+                expected,
+            }),
         }
-        Ok(())
     }
 
     /// The GPU that policies learn on, if they do.

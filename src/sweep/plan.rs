@@ -292,18 +292,21 @@ mod tests {
         }
     }
 
-    /// Reported seeds for what is published alone: ten for the efficiency of COVERS; for the table
-    /// five for each method that learns by PPO, and three for each other.
+    /// Reported seeds for what is published alone: ten for the efficiency of COVERS and for other
+    /// groupings; for the table five for each method that learns by PPO, and three for each other.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
         let (tables, others): (Vec<_>, Vec<_>) = plans()
             .into_iter()
             .partition(|(name, _)| name.starts_with("table-"));
         for (name, plan) in others {
-            let is_reported = name.starts_with("efficiency-");
-            let seeds = if is_reported { 20..30 } else { 1000..u64::MAX };
+            let (seeds, number) = match name.split_once('-') {
+                Some(("efficiency", _)) => (20..30, Some(10)),
+                Some(("groups", _)) => (30..40, Some(10)),
+                _ => (1000..u64::MAX, None),
+            };
             assert!(plan.seeds.iter().all(|seed| seeds.contains(seed)), "{name}");
-            assert!(!is_reported || plan.seeds.len() == 10, "{name}");
+            assert!(number.is_none_or(|n| plan.seeds.len() == n), "{name}");
         }
         let mut methods = Vec::new();
         for (name, plan) in tables {
@@ -319,7 +322,8 @@ mod tests {
         }
         let all = Method::ALL.into_iter();
         let missing: Vec<Method> = all.filter(|method| !methods.contains(method)).collect();
-        assert_eq!(missing, [Method::CoversRandomised, Method::Paper]);
+        let expected = [Method::CoversRandomised, Method::CnnDrac, Method::Paper];
+        assert_eq!(missing, expected);
     }
 
     const STUDY: &str = r#"{"methods": ["covers"], "seeds": [1000], "budget": "smoke",

@@ -42,7 +42,7 @@ pub(super) struct Rollout {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
-    /// Its decisions moved, for the loss of [`SymmetryLoss`](crate::SymmetryLoss).
+    /// Its decisions moved, for the loss of [`SymmetryLoss`](crate::SymmetryLoss); not kept.
     pub moved: Option<Moved>,
 }
 
