@@ -65,27 +65,32 @@ impl<'a> Choice<'a> {
     }
 
     /// The policy whose looks differ least among the eligible ones that were tested: where every
-    /// other one of them differs by far more, if it differs by less than the ratio `farthest`; else
-    /// among those that can show that they serve, if it differs by less than `most`.
+    /// other policy but its kin differs by far more, if it differs by less than the ratio
+    /// `farthest`; else among those that can show that they serve, if it differs by less than
+    /// `most`.
     pub(crate) fn drifted(
         &self,
         (most, farthest): (f64, f64),
         is_eligible: impl Fn(usize) -> bool,
         can_show: impl Fn(usize) -> bool,
+        are_kin: impl Fn(usize, usize) -> bool,
     ) -> Option<usize> {
         let ratio = |policy: usize| self.opinions[policy].look_ratio();
-        let is_tested = |policy: usize| self.opinions[policy].test.is_some();
-        let mut eligible: Vec<usize> = (0..self.opinions.len())
-            .filter(|&policy| is_tested(policy) && is_eligible(policy))
+        let mut tested: Vec<usize> = (0..self.opinions.len())
+            .filter(|&policy| self.opinions[policy].test.is_some())
             .collect();
-        eligible.sort_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
-        let (&nearest, others) = eligible.split_first()?;
-        let far = 1.0 + APART * (ratio(nearest) - 1.0);
-        let is_apart = others.first().is_none_or(|&next| ratio(next) >= far);
+        tested.sort_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
+        let mut eligible = tested.iter().copied().filter(|&policy| is_eligible(policy));
+        let nearest = eligible.clone().next()?;
+        let far = 1.0 + APART * (ratio(nearest) - 1.0).max(0.0);
+        let mut others = tested
+            .iter()
+            .filter(|&&other| other != nearest && !are_kin(nearest, other));
+        let is_apart = others.next().is_some_and(|&next| ratio(next) >= far);
         if is_apart && ratio(nearest) < farthest {
             return Some(nearest);
         }
-        let near = eligible.into_iter().find(|&policy| can_show(policy));
+        let near = eligible.find(|&policy| can_show(policy));
         near.filter(|&policy| ratio(policy) < most)
     }
 

@@ -21,9 +21,10 @@ const LEARNT: f64 = 1.0;
 /// serves where it is.
 const PROOF: f64 = 3.0;
 const FEW: f64 = 1.0 / 3.0;
-/// There, distances of looks may exceed those of chance by so many times as much as elsewhere,
+/// Where a policy returns and serves, distances of looks may exceed those of chance by so many times
+/// as much as elsewhere.
 const EXCUSED: f64 = 2.5;
-/// and by so many where a policy is excused, because it is by far the nearest one.
+/// The same for one that looks spoke against when it was named.
 const FARTHEST: f64 = 4.0;
 /// Motion and the way that pays change while a policy learns. They count where their distance is so
 /// many times what chance makes of it.
@@ -119,7 +120,8 @@ impl Examiner<'_> {
     /// From which ratio on looks speak against a policy: a larger one where it returns and shows
     /// that it serves where it is, or has learnt too little to show anything.
     fn least_ratio(self, opinion: &Opinion) -> f64 {
-        let may_serve = self.is_proven(opinion) || opinion.learnt < PROOF;
+        let cannot_show = opinion.kinds.contains(&Kind::Earnings) && opinion.learnt < PROOF;
+        let may_serve = self.is_proven(opinion) || cannot_show;
         match opinion.role {
             Role::Returns if may_serve => self.drifted(),
             Role::Excused if may_serve => self.farthest(),
@@ -180,7 +182,7 @@ impl Examiner<'_> {
     }
 
     /// Whether a difference is more than drift. What looks another is drift up to a larger
-    /// difference where the policy has shown that it serves there.
+    /// difference where the policy has shown that it serves there, or cannot show anything.
     fn is_large(self, opinion: &Opinion, kind: Kind, source: &SourceTest) -> bool {
         match kind {
             Kind::Picture | Kind::Vector => source.ratio() >= self.least_ratio(opinion),

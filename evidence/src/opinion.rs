@@ -80,7 +80,8 @@ pub(crate) enum Role {
     Stays,
     /// It acted after it had been away: its group may have drifted meanwhile.
     Returns,
-    /// The same, though looks spoke against it: it must show that it serves.
+    /// The same, though looks spoke against it: it must show that it serves, as far as it has
+    /// learnt.
     Excused,
 }
 

@@ -31,7 +31,7 @@ pub struct Finding {
     /// for some episodes before it acts for a rollout.
     pub is_contested: bool,
     /// Whether what was seen before the policy named acted speaks against it: it looks another, or
-    /// has an heir, and must show that it serves.
+    /// has an heir, and must show that it serves, as far as it has learnt.
     pub is_unproven: bool,
 }
 
@@ -327,7 +327,10 @@ impl Recogniser {
         let most = (examiner.drifted(), examiner.farthest());
         let may_have = |policy| self.may_have_drifted(policy, situation);
         let can_show = |policy: usize| examiner.knows(&self.memories[policy]);
-        let named = named.or_else(|| choice.drifted(most, may_have, can_show));
+        let are_kin = |a: usize, b: usize| {
+            self.memories[a].heir == Some(b) || self.memories[b].heir == Some(a)
+        };
+        let named = named.or_else(|| choice.drifted(most, may_have, can_show, are_kin));
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
             cut: None,

@@ -26,9 +26,11 @@ pub struct RecogniserSettings {
     /// two groups, over all places where it may be cut.
     pub cut: f64,
     /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
-    /// refusal, at least 1: less counts as drift.
+    /// refusal, at least 1: less counts as drift. A policy that was away is excused up to 2.5 times
+    /// that excess over 1, or 4 times.
     pub min_ratio: f64,
-    /// Least change of how vectors answer to actions, as a share, for motion to count; above 0.
+    /// Least change of how vectors answer to actions, or of the way that pays, as a share, for
+    /// motion or slope to count; above 0. Their distance must be twice what chance gives, too.
     pub min_motion: f64,
     /// Least share of what a policy has learnt to earn that must be lost for earnings to count, in
     /// `(0, 1]`.

@@ -11,7 +11,7 @@ use crate::arguments::{Plan, kind};
 
 /// What is drawn, decided and counted. A change of any of that is another version, and results of
 /// two versions do not belong into one table.
-const VERSION: &str = "5";
+const VERSION: &str = "6";
 
 /// Counts of one world.
 #[derive(Clone, Copy, Debug, PartialEq)]
