@@ -30,8 +30,17 @@ fn settings() -> NetworkSettings {
 
 /// One rollout of a fresh policy.
 fn rollout() -> Run {
+    rollout_of(Group::D2)
+}
+
+/// The same of one that is equivariant under this group.
+fn rollout_of(group: Group) -> Run {
     let mut env = PointReach::new(ENVS, 1);
-    let mut policy = ActorCriticPolicy::new(&settings(), env.spec(), 2).unwrap();
+    let network = NetworkSettings {
+        group,
+        ..settings()
+    };
+    let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
     let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut state = RolloutState::reset(&mut env, &policy).unwrap();
@@ -45,12 +54,16 @@ fn rollout() -> Run {
 }
 
 fn updated(settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
+    updated_of(Group::D2, settings)
+}
+
+fn updated_of(group: Group, settings: PpoSettings) -> (Vec<f32>, UpdateStats) {
     let Run {
         mut policy,
         buffer,
         mut rng,
         ..
-    } = rollout();
+    } = rollout_of(group);
     let mut ppo = Ppo::new(settings, &policy).unwrap();
     let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
     (policy.params().to_vec(), stats)
@@ -71,16 +84,12 @@ fn symmetrised(weight: f32) -> PpoSettings {
 /// The symmetry loss of a plain policy's rollout after an update with this weight of it, and the
 /// number of gradient steps of that update.
 fn asymmetry(weight: f32) -> (f64, usize) {
-    let mut env = PointReach::new(ENVS, 1);
-    let network = NetworkSettings {
-        group: Group::C1,
-        ..settings()
-    };
-    let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+    let Run {
+        mut policy,
+        buffer,
+        mut rng,
+        ..
+    } = rollout_of(Group::C1);
     let mut ppo = Ppo::new(symmetrised(weight), &policy).unwrap();
     let steps = ppo.update(&mut policy, &buffer, &mut rng).unwrap().steps;
     // what the next update finds before its first step
@@ -253,13 +262,16 @@ fn the_figures_of_an_update_have_names() {
 
 #[test]
 fn one_and_two_threads_give_the_same_bits() {
-    for settings in [PpoSettings::default(), symmetrised(0.1)] {
+    for (group, settings) in [
+        (Group::D2, PpoSettings::default()),
+        (Group::C1, symmetrised(0.1)),
+    ] {
         let on = |threads| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)
                 .build()
                 .unwrap();
-            pool.install(|| updated(settings.clone()))
+            pool.install(|| updated_of(group, settings.clone()))
         };
         let ((one, one_stats), (two, two_stats)) = (on(1), on(2));
         assert_eq!(one_stats, two_stats);
@@ -268,7 +280,7 @@ fn one_and_two_threads_give_the_same_bits() {
                 .zip(&two)
                 .all(|(a, b)| a.to_bits() == b.to_bits())
         );
-        assert_ne!(one, rollout().policy.params());
+        assert_ne!(one, rollout_of(group).policy.params());
     }
 }
 
