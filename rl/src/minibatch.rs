@@ -194,6 +194,11 @@ mod tests {
         buffer
     }
 
+    fn actions(buffer: &RolloutBuffer) -> Vec<f64> {
+        let actions = buffer.decisions().actions.iter();
+        actions.map(|&action| f64::from(action)).collect()
+    }
+
     /// Loss sums and gradient of the whole buffer in two chunks of one workspace.
     fn loss(
         network: &ActorCritic<f64>,
@@ -201,12 +206,7 @@ mod tests {
         buffer: &RolloutBuffer,
         returns: &[f32],
     ) -> (LossSums, Vec<f64>) {
-        let actions: Vec<f64> = buffer
-            .decisions()
-            .actions
-            .iter()
-            .map(|&a| f64::from(a))
-            .collect();
+        let actions = actions(buffer);
         let minibatch = Minibatch {
             buffer,
             actions: &actions,
@@ -275,9 +275,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let params = network.init(&mut rng);
         let buffer = rollout(&network, &params, 0.5, &mut rng);
-        let actions: Vec<f64> = (buffer.decisions().actions.iter())
-            .map(|&a| a.into())
-            .collect();
+        let actions = actions(&buffer);
         let symmetry = crate::SymmetryLoss::default();
         let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
         let weights = LossWeights {

@@ -80,13 +80,6 @@ pub(crate) struct Moved {
     observations: Observations,
 }
 
-/// Means `[n, A]` and values `[n]` of decisions as they were observed.
-#[derive(Debug)]
-struct Answers {
-    means: Vec<f64>,
-    values: Vec<f64>,
-}
-
 impl Moved {
     /// Runs the moved decisions at `indices` forward and backward, after a forward pass over the
     /// same decisions as they were observed. Adds their gradient, times `scale`, and returns the
@@ -100,11 +93,24 @@ impl Moved {
         workspace: &mut Workspace<T>,
         gradient: &mut [T],
     ) -> f64 {
-        let answers = Answers::of(spec, indices.len(), workspace);
+        self.hold((spec, indices), workspace);
         self.forward((network, params), (spec, indices), workspace);
-        let loss = self.loss((spec, indices), &answers, weights, scale, workspace);
+        let loss = loss((spec, indices.len()), weights, scale, workspace);
         network.backward(params, indices.len(), workspace, gradient);
         loss
+    }
+
+    /// Leaves what should be answered to the moved decisions where their gradients will be: the last
+    /// forward pass's means, moved, and its values. The next forward pass leaves them there.
+    fn hold<T>(&self, (spec, indices): (&EnvSpec, &[usize]), w: &mut Workspace<T>) {
+        let width = spec.action.len();
+        for (slot, &i) in indices.iter().enumerate() {
+            for (a, irrep) in spec.action.iter().enumerate() {
+                let own = slot * width + a;
+                w.d_mean[own] = f64::from(irrep.sign(self.elements[i])) * w.mean[own];
+            }
+            w.d_value[slot] = w.value[slot];
+        }
     }
 
     fn forward<T: Scalar>(
@@ -119,44 +125,32 @@ impl Moved {
         }
         network.forward(params, indices.len(), workspace);
     }
-
-    /// Sums the loss and leaves its weighted and scaled gradients in the workspace.
-    fn loss<T>(
-        &self,
-        (spec, indices): (&EnvSpec, &[usize]),
-        answers: &Answers,
-        weights: &LossWeights,
-        scale: f64,
-        w: &mut Workspace<T>,
-    ) -> f64 {
-        let width = spec.action.len();
-        let scale = weights.symmetry * scale;
-        let mut loss = 0.0;
-        w.d_log_std.fill(0.0);
-        for (slot, &i) in indices.iter().enumerate() {
-            for (a, irrep) in spec.action.iter().enumerate() {
-                let own = slot * width + a;
-                let target = f64::from(irrep.sign(self.elements[i])) * answers.means[own];
-                let (off, precision) = (w.mean[own] - target, (-2.0 * w.log_std[a]).exp());
-                loss += off * off * precision / 2.0;
-                w.d_mean[own] = scale * off * precision;
-            }
-            let off = w.value[slot] - answers.values[slot];
-            loss += weights.value * off * off;
-            w.d_value[slot] = 2.0 * scale * weights.value * off;
-        }
-        loss
-    }
 }
 
-impl Answers {
-    /// Those of the last forward pass.
-    fn of<T>(spec: &EnvSpec, n: usize, workspace: &Workspace<T>) -> Self {
-        Self {
-            means: workspace.mean[..n * spec.action.len()].to_vec(),
-            values: workspace.value[..n].to_vec(),
+/// Sums the loss of n decisions, and puts its weighted and scaled gradients in the place of what is
+/// held.
+fn loss<T>(
+    (spec, n): (&EnvSpec, usize),
+    weights: &LossWeights,
+    scale: f64,
+    w: &mut Workspace<T>,
+) -> f64 {
+    let width = spec.action.len();
+    let scale = weights.symmetry * scale;
+    let mut loss = 0.0;
+    w.d_log_std.fill(0.0);
+    for slot in 0..n {
+        for a in 0..width {
+            let own = slot * width + a;
+            let (off, precision) = (w.mean[own] - w.d_mean[own], (-2.0 * w.log_std[a]).exp());
+            loss += off * off * precision / 2.0;
+            w.d_mean[own] = scale * off * precision;
         }
+        let off = w.value[slot] - w.d_value[slot];
+        loss += weights.value * off * off;
+        w.d_value[slot] = 2.0 * scale * weights.value * off;
     }
+    loss
 }
 
 #[cfg(test)]
@@ -226,7 +220,7 @@ mod tests {
         (params, workspace, moved)
     }
 
-    fn loss(group: Group, critic: Critic) -> (f64, Vec<f64>) {
+    fn loss_of(group: Group, critic: Critic) -> (f64, Vec<f64>) {
         let network = network(group, critic);
         let (params, mut workspace, moved) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
@@ -245,10 +239,10 @@ mod tests {
     #[test]
     fn an_equivariant_policy_pays_nothing_and_a_plain_one_does() {
         for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
-            let (none, flat) = loss(Group::D2, critic);
+            let (none, flat) = loss_of(Group::D2, critic);
             assert!(none < 1e-20 && flat.iter().all(|g| g.abs() < 1e-9));
             for group in [Group::C1, Group::D1x, Group::C2] {
-                let (some, steep) = loss(group, critic);
+                let (some, steep) = loss_of(group, critic);
                 assert!(
                     some > 1e-6 && steep.iter().any(|g| g.abs() > 1e-6),
                     "{group}"
@@ -264,15 +258,14 @@ mod tests {
         let network = network(Group::C1, Critic::Joint { fields: 3 });
         let (_, mut w, mut moved) = observed(&network);
         moved.elements[0] = D2::FlipX;
-        let answers = Answers {
-            means: vec![0.5, 0.25, -1.0],
-            values: vec![2.0],
-        };
+        w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
+        w.value[0] = 2.0;
+        moved.hold((&spec(), &[0]), &mut w);
         w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
         w.value[0] = 4.0;
         w.log_std = vec![0.0, -(2f64.ln()), 0.0];
         w.d_log_std.fill(9.0);
-        let loss = moved.loss((&spec(), &[0]), &answers, &WEIGHTS, 0.5, &mut w);
+        let loss = loss((&spec(), 1), &WEIGHTS, 0.5, &mut w);
         assert!((loss - (0.0625 / 2.0 + 0.25 * 4.0 / 2.0 + 0.3 * 4.0)).abs() < 1e-12);
         for (d, by_hand) in w.d_mean.iter().zip([0.25 * 0.35, -2.0 * 0.35, 0.0]) {
             assert!((d - by_hand).abs() < 1e-12, "{:?}", w.d_mean);
@@ -286,11 +279,11 @@ mod tests {
         for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
             let (mut params, mut workspace, moved) = observed(&network);
-            let (spec, held) = (spec(), Answers::of(&spec(), B, &workspace));
-            // the answers are those of the order in which they were observed
-            let indices: Vec<usize> = (0..B).collect();
+            let (spec, indices): (_, Vec<usize>) = (spec(), (0..B).collect());
             let mut gradient = vec![0.0; params.len()];
             let part = (&spec, &indices[..]);
+            moved.hold(part, &mut workspace);
+            let held = (workspace.d_mean.clone(), workspace.d_value.clone());
             moved.chunk(
                 (&network, &params),
                 part,
@@ -305,7 +298,9 @@ mod tests {
                 let mut at = |h: f64| {
                     params[i] = centre + h;
                     moved.forward((&network, &params), part, &mut workspace);
-                    let loss = moved.loss(part, &held, &WEIGHTS, 0.25, &mut workspace);
+                    workspace.d_mean.clone_from(&held.0);
+                    workspace.d_value.clone_from(&held.1);
+                    let loss = loss((&spec, B), &WEIGHTS, 0.25, &mut workspace);
                     loss * 0.25 * WEIGHTS.symmetry
                 };
                 let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
