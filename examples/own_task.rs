@@ -9,7 +9,7 @@ use clap::{Parser, ValueEnum};
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
 use covers::tables::{event_text, summary_table};
-use covers::{CoversError, Experiment, Run, RunFolder};
+use covers::{CoversError, Experiment, Override, Run, RunFolder, apply_overrides};
 use envs::reward::{hamacher, long_tail};
 use envs::{
     EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Task, TaskGroup,
@@ -102,6 +102,9 @@ struct Options {
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Changes a setting: `--set 'covers.grouping={"evidence":{}}'`.
+    #[arg(long, value_name = "PATH=VALUE")]
+    set: Vec<Override>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -127,6 +130,7 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     let mut tasks = TaskRegistry::standard();
     tasks.register(group)?;
     let experiment = experiment(options.budget, group).with_seed(options.seed);
+    let experiment = apply_overrides(&options.set, experiment)?;
     let name = format!("own-task-seed{}", options.seed);
     let folder = RunFolder::create("runs".as_ref(), &name)?;
     let mut run = Run::start_with(experiment, tasks, folder)?;
