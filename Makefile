@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test gpu rerun python faults fuzz sanitise book deps
+.PHONY: stream test table1 gpu rerun python faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -38,6 +38,21 @@ test: deps
 	packages=$$(mktemp -d -p $(TARGET)) && trap 'rm -rf "$$packages"' EXIT && \
 	  cargo --config .ci/unoptimised.toml package --workspace --locked --offline --allow-dirty \
 	  --target-dir "$$packages"
+
+# Tables, curves and strips of docs/results/table1.md from the runs that are kept: seconds, once the
+# program is compiled. A report compares its first method with the others.
+METHODS := covers 3rl clear cnn equi covers-gt covers-cnn covers-cnn-slim cnn-aug clear-bc equi-sac
+STRIPS := covers covers-cnn equi equi-sac clear 3rl
+RUNS := docs/results/data/table
+TABLE1 := docs/results/table1
+
+table1: deps
+	rm -rf "$(TARGET)/table1"
+	cargo run --release --locked --bin covers -- report --out "$(TARGET)/table1" \
+	  $(foreach method,$(METHODS),$(sort $(wildcard $(RUNS)/$(method)-seed*))) > /dev/null
+	rm -rf $(TABLE1) && mkdir -p $(TABLE1)
+	for file in "$(TARGET)"/table1/*.csv "$(TARGET)"/table1/seed*.svg \
+	  $(STRIPS:%="$(TARGET)"/table1/%-seed20.svg); do cp "$$file" $(TABLE1) || exit 1; done
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu

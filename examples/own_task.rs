@@ -125,12 +125,12 @@ fn main() -> ExitCode {
 
 fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     let group = TaskGroup::of(&BlockPush);
+    let experiment = experiment(options.budget, group).with_seed(options.seed);
+    let experiment = apply_overrides(&options.set, experiment)?;
     conformance::check(group)?;
     println!("{group} conforms: its expert solves it, and its variants are mirror images");
     let mut tasks = TaskRegistry::standard();
     tasks.register(group)?;
-    let experiment = experiment(options.budget, group).with_seed(options.seed);
-    let experiment = apply_overrides(&options.set, experiment)?;
     let name = format!("own-task-seed{}", options.seed);
     let folder = RunFolder::create("runs".as_ref(), &name)?;
     let mut run = Run::start_with(experiment, tasks, folder)?;

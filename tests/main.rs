@@ -25,6 +25,7 @@ mod render;
 mod report;
 mod rerun;
 mod runs;
+mod table1;
 #[cfg(feature = "tui")]
 mod terminal;
 mod trials;

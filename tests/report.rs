@@ -271,6 +271,7 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
     assert!(gifs(&page) == 0 && !text.contains("films"));
+    assert!(!text.contains("after each of its visits"), "{text}");
     assert!(stale.iter().all(|file| !file.exists()) && folder.join("equi-seed0.svg").exists());
     // the one run of a page is not folded away
     assert_eq!(page.matches("<details").count(), 1);
@@ -299,11 +300,12 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     let remark = "the settings are those of the preset `equi`, not of `covers`";
     assert!(text.contains(remark), "{text}");
     let rows = Rows::of(&text);
-    // results, figures over seeds, efficiency, variants, and the run itself; with one policy for
-    // everything there is no recognition
+    // results, figures over seeds, visits, efficiency, variants, and the run itself; with one policy
+    // for everything there is no recognition
     let tables = [
         (vec!["covers (1)"], 4),
         (vec!["covers (1)"], 14),
+        (vec!["covers (1)"], 3),
         (vec!["goal-reach", "covers (1)"], 8),
         (vec!["covers (1)", "goal-reach"], 6),
         (vec!["covers-seed0 (1)"], 7),

@@ -4,6 +4,7 @@ use crate::runs::Ledger;
 
 use super::rows::ScoreRow;
 use super::run_data::RunData;
+use super::visits;
 
 /// Why a figure does not exist.
 pub type Undefined = &'static str;
@@ -123,11 +124,10 @@ fn dormant(run: &RunData) -> Result<f64, Undefined> {
 
 /// How many rollouts had been learnt from when the group had run for the last time.
 fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
-    let began = run.rollouts.iter().rposition(|row| row.group == group);
-    match began.map(|index| index + 1) {
+    match visits::ends(&run.rollouts, group).last() {
         None => Err(NOT_MET),
-        Some(end) if end == run.rollouts.len() => Err(ENDS),
-        Some(end) => Ok(end),
+        Some(&end) if end == run.rollouts.len() => Err(ENDS),
+        Some(&end) => Ok(end),
     }
 }
 

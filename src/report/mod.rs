@@ -19,12 +19,14 @@ mod paper;
 mod partners;
 mod png;
 mod recognition;
+mod returns;
 mod rows;
 mod run_data;
 mod statistics;
 pub(crate) mod svg;
 mod table;
 mod tables;
+mod visits;
 
 pub use command::ReportOptions;
 pub use document::Report;

@@ -26,7 +26,7 @@ pub fn page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
         &tables_named(tables, &["results", "comparisons"]),
     ));
     text.push_str(&section("Learning", &learning(methods, groups, tables)));
-    let rest = ["seeds", "variants", "recognition"];
+    let rest = ["seeds", "visits", "variants", "recognition"];
     text.push_str(&section(
         "Over the whole stream",
         &tables_named(tables, &rest),

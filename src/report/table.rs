@@ -4,6 +4,9 @@ use std::fmt::Write;
 
 use super::svg::escaped;
 
+/// Columns of Markdown's prose.
+const COLUMNS: usize = 100;
+
 /// A table with a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Table {
@@ -41,7 +44,7 @@ impl Table {
     /// The table in Markdown, caption first.
     pub fn markdown(&self) -> String {
         let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-        let mut text = format!("{}\n\n{}", self.caption, line(&self.header));
+        let mut text = format!("{}\n\n{}", wrapped(&self.caption), line(&self.header));
         text.push_str(&line(&vec!["---".to_owned(); self.header.len()]));
         for row in &self.rows {
             text.push_str(&line(row));
@@ -51,7 +54,7 @@ impl Table {
         }
         for (number, note) in (1..).zip(&self.notes) {
             // writing to a String cannot fail
-            let _ = writeln!(text, "({number}) {note}.  ");
+            let _ = writeln!(text, "{}  ", wrapped(&format!("({number}) {note}.")));
         }
         text
     }
@@ -130,6 +133,21 @@ impl Table {
     }
 }
 
+/// Words in lines of at most [`COLUMNS`], where no word is longer.
+fn wrapped(text: &str) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= COLUMNS => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines.join("\n")
+}
+
 /// Text with LaTeX's own signs escaped.
 fn latex(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
@@ -164,6 +182,14 @@ mod tests {
         let expected = "Two figures.\n\n| method | success |\n| --- | --- |\n\
             | a_b, \"c\" | 5 % (1) |\n\n(1) one policy.  \n";
         assert_eq!(table().markdown(), expected);
+    }
+
+    #[test]
+    fn long_captions_are_wrapped() {
+        let words = [&"x".repeat(60)[..], &"y".repeat(39), "z"];
+        let expected = format!("{} {}\nz", words[0], words[1]);
+        assert_eq!(wrapped(&words.join(" ")), expected);
+        assert_eq!(wrapped(""), "");
     }
 
     #[test]

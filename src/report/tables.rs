@@ -9,6 +9,7 @@ use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
 use super::recognition;
+use super::returns;
 use super::run_data::RunData;
 use super::statistics::{iqm, mean};
 use super::table::Table;
@@ -18,7 +19,7 @@ const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-Wo
     built for exact symmetry, so success rates do not compare one to one";
 
 /// Tables that not every report has.
-pub const SOMETIMES: [&str; 3] = ["comparisons", "efficiency", "recognition"];
+pub const SOMETIMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
 
 /// All tables of these methods, each with a name, for the groups that every run was scored on; the
 /// first method is compared with the others.
@@ -30,6 +31,9 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     ];
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
+    }
+    if let Some(table) = returns::table(methods, &groups) {
+        tables.push(("visits", table));
     }
     if let Some(table) = efficiency::table(methods, &groups) {
         tables.push(("efficiency", table));

@@ -1,0 +1,84 @@
+//! `docs/results/table1` is what a report makes of the runs that are kept, and its page quotes it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use covers::report::{Report, RunData};
+
+use crate::common::scratch::Scratch;
+
+/// The report of the kept runs, in the order of the kept tables.
+static REPORT: LazyLock<Report> = LazyLock::new(|| {
+    let data = results().join("data/table");
+    let runs = kept_runs().into_iter().map(|name| data.join(name));
+    Report::new(runs.map(|run| RunData::read(&run).unwrap()).collect()).unwrap()
+});
+
+fn results() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results")
+}
+
+/// Names of the runs, of which a mark may follow.
+fn kept_runs() -> Vec<String> {
+    let table = fs::read_to_string(results().join("table1/runs.csv")).unwrap();
+    let rows = table.lines().skip(1).map(|row| row.trim_start_matches('"'));
+    let names = rows.map(|row| row.split(['"', ' ']).next().unwrap());
+    names.map(str::to_owned).collect()
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names
+}
+
+/// Tables in Markdown, each as it stands.
+fn tables(text: &str) -> Vec<String> {
+    let paragraphs = text.split("\n\n").map(|paragraph| {
+        let rows = paragraph.lines().filter(|line| line.starts_with('|'));
+        rows.collect::<Vec<_>>().join("\n")
+    });
+    paragraphs.filter(|table| !table.is_empty()).collect()
+}
+
+/// Tables of a page that the report does not have.
+fn edited(page: &str, report: &str) -> Vec<String> {
+    let made = tables(report);
+    let quoted = tables(page).into_iter();
+    quoted.filter(|table| !made.contains(table)).collect()
+}
+
+#[test]
+fn tables_and_drawings_are_those_of_the_kept_runs() {
+    let mut runs = kept_runs();
+    runs.sort();
+    let data = results().join("data/table");
+    assert_eq!(runs, files(&data), "`make table1` takes all runs");
+
+    let (kept, made) = (results().join("table1"), Scratch::new("table1"));
+    REPORT.write(&made.0).unwrap();
+    let text = |folder: &Path, name: &str| fs::read_to_string(folder.join(name)).ok();
+    let of_all = |name: &str| name.starts_with("seed") && name.ends_with(".svg");
+    let expected = files(&made.0)
+        .into_iter()
+        .filter(|name| name.ends_with(".csv") || of_all(name) || kept.join(name).exists());
+    let expected: Vec<String> = expected.collect();
+    assert_eq!(files(&kept), expected, "`make table1` makes all");
+    for name in &expected {
+        let same = text(&made.0, name) == text(&kept, name);
+        assert!(same, "`make table1` makes another {name}");
+    }
+}
+
+#[test]
+fn the_page_quotes_tables_of_the_report() {
+    let page = fs::read_to_string(results().join("table1.md")).unwrap();
+    let report = REPORT.markdown();
+    assert_eq!(edited(&page, &report), <[String; 0]>::default());
+    assert!(tables(&page).len() > 3, "{page}");
+    let better = report.replacen("| 0.9", "| 1.0", 1);
+    assert_eq!(edited(&better, &report).len(), 1);
+}
