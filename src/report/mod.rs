@@ -2,6 +2,7 @@
 //!
 //! Everything comes from the files of the runs' folders; nothing is edited by hand.
 
+mod after_visits;
 mod bands;
 mod cells;
 mod command;
@@ -19,7 +20,6 @@ mod paper;
 mod partners;
 mod png;
 mod recognition;
-mod returns;
 mod rows;
 mod run_data;
 mod statistics;

@@ -2,6 +2,7 @@
 
 use crate::evaluation::TAU;
 
+use super::after_visits;
 use super::cells::{brackets, cell, dash, marked, title};
 use super::comparison::Comparison;
 use super::efficiency;
@@ -9,7 +10,6 @@ use super::figures::{Figures, GroupFigures, Undefined};
 use super::method::MethodRuns;
 use super::paper;
 use super::recognition;
-use super::returns;
 use super::run_data::RunData;
 use super::statistics::{iqm, mean};
 use super::table::Table;
@@ -32,7 +32,7 @@ pub fn all(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
-    if let Some(table) = returns::table(methods, &groups) {
+    if let Some(table) = after_visits::table(methods, &groups) {
         tables.push(("visits", table));
     }
     if let Some(table) = efficiency::table(methods, &groups) {

@@ -1,5 +1,7 @@
 //! When a group's visits ended.
 
+use std::iter::repeat_n;
+
 use super::rows::RolloutRow;
 
 /// After how many rollouts each visit of a group was over, as the rows of turns tell: a visit that
@@ -8,13 +10,12 @@ pub fn ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
         let next = rollouts.get(index + 1).map(|row| row.group.as_str());
-        let left = row.group == group && (row.straddles || next != Some(group));
-        // within a turn that another group began
-        let passed = row.group != group && row.last_group == group && next != Some(group);
-        left || passed
+        let first = row.group == group && (row.straddles || next != Some(group));
+        // the group came within the turn, and the next turn has another one
+        let last = row.straddles && row.last_group == group && next != Some(group);
+        repeat_n(index + 1, usize::from(first) + usize::from(last))
     };
-    let ends = (0..rollouts.len()).filter(|&index| over(index));
-    ends.map(|index| index + 1).collect()
+    (0..rollouts.len()).flat_map(over).collect()
 }
 
 #[cfg(test)]
@@ -46,5 +47,7 @@ mod tests {
         // the whole visit is within a turn
         assert_eq!(ends_of_a(&["b", "ba", "c"]), [2]);
         assert_eq!(ends_of_a(&["b", "ba"]), [2]);
+        // one visit ends within the turn and one with it
+        assert_eq!(ends_of_a(&["aba", "c"]), [1, 1]);
     }
 }
