@@ -2,7 +2,6 @@
 
 use crate::runs::Ledger;
 
-use super::rows::ScoreRow;
 use super::run_data::RunData;
 use super::visits;
 
@@ -93,8 +92,13 @@ impl Figures {
 
 impl GroupFigures {
     fn new(run: &RunData, group: &str) -> Self {
-        let success = |rollouts| over_variants(run.evaluation(rollouts), group, |row| row.success);
-        let after = |figure| over_variants(run.last_scores(), group, figure).unwrap_or(0.0);
+        let scored = |rollouts, figure| {
+            let scored = run.scored(rollouts, group, figure);
+            scored.map(|(_, figure)| figure)
+        };
+        let success = |rollouts| scored(rollouts, |row| row.success);
+        let end = run.scores.last().map_or(0, |row| row.rollouts);
+        let after = |figure| scored(end, figure).unwrap_or(0.0);
         let last = after(|row| row.success);
         Self {
             group: group.to_owned(),
@@ -102,11 +106,11 @@ impl GroupFigures {
             success_at_end: after(|row| row.success_at_end),
             reward: after(|row| row.reward),
             forgetting: end_of_last_visit(run, group)
-                .and_then(|rollouts| success(Some(rollouts)).ok_or(UNSCORED))
+                .and_then(|rollouts| success(rollouts).ok_or(UNSCORED))
                 .map(|then| then - last),
             transfer: before_first_visit(run, group).and_then(|rollouts| {
-                let before = success(Some(0)).ok_or(UNSCORED)?;
-                Ok(success(Some(rollouts)).ok_or(UNSCORED)? - before)
+                let before = success(0).ok_or(UNSCORED)?;
+                Ok(success(rollouts).ok_or(UNSCORED)? - before)
             }),
         }
     }
@@ -147,22 +151,6 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     }
 }
 
-/// The mean of a figure over the episodes of a group's variants; none without episodes.
-fn over_variants<'a>(
-    rows: impl Iterator<Item = &'a ScoreRow>,
-    group: &str,
-    figure: fn(&ScoreRow) -> f64,
-) -> Option<f64> {
-    let rows = rows.filter(|row| row.group == group);
-    let (sum, episodes) = rows.fold((0.0, 0), |(sum, episodes), row| {
-        (
-            sum + figure(row) * row.episodes as f64,
-            episodes + row.episodes,
-        )
-    });
-    (episodes > 0).then(|| sum / episodes as f64)
-}
-
 /// The books of a run, from its rows.
 fn ledger(run: &RunData) -> Ledger {
     let mut ledger = Ledger::default();
@@ -191,7 +179,7 @@ fn ledger(run: &RunData) -> Ledger {
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::rows::{RolloutRow, UnitsRow};
+    use crate::report::rows::{RolloutRow, ScoreRow, UnitsRow};
 
     /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
     /// marks one that ends in the next rollout's group.

@@ -13,7 +13,6 @@ use crate::experiment::Experiment;
 use crate::runs::{Provenance, RunFolder};
 
 use super::rows::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
-use super::statistics::mean;
 
 /// Signs of a commit's name that tell it from others.
 const SHORT: usize = 10;
@@ -166,7 +165,7 @@ impl RunData {
     }
 
     /// Decisions before the evaluation after so many rollouts, and the mean of a figure over the
-    /// variants of a group in it; nothing where the group was not scored then.
+    /// episodes of a group's variants in it; nothing where the group was not scored then.
     pub fn scored(
         &self,
         rollouts: usize,
@@ -175,8 +174,12 @@ impl RunData {
     ) -> Option<(usize, f64)> {
         let rows = self.evaluation(Some(rollouts));
         let rows: Vec<&ScoreRow> = rows.filter(|row| row.group == group).collect();
-        let figures: Vec<f64> = rows.iter().map(|row| figure(row)).collect();
-        Some((rows.first()?.decisions, mean(&figures)))
+        let sum: f64 = rows
+            .iter()
+            .map(|row| figure(row) * row.episodes as f64)
+            .sum();
+        let episodes: usize = rows.iter().map(|row| row.episodes).sum();
+        (episodes > 0).then(|| (rows[0].decisions, sum / episodes as f64))
     }
 
     /// After how many rollouts evaluations came.
