@@ -1,13 +1,18 @@
 //! How a picture is taken: the top-down camera, how points project, the light, and the mark over
 //! the gripper.
 
+use std::ops::RangeInclusive;
+
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{EnvError, require};
+use crate::second_picture::SecondPicture;
 
 /// Largest picture that is drawn (pixels along a side).
 const LARGEST: usize = 4096;
+/// Pixels that may be drawn along a side of one that is seen.
+pub(crate) const OVERSAMPLING: RangeInclusive<usize> = 1..=8;
 /// Lowest camera (metres); at or below the hand's height a projection would be mirrored.
 const LOWEST: f64 = 0.6;
 
@@ -15,12 +20,16 @@ const LOWEST: f64 = 0.6;
 /// policy depends on, so it serialises.
 ///
 /// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
-/// is +x. There is no multisampling, and there are no shadows and no reflections.
+/// is +x. There are no shadows and no reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
     /// Pixels along either side; even, so that flips map pixels to pixels.
     pub size: usize,
+    /// Pixels that are drawn along each side of one that is seen, 1 to 8: what is seen is their
+    /// mean, so that edges move by less than a pixel. One where a file says nothing.
+    #[serde(default = "one")]
+    pub oversampling: usize,
     /// Height over the table (metres).
     pub height: f64,
     /// Half the side of the square seen on the table (metres); with the height it sets the field of
@@ -32,6 +41,10 @@ pub struct Camera {
     pub light: Light,
     /// What marks the gripper.
     pub mark: Mark,
+    /// What an observation shows beside the picture of now; the first picture where a file says
+    /// nothing.
+    #[serde(default)]
+    pub second: SecondPicture,
 }
 
 /// White light that mirrors exactly: it comes from all around, from the camera and from straight
@@ -64,11 +77,13 @@ impl Default for Camera {
     fn default() -> Self {
         Self {
             size: 48,
+            oversampling: 1,
             height: 1.5,
             half_extent: 0.44,
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: Mark::default(),
+            second: SecondPicture::default(),
         }
     }
 }
@@ -102,6 +117,15 @@ impl Camera {
     pub fn check(&self) -> Result<(), EnvError> {
         let even = (2..=LARGEST).contains(&self.size) && self.size.is_multiple_of(2);
         require(even, "image size", &self.size, SIZE)?;
+        let samples = OVERSAMPLING.contains(&self.oversampling);
+        require(samples, "oversampling", &self.oversampling, SAMPLES)?;
+        let drawn = self.drawn_size();
+        require(
+            drawn <= LARGEST,
+            "image size times oversampling",
+            &drawn,
+            DRAWN,
+        )?;
         let high = self.height >= LOWEST && self.height.is_finite();
         require(high, "camera height", &self.height, HEIGHT)?;
         let wide = self.half_extent > 0.0 && self.half_extent.is_finite();
@@ -211,7 +235,13 @@ impl Mark {
     }
 }
 
+fn one() -> usize {
+    1
+}
+
 const SIZE: &str = "an even number of pixels in 2..=4096, so that the centre lies between pixels";
+const SAMPLES: &str = "a number in 1..=8";
+const DRAWN: &str = "at most 4096 pixels, the largest picture that is drawn";
 const HEIGHT: &str = "at least 0.6 m, above everything that the hand can reach";
 const LENGTH: &str = "a positive length in metres";
 const SHARE: &str = "a number in 0..=1";

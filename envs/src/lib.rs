@@ -3,7 +3,7 @@
 //! A group of tasks ([`TaskGroup`]) has four variants that are one another's images under
 //! [`symmetry::D2`] ([`TaskVariant`]). Four groups come with the crate; a program adds its own by
 //! implementing [`Task`]. A learner sees the table without the arm, a disc at the gripper, and the
-//! episode's first picture.
+//! episode's first picture or a close-up of what is under the hand ([`SecondPicture`]).
 //!
 //! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
 //!   uses.
@@ -57,6 +57,7 @@ mod renderer;
 pub mod reward;
 mod rows;
 mod scene;
+mod second_picture;
 mod settings;
 mod sub_envs;
 mod tabletop;
@@ -81,6 +82,7 @@ pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer, stack};
 pub use robots;
 pub use rows::{Failure, Turn};
 pub use scene::Scene;
+pub use second_picture::SecondPicture;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, Step, TableTop, VECTOR_DIM,

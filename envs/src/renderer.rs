@@ -1,5 +1,5 @@
-//! The picture that a learner sees: the table without the arm, a disc at the gripper, and the
-//! episode's first picture behind it.
+//! The picture that a learner sees: the table without the arm, a disc at the gripper, and behind it
+//! the episode's first picture or a close-up.
 
 use std::sync::Arc;
 
@@ -8,11 +8,12 @@ use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 use crate::camera::Mark;
 use crate::error::EnvError;
 use crate::scene::Scene;
+use crate::second_picture::SecondPicture;
 use crate::tabletop::TableTop;
 
 /// Colour channels of one picture.
 pub const RGB: usize = 3;
-/// Channels of an observation's image: the current picture and the episode's first.
+/// Channels of an observation's image: the current picture and a second one ([`SecondPicture`]).
 pub const IMAGE_CHANNELS: usize = 2 * RGB;
 
 /// Renders one scene from its camera; lives on the thread that made it.
@@ -20,6 +21,9 @@ pub struct SceneRenderer {
     scene: Arc<Scene>,
     renderer: Renderer,
     mark: Option<Mark>,
+    /// What was drawn last `[drawn_size, drawn_size, 3]`, before it was shrunk and marked.
+    drawn: Vec<u8>,
+    close_up: Vec<u8>,
 }
 
 /// Geom group of the arm and the gripper.
@@ -53,15 +57,17 @@ impl SceneRenderer {
     }
 
     fn showing(scene: Arc<Scene>, arm: bool, mark: Option<Mark>) -> Result<Self, EnvError> {
-        let size = scene.camera.size;
+        let (size, drawn) = (scene.camera.size, scene.camera.drawn_size());
         // the default draws tables and objects, not the arm, collision shapes (4) or marks (5)
         let mut options = RenderOptions::default();
         options.geom_groups[ARM_GEOM_GROUP] = arm;
-        let renderer = Renderer::new(Arc::clone(&scene.model), size, size, options)?;
+        let renderer = Renderer::new(Arc::clone(&scene.model), drawn, drawn, options)?;
         Ok(Self {
             scene,
             renderer,
             mark,
+            drawn: vec![0; drawn * drawn * RGB],
+            close_up: vec![0; size * size * RGB],
         })
     }
 
@@ -72,8 +78,9 @@ impl SceneRenderer {
     /// [`EnvError::NotReset`] where no episode runs, [`EnvError::Render`].
     pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        self.renderer.render(table.simulation_mut(), view, rgb)?;
-        self.add_mark(table, rgb);
+        self.renderer
+            .render(table.simulation_mut(), view, &mut self.drawn)?;
+        self.develop(table, rgb);
         Ok(())
     }
 
@@ -107,8 +114,8 @@ impl SceneRenderer {
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
         self.renderer
-            .render_over(table.simulation_mut(), backdrop, rgb)?;
-        self.add_mark(table, rgb);
+            .render_over(table.simulation_mut(), backdrop, &mut self.drawn)?;
+        self.develop(table, rgb);
         Ok(())
     }
 
@@ -127,19 +134,34 @@ impl SceneRenderer {
         })
     }
 
-    fn add_mark(&self, table: &TableTop, rgb: &mut [u8]) {
+    /// What an observation of `table` shows beside the picture that was drawn last: `first`, the
+    /// episode's first one, or a close-up of the last; `[size, size, 3]`.
+    pub fn second<'a>(&'a mut self, table: &TableTop, first: &'a [u8]) -> &'a [u8] {
+        let camera = &self.scene.camera;
+        match camera.second {
+            SecondPicture::First => first,
+            SecondPicture::CloseUp => {
+                camera.close_up(&self.drawn, table.hand(), &mut self.close_up);
+                &self.close_up
+            }
+        }
+    }
+
+    /// Makes `rgb` of what was drawn.
+    fn develop(&self, table: &TableTop, rgb: &mut [u8]) {
+        self.scene.camera.shrink(&self.drawn, rgb);
         if let Some(mark) = &self.mark {
             self.scene.camera.draw_mark(mark, table.hand(), rgb);
         }
     }
 }
 
-/// Interleaves the current and the first picture `[size, size, 3]` to an observation's image
+/// Interleaves the current and the second picture `[size, size, 3]` to an observation's image
 /// `[size, size, 6]`.
-pub fn stack(current: &[u8], first: &[u8], image: &mut [u8]) {
-    let pixels = current.chunks_exact(RGB).zip(first.chunks_exact(RGB));
-    for (out, (now, before)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
+pub fn stack(current: &[u8], second: &[u8], image: &mut [u8]) {
+    let pixels = current.chunks_exact(RGB).zip(second.chunks_exact(RGB));
+    for (out, (now, beside)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
         out[..RGB].copy_from_slice(now);
-        out[RGB..].copy_from_slice(before);
+        out[RGB..].copy_from_slice(beside);
     }
 }

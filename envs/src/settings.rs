@@ -9,6 +9,7 @@ use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::randomisation::Randomisation;
 use crate::renderer::IMAGE_CHANNELS;
+use crate::second_picture::SecondPicture;
 
 /// The most worker threads: a slip in a file must not start a million.
 pub const MAX_THREADS: usize = 1024;
@@ -51,6 +52,9 @@ impl Default for VecEnvSettings {
     }
 }
 
+const UNDISTURBED: &str = "the first picture where pictures are randomised: a camera's errors \
+are drawn for whole pictures, and close-ups of them would have none";
+
 impl VecEnvSettings {
     /// Length of one environment's image, size x size x 6.
     pub fn image_len(&self) -> usize {
@@ -74,8 +78,11 @@ impl VecEnvSettings {
         let few = (1..=MAX_THREADS).contains(&self.threads);
         require(few, "threads", &self.threads, "1 to 1024")?;
         self.camera.check()?;
-        let mut amounts = self.randomisation.iter();
-        amounts.try_for_each(|amounts| amounts.check(&self.camera))?;
+        if let Some(amounts) = &self.randomisation {
+            amounts.check(&self.camera)?;
+            let first = self.camera.second == SecondPicture::First;
+            require(first, "second picture", &"a close-up", UNDISTURBED)?;
+        }
         self.control.check()
     }
 }

@@ -225,7 +225,7 @@ impl SubEnvs {
             disturber.disturb(&mut slot.sight, table.hand(), &mut slot.first);
         }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
-        stack(&slot.first, &slot.first, image);
+        stack(&slot.first, renderer.second(table, &slot.first), image);
         row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
         Ok(())
     }
@@ -246,7 +246,8 @@ impl SubEnvs {
         }
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
-        stack(&self.picture, &slot.first, image);
+        let second = renderer.second(table, &slot.first);
+        stack(&self.picture, second, image);
         row_mut(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
         Ok(())
     }

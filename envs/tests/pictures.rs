@@ -3,7 +3,10 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use envs::{Backdrop, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup};
+use envs::{
+    Backdrop, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, SecondPicture, TableTop,
+    TaskGroup,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -96,6 +99,51 @@ fn variants_are_mirror_images_bit_for_bit() {
                         );
                     }
                 }
+            }
+        }
+    }
+}
+
+/// The hand goes towards the object, past the table's edge or nowhere near: the close-up goes with
+/// it.
+#[test]
+fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
+    let camera = Camera {
+        oversampling: 3,
+        second: SecondPicture::CloseUp,
+        ..Camera::default()
+    };
+    for group in TaskGroup::STANDARD {
+        let mut studio = Studio::seen_by(group, Embodiment::HAND, camera);
+        for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]]
+            .into_iter()
+            .enumerate()
+        {
+            let placement = group
+                .task()
+                .place(&mut ChaCha8Rng::seed_from_u64(seed as u64));
+            let mut both = |element: D2| {
+                studio.table.reset_to(element, placement).unwrap();
+                for _ in 0..8 {
+                    let [x, y] = element.apply_xy([x, y]);
+                    let action = [x as f32, y as f32, z as f32, -1.0];
+                    studio.table.step(&action).unwrap();
+                }
+                let mut seen = vec![0; studio.size * studio.size * RGB];
+                studio
+                    .renderer
+                    .render(&mut studio.table, &mut seen)
+                    .unwrap();
+                let close = studio.renderer.second(&studio.table, &[]).to_vec();
+                [seen, close]
+            };
+            let canonical = both(D2::Identity);
+            assert_ne!(canonical[0], canonical[1]);
+            for element in D2::ALL {
+                let mirrored = canonical
+                    .each_ref()
+                    .map(|picture| element.transform_image(picture, camera.size, camera.size, RGB));
+                assert!(both(element) == mirrored, "{group} {element} {seed}");
             }
         }
     }

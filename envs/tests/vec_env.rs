@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, EnvError, ObservationsMut, RGB, Scene, SceneRenderer,
-    TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Camera, Control, EnvError, ObservationsMut, RGB, Randomisation, Scene,
+    SceneRenderer, SecondPicture, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -112,6 +112,8 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
 struct Twin {
     table: TableTop,
     renderer: SceneRenderer,
+    /// The same table, drawn without the mark and as large as close-ups show it.
+    large: (TableTop, SceneRenderer),
     rng: ChaCha8Rng,
     first: Vec<u8>,
 }
@@ -124,6 +126,7 @@ impl Twin {
         rng.set_stream(env as u64);
         Self {
             table: TableTop::new(Arc::clone(&scene), settings.control).unwrap(),
+            large: large(settings, group),
             renderer: SceneRenderer::new(scene).unwrap(),
             rng,
             first: vec![0; settings.camera.size * settings.camera.size * RGB],
@@ -132,6 +135,7 @@ impl Twin {
 
     fn begin(&mut self) -> (Vec<u8>, Vec<f32>) {
         let element = D2::ALL[self.rng.random_range(0..4)];
+        self.large.0.reset(element, &mut self.rng.clone()).unwrap();
         self.table.reset(element, &mut self.rng).unwrap();
         self.renderer
             .render(&mut self.table, &mut self.first)
@@ -142,10 +146,52 @@ impl Twin {
     fn observe(&mut self) -> (Vec<u8>, Vec<f32>) {
         let mut now = self.first.clone();
         self.renderer.render(&mut self.table, &mut now).unwrap();
-        let pixels = now.chunks(RGB).zip(self.first.chunks(RGB));
-        let image = pixels.flat_map(|(now, first)| [now, first].concat());
+        let second = match self.table.scene().camera.second {
+            SecondPicture::First => self.first.clone(),
+            SecondPicture::CloseUp => self.close_up(),
+        };
+        let pixels = now.chunks(RGB).zip(second.chunks(RGB));
+        let image = pixels.flat_map(|(now, second)| [now, second].concat());
         (image.collect(), self.table.observe().unwrap().to_vec())
     }
+
+    /// The pixels around the hand's place on the table, one by one.
+    fn close_up(&mut self) -> Vec<u8> {
+        let camera = self.table.scene().camera;
+        let side = camera.size * camera.oversampling;
+        let mut large = vec![0; side * side * RGB];
+        let (table, renderer) = &mut self.large;
+        renderer.render(table, &mut large).unwrap();
+        let hand = self.table.hand();
+        let per_metre = side as f64 / (2.0 * camera.half_extent);
+        let middle = [-hand.y, hand.x].map(|way| (way * per_metre).round());
+        let half = [side, camera.size].map(|side| side as f64 / 2.0);
+        let pixel = |index: usize| {
+            let place = [index / camera.size, index % camera.size];
+            let [row, column] =
+                [0, 1].map(|axis| half[0] + middle[axis] + place[axis] as f64 - half[1]);
+            let inside = |place: f64| (0.0..side as f64).contains(&place);
+            match inside(row) && inside(column) {
+                true => large[(row as usize * side + column as usize) * RGB..][..RGB].to_vec(),
+                false => vec![128; RGB],
+            }
+        };
+        (0..camera.size * camera.size).flat_map(pixel).collect()
+    }
+}
+
+/// A table, and a camera that draws it as large as close-ups show it.
+fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRenderer) {
+    let camera = settings.camera;
+    let large = Camera {
+        size: camera.size * camera.oversampling,
+        oversampling: 1,
+        second: SecondPicture::First,
+        ..camera
+    };
+    let scene = Arc::new(Scene::new(group, settings.embodiment, large).unwrap());
+    let table = TableTop::new(Arc::clone(&scene), settings.control).unwrap();
+    (table, SceneRenderer::of_table(scene).unwrap())
 }
 
 /// Row `env` of observations.
@@ -159,7 +205,16 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 
 #[test]
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
-    let (settings, group) = (settings(2), TaskGroup::BUTTON_PRESS);
+    let close = SecondPicture::CloseUp;
+    for (oversampling, second) in [(1, SecondPicture::First), (3, close), (1, close)] {
+        let mut settings = settings(2);
+        (settings.camera.oversampling, settings.camera.second) = (oversampling, second);
+        rows_equal_environments_driven_by_hand(settings);
+    }
+}
+
+fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
+    let group = TaskGroup::BUTTON_PRESS;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut buffers = Batch::new(&settings);
     let mut twins = [0, 1, 2].map(|env| Twin::new(&settings, group, env));
@@ -175,6 +230,7 @@ fn every_row_is_what_one_environment_driven_by_hand_shows() {
                 .try_into()
                 .unwrap();
             let expected = twin.table.step(action).unwrap();
+            twin.large.0.step(action).unwrap();
             assert_eq!(buffers.rewards[env], expected.reward as f32);
             assert_eq!(buffers.success[env], expected.success);
             assert_eq!(buffers.success_at_end[env], expected.success_at_end);
@@ -374,6 +430,14 @@ fn settings_out_of_range_are_refused() {
                 size: 15,
                 ..Camera::default()
             },
+            ..settings(1)
+        },
+        VecEnvSettings {
+            camera: Camera {
+                second: SecondPicture::CloseUp,
+                ..Camera::default()
+            },
+            randomisation: Some(Randomisation::NOMINAL),
             ..settings(1)
         },
     ] {

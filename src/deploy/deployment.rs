@@ -38,7 +38,7 @@ pub struct Deployment {
     spec: EnvSpec,
     control: Control,
     camera: Camera,
-    /// The empty table `[size, size, 3]` as the policies know it.
+    /// The empty table `[drawn_size, drawn_size, 3]` as the policies know it.
     table: Vec<u8>,
     sight: SightSettings,
 }
@@ -57,9 +57,10 @@ impl Deployment {
         check(&learner, &envs)?;
         envs.num_envs = 1;
         let spec = Stream::spec_of(&envs);
-        let mut table = vec![0; envs.camera.size * envs.camera.size * RGB];
+        let drawn = envs.camera.drawn();
+        let mut table = vec![0; drawn.size * drawn.size * RGB];
         let empty = TaskGroup::GOAL_REACH;
-        let scene = Arc::new(Scene::new(empty, envs.embodiment, envs.camera)?);
+        let scene = Arc::new(Scene::new(empty, envs.embodiment, drawn)?);
         let mut top = TableTop::new(Arc::clone(&scene), envs.control)?;
         top.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
         SceneRenderer::of_table(scene)?.render(&mut top, &mut table)?;

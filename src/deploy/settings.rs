@@ -8,7 +8,8 @@ use inpainting::{Calibration, ColorCorrection, Link, Mark, PerceptionSettings, P
 pub struct SightSettings {
     /// How much thicker the mask is than the arm (metres).
     pub growth: f64,
-    /// Pixels that the arm is painted out in along each side of a policy's pixel; odd.
+    /// Pixels that the arm is painted out in along each side of a pixel that is drawn for a policy;
+    /// odd.
     pub oversampling: usize,
     /// How colours are corrected.
     pub correction: ColorCorrection,
@@ -29,8 +30,8 @@ impl Default for SightSettings {
 }
 
 impl SightSettings {
-    /// The perception of an arm of capsules with these radii, two joints for each, by a policy that
-    /// has learnt with `camera`.
+    /// The perception of an arm of capsules with these radii, two joints for each, for a policy that
+    /// has learnt with `camera`: of the pictures that observations are made of, without the mark.
     pub(super) fn perception(
         &self,
         calibration: Calibration,
@@ -43,17 +44,12 @@ impl SightSettings {
         };
         PerceptionSettings {
             calibration,
-            policy: pinhole(camera),
+            policy: pinhole(&camera.drawn()),
             oversampling: self.oversampling,
             links: radii.enumerate().map(link).collect(),
             growth: self.growth,
             correction: self.correction,
-            mark: Mark {
-                radius: camera.mark.radius,
-                hole: camera.mark.hole,
-                color: camera.mark.color,
-                depth: camera.height,
-            },
+            mark: Mark::disc(0.0, camera.mark.color, camera.height),
         }
     }
 }

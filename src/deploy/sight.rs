@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use envs::Camera;
 use envs::carriers::Arm;
+use envs::{Camera, SecondPicture};
 use glam::DVec3;
 use inpainting::{Calibration, Perception};
 use robots::RobotState;
@@ -21,11 +21,16 @@ pub(super) struct Sight {
     picture: Vec<u8>,
     /// When it was taken.
     taken: Duration,
+    /// The one that the policy has learnt with.
+    camera: Camera,
+    /// The table without the arm `[drawn_size, drawn_size, 3]`, as it was painted last.
+    painted: Vec<u8>,
 }
 
 impl Sight {
-    /// Sees a table that was set as `set_up` says. `table` `[size, size, 3]` is the empty table as
-    /// a policy knows it that has learnt with `camera`. `start` is the time, and where the arm is.
+    /// Sees a table that was set as `set_up` says. `table` `[drawn_size, drawn_size, 3]` is the empty
+    /// table as a policy knows it that has learnt with `camera`. `start` is the time, and where the
+    /// arm is.
     pub fn new(
         settings: &SightSettings,
         arm: &Arm,
@@ -44,6 +49,8 @@ impl Sight {
             taken: start.0,
             past: Past::new(start, OLDEST),
             picture: vec![0; set_up.background.len()],
+            camera: *camera,
+            painted: vec![0; table.len()],
         })
     }
 
@@ -67,8 +74,27 @@ impl Sight {
     /// the gripper is now.
     pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), CoversError> {
         let joints = joints(arm, &self.past.at(self.taken));
-        let gripper = self.state().tip.position;
-        Ok(self.perception.look(&self.picture, &joints, gripper, out)?)
+        let gripper = self.gripper();
+        self.perception
+            .look(&self.picture, &joints, gripper, &mut self.painted)?;
+        self.camera.shrink(&self.painted, out);
+        self.camera.draw_mark(&self.camera.mark, gripper, out);
+        Ok(())
+    }
+
+    /// What an observation shows beside the picture that was painted last: `first`, the episode's
+    /// first one, or a close-up of the last; `[size, size, 3]`.
+    pub fn second(&self, first: &[u8]) -> Vec<u8> {
+        let mut second = first.to_vec();
+        if self.camera.second == SecondPicture::CloseUp {
+            let gripper = self.gripper();
+            self.camera.close_up(&self.painted, gripper, &mut second);
+        }
+        second
+    }
+
+    fn gripper(&self) -> DVec3 {
+        self.state().tip.position
     }
 
     /// The camera's last picture `[H, W, 3]`.

@@ -10,8 +10,8 @@ use std::time::Duration;
 use envs::carriers::{Arm, ArmSettings, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
-    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,
-    TaskGroup,
+    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SecondPicture, SimulatedArm,
+    TableTop, TaskGroup,
 };
 use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Imperfections, Intrinsics, SimulatedCamera};
@@ -159,6 +159,8 @@ impl SimulatedRig {
         let seen = Camera {
             size: inside.width,
             half_extent: half * self.policy.height / inside.focal[0],
+            oversampling: 1,
+            second: SecondPicture::First,
             ..self.policy
         };
         let scene = Arc::new(Scene::new(group, self.embodiment, seen)?);

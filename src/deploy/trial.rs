@@ -89,7 +89,8 @@ impl TrialEnv<'_> {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        envs::stack(&picture, &self.first, &mut out.images);
+        let second = self.sight.second(&self.first);
+        envs::stack(&picture, &second, &mut out.images);
         let (hand, goal) = (self.sight.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.sight.state());
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];

@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use clap::ValueEnum;
-use envs::{ACTION_DIM, Camera, RGB, Scene, SceneRenderer, TableTop, TaskVariant, VecEnvSettings};
+use envs::{
+    ACTION_DIM, Camera, RGB, Scene, SceneRenderer, SecondPicture, TableTop, TaskVariant,
+    VecEnvSettings,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
@@ -135,7 +138,8 @@ impl Studio {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        envs::stack(&picture, &self.first, &mut out.images);
+        let second = self.renderer.second(&self.table, &self.first);
+        envs::stack(&picture, second, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale(&mut out.vectors);
         mark_goal(&self.table, &mut picture);
@@ -179,6 +183,8 @@ impl CameraMan {
     fn new(settings: &VecEnvSettings, variant: TaskVariant) -> Result<Self, CoversError> {
         let camera = Camera {
             size: settings.camera.size.max(SIDE),
+            oversampling: 1,
+            second: SecondPicture::First,
             ..settings.camera
         };
         let (table, scene) = table(settings, variant, camera)?;

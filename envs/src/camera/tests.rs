@@ -10,7 +10,7 @@ use super::*;
 #[test]
 fn settings_out_of_range_are_refused_with_their_value() {
     type Change = fn(&mut Camera);
-    let broken: [(Change, &str); 9] = [
+    let broken: [(Change, &str); 12] = [
         (|c| c.size = 47, "image size` is 47"),
         (|c| c.size = 1 << 40, "image size"),
         (|c| c.half_extent = 0.0, "half extent` is 0"),
@@ -20,6 +20,12 @@ fn settings_out_of_range_are_refused_with_their_value() {
         (|c| c.light.overhead = f64::NAN, "overhead light` is NaN"),
         (|c| c.mark.radius = -1.0, "mark radius` is -1"),
         (|c| c.mark.hole = 0.04, "mark hole` is 0.04"),
+        (|c| c.oversampling = 0, "oversampling` is 0"),
+        (|c| c.oversampling = 9, "oversampling` is 9"),
+        (
+            |c| (c.size, c.oversampling) = (1024, 8),
+            "size times oversampling` is 8192",
+        ),
     ];
     for (change, says) in broken {
         let mut camera = Camera::default();
@@ -39,10 +45,18 @@ fn settings_travel_as_text() {
             hole: 0.01,
             ..Mark::default()
         },
+        oversampling: 3,
+        second: SecondPicture::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
+    let before = text
+        .replace(r#","second":"close_up""#, "")
+        .replace(r#""oversampling":3,"#, "");
+    let before = serde_json::from_str::<Camera>(&before).unwrap();
+    let expected = (1, SecondPicture::First);
+    assert_eq!((before.oversampling, before.second), expected);
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();
     assert!(message.to_string().contains("hight"), "{message}");
