@@ -9,6 +9,10 @@ use serde::{Deserialize, Serialize};
 use crate::error::{EnvError, require};
 use crate::second_picture::SecondPicture;
 
+mod seen;
+
+/// Colour channels of one picture.
+pub const RGB: usize = 3;
 /// Largest picture that is drawn (pixels along a side).
 const LARGEST: usize = 4096;
 /// Pixels that may be drawn along a side of one that is seen.

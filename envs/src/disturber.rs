@@ -6,9 +6,8 @@ use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::camera::{Camera, on_ring};
+use crate::camera::{Camera, RGB, on_ring};
 use crate::randomisation::Randomisation;
-use crate::renderer::RGB;
 use crate::view::View;
 
 /// Random streams of pictures; placements are drawn from those below, and stay as they are.

@@ -68,7 +68,7 @@ mod view;
 mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
-pub use camera::{Camera, Light, Mark};
+pub use camera::{Camera, Light, Mark, RGB};
 pub use carrier::{Carrier, CarrierParts};
 pub use control::{Control, PHYSICS_STEPS};
 pub use drive::{Drive, Posture, ServoDrive};
@@ -78,7 +78,7 @@ pub use layout::{HAND_START, Layout};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, RGB, SceneRenderer, stack};
+pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, SceneRenderer, stack};
 pub use robots;
 pub use rows::{Failure, Turn};
 pub use scene::Scene;

@@ -5,15 +5,13 @@ use std::sync::Arc;
 
 use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 
-use crate::camera::Mark;
+use crate::camera::{Mark, RGB};
 use crate::error::EnvError;
 use crate::scene::Scene;
-use crate::second_picture::SecondPicture;
 use crate::tabletop::TableTop;
 
-/// Colour channels of one picture.
-pub const RGB: usize = 3;
-/// Channels of an observation's image: the current picture and a second one ([`SecondPicture`]).
+/// Channels of an observation's image: the current picture and a second one
+/// ([`SecondPicture`](crate::SecondPicture)).
 pub const IMAGE_CHANNELS: usize = 2 * RGB;
 
 /// Renders one scene from its camera; lives on the thread that made it.
@@ -137,14 +135,9 @@ impl SceneRenderer {
     /// What an observation of `table` shows beside the picture that was drawn last: `first`, the
     /// episode's first one, or a close-up of the last; `[size, size, 3]`.
     pub fn second<'a>(&'a mut self, table: &TableTop, first: &'a [u8]) -> &'a [u8] {
+        let last = (&self.drawn[..], table.hand());
         let camera = &self.scene.camera;
-        match camera.second {
-            SecondPicture::First => first,
-            SecondPicture::CloseUp => {
-                camera.close_up(&self.drawn, table.hand(), &mut self.close_up);
-                &self.close_up
-            }
-        }
+        camera.second_picture(last, first, &mut self.close_up)
     }
 
     /// Makes `rgb` of what was drawn.

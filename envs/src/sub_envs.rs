@@ -12,9 +12,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::camera::RGB;
 use crate::disturber::{Disturber, Sight};
 use crate::error::EnvError;
-use crate::renderer::{RGB, SceneRenderer, stack};
+use crate::renderer::{SceneRenderer, stack};
 #[cfg(test)]
 use crate::rows::Fault;
 use crate::rows::{Command, Failure, Reply, Rows, Turn, row_mut};

@@ -183,12 +183,7 @@ impl Twin {
 /// A table, and a camera that draws it as large as close-ups show it.
 fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRenderer) {
     let camera = settings.camera;
-    let large = Camera {
-        size: camera.size * camera.oversampling,
-        oversampling: 1,
-        second: SecondPicture::First,
-        ..camera
-    };
+    let large = camera.with_size(camera.size * camera.oversampling);
     let scene = Arc::new(Scene::new(group, settings.embodiment, large).unwrap());
     let table = TableTop::new(Arc::clone(&scene), settings.control).unwrap();
     (table, SceneRenderer::of_table(scene).unwrap())

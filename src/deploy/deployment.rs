@@ -57,7 +57,7 @@ impl Deployment {
         check(&learner, &envs)?;
         envs.num_envs = 1;
         let spec = Stream::spec_of(&envs);
-        let drawn = envs.camera.drawn();
+        let drawn = envs.camera.with_size(envs.camera.drawn_size());
         let mut table = vec![0; drawn.size * drawn.size * RGB];
         let empty = TaskGroup::GOAL_REACH;
         let scene = Arc::new(Scene::new(empty, envs.embodiment, drawn)?);

@@ -44,7 +44,7 @@ impl SightSettings {
         };
         PerceptionSettings {
             calibration,
-            policy: pinhole(&camera.drawn()),
+            policy: pinhole(&camera.with_size(camera.drawn_size())),
             oversampling: self.oversampling,
             links: radii.enumerate().map(link).collect(),
             growth: self.growth,

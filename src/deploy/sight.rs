@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use envs::carriers::Arm;
-use envs::{Camera, SecondPicture};
+use envs::{Camera, RGB};
 use glam::DVec3;
 use inpainting::{Calibration, Perception};
 use robots::RobotState;
@@ -25,6 +25,7 @@ pub(super) struct Sight {
     camera: Camera,
     /// The table without the arm `[drawn_size, drawn_size, 3]`, as it was painted last.
     painted: Vec<u8>,
+    close_up: Vec<u8>,
 }
 
 impl Sight {
@@ -51,6 +52,7 @@ impl Sight {
             picture: vec![0; set_up.background.len()],
             camera: *camera,
             painted: vec![0; table.len()],
+            close_up: vec![0; camera.size * camera.size * RGB],
         })
     }
 
@@ -74,7 +76,7 @@ impl Sight {
     /// the gripper is now.
     pub fn paint(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), CoversError> {
         let joints = joints(arm, &self.past.at(self.taken));
-        let gripper = self.gripper();
+        let gripper = self.state().tip.position;
         self.perception
             .look(&self.picture, &joints, gripper, &mut self.painted)?;
         self.camera.shrink(&self.painted, out);
@@ -84,17 +86,9 @@ impl Sight {
 
     /// What an observation shows beside the picture that was painted last: `first`, the episode's
     /// first one, or a close-up of the last; `[size, size, 3]`.
-    pub fn second(&self, first: &[u8]) -> Vec<u8> {
-        let mut second = first.to_vec();
-        if self.camera.second == SecondPicture::CloseUp {
-            let gripper = self.gripper();
-            self.camera.close_up(&self.painted, gripper, &mut second);
-        }
-        second
-    }
-
-    fn gripper(&self) -> DVec3 {
-        self.state().tip.position
+    pub fn second<'a>(&'a mut self, first: &'a [u8]) -> &'a [u8] {
+        let last = (&self.painted[..], self.state().tip.position);
+        self.camera.second_picture(last, first, &mut self.close_up)
     }
 
     /// The camera's last picture `[H, W, 3]`.
@@ -113,3 +107,6 @@ fn joints(arm: &Arm, state: &RobotState) -> Vec<DVec3> {
     let capsules = arm.capsules(state).into_iter();
     capsules.flat_map(|capsule| capsule.ends).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,8 +10,8 @@ use std::time::Duration;
 use envs::carriers::{Arm, ArmSettings, KinovaGen3};
 use envs::mujoco::State;
 use envs::{
-    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SecondPicture, SimulatedArm,
-    TableTop, TaskGroup,
+    Camera, Control, Embodiment, EnvError, RGB, Scene, SceneRenderer, SimulatedArm, TableTop,
+    TaskGroup,
 };
 use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Imperfections, Intrinsics, SimulatedCamera};
@@ -157,11 +157,8 @@ impl SimulatedRig {
         let inside = camera.ideal().intrinsics;
         let half = inside.width as f64 / 2.0;
         let seen = Camera {
-            size: inside.width,
             half_extent: half * self.policy.height / inside.focal[0],
-            oversampling: 1,
-            second: SecondPicture::First,
-            ..self.policy
+            ..self.policy.with_size(inside.width)
         };
         let scene = Arc::new(Scene::new(group, self.embodiment, seen)?);
         let arm = SimulatedArm::new(Arc::clone(&scene), self.settings.command_latency)?;

@@ -1,5 +1,6 @@
 //! Strips of pictures: what the camera saw, the mask, and what the policy was shown.
 
+use envs::RGB;
 use inpainting::{Intrinsics, Perception};
 
 use crate::colours::rgb;
@@ -21,7 +22,7 @@ pub struct Strip {
 }
 
 impl Strip {
-    /// Adds the pictures of a decision.
+    /// Adds the pictures of a decision; the policy's, `seen`, is square.
     pub(super) fn add(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
         let view = perception.view().intrinsics;
@@ -29,11 +30,11 @@ impl Strip {
         let mask: Vec<u8> = mask
             .flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3])
             .collect();
-        let policy = perception.settings().policy.intrinsics;
+        let side = (seen.len() / RGB).isqrt();
         self.columns.push([
             fitted(raw, [width, height]),
             fitted(&mask, [view.width, view.height]),
-            fitted(seen, [policy.width, policy.height]),
+            fitted(seen, [side, side]),
         ]);
     }
 

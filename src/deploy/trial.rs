@@ -90,7 +90,7 @@ impl TrialEnv<'_> {
             self.first.clone_from(&picture);
         }
         let second = self.sight.second(&self.first);
-        envs::stack(&picture, &second, &mut out.images);
+        envs::stack(&picture, second, &mut out.images);
         let (hand, goal) = (self.sight.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.sight.state());
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];

@@ -3,10 +3,7 @@
 use std::sync::Arc;
 
 use clap::ValueEnum;
-use envs::{
-    ACTION_DIM, Camera, RGB, Scene, SceneRenderer, SecondPicture, TableTop, TaskVariant,
-    VecEnvSettings,
-};
+use envs::{ACTION_DIM, Camera, RGB, Scene, SceneRenderer, TableTop, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
@@ -181,12 +178,8 @@ impl Studio {
 
 impl CameraMan {
     fn new(settings: &VecEnvSettings, variant: TaskVariant) -> Result<Self, CoversError> {
-        let camera = Camera {
-            size: settings.camera.size.max(SIDE),
-            oversampling: 1,
-            second: SecondPicture::First,
-            ..settings.camera
-        };
+        let size = settings.camera.size.max(SIDE);
+        let camera = settings.camera.with_size(size);
         let (table, scene) = table(settings, variant, camera)?;
         Ok(Self {
             table,

@@ -9,8 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use glam::DVec3;
 
 use super::case::{Case, Finding, run, unless};
+use crate::camera::RGB;
 use crate::error::EnvError;
-use crate::renderer::{RGB, SceneRenderer};
+use crate::renderer::SceneRenderer;
 use crate::tabletop::TableTop;
 use crate::task::Placement;
 

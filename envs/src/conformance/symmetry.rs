@@ -8,9 +8,10 @@ use serde::Serialize;
 use symmetry::D2;
 
 use super::experts::{VariantName, check_seeds, episode};
+use crate::camera::RGB;
 use crate::carrier::OPEN_APERTURE;
 use crate::error::EnvError;
-use crate::renderer::{RGB, SceneRenderer};
+use crate::renderer::SceneRenderer;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, TableTop};
 use crate::task::{Measurement, Placement};

@@ -1,0 +1,205 @@
+//! From what is drawn to what is seen.
+
+use glam::DVec3;
+
+use super::{Camera, RGB};
+use crate::second_picture::SecondPicture;
+
+/// Levels of what lies beyond the picture: grey, about the middle of what networks read.
+const BEYOND: [u8; RGB] = [128; RGB];
+
+impl Camera {
+    /// Pixels along either side of the pictures that are drawn, of which observations are made.
+    pub fn drawn_size(&self) -> usize {
+        self.size * self.oversampling
+    }
+
+    /// The same camera with pictures of another size, each drawn as it is shown.
+    pub fn with_size(self, size: usize) -> Self {
+        Self {
+            size,
+            oversampling: 1,
+            second: SecondPicture::First,
+            ..self
+        }
+    }
+
+    /// Shrinks the picture `drawn` `[drawn_size, drawn_size, 3]` to the whole one, `rgb`
+    /// `[size, size, 3]`. Means are rounded, halves up.
+    pub fn shrink(&self, drawn: &[u8], rgb: &mut [u8]) {
+        let factor = self.oversampling;
+        if factor == 1 {
+            rgb.copy_from_slice(drawn);
+            return;
+        }
+        let line = self.drawn_size() * RGB;
+        let pixels = (factor * factor) as u32;
+        let bands = drawn.chunks_exact(line * factor);
+        for (band, out) in bands.zip(rgb.chunks_exact_mut(self.size * RGB)) {
+            for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
+                let mut sums = [pixels / 2; RGB];
+                for row in band.chunks_exact(line) {
+                    let block = &row[column * factor * RGB..][..factor * RGB];
+                    for pixel in block.chunks_exact(RGB) {
+                        (0..RGB).for_each(|channel| sums[channel] += u32::from(pixel[channel]));
+                    }
+                }
+                out.copy_from_slice(&sums.map(|sum| (sum / pixels) as u8));
+            }
+        }
+    }
+
+    /// What an observation shows beside the whole picture, `[size, size, 3]`: `first`, the episode's
+    /// first one, or what is cut out of `drawn` into `close_up`.
+    pub fn second_picture<'a>(
+        &self,
+        (drawn, hand): (&[u8], DVec3),
+        first: &'a [u8],
+        close_up: &'a mut [u8],
+    ) -> &'a [u8] {
+        match self.second {
+            SecondPicture::First => first,
+            SecondPicture::CloseUp => {
+                self.close_up(drawn, hand, close_up);
+                close_up
+            }
+        }
+    }
+
+    /// Cuts the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the table under
+    /// `hand` (metres) out, to `rgb` `[size, size, 3]`: to whole pixels, so that a mirrored picture
+    /// of a mirrored hand gives the mirrored part exactly.
+    fn close_up(&self, drawn: &[u8], hand: DVec3, rgb: &mut [u8]) {
+        let [right, up] = self.project(DVec3::new(hand.x, hand.y, 0.0));
+        let side = self.drawn_size() as i64;
+        let margin = (side - self.size as i64) / 2;
+        // halves are rounded away from zero on either side, as mirrors need
+        let start = [-up, right].map(|offset| {
+            let pixels = offset * self.oversampling as f64;
+            margin.saturating_add(pixels.round() as i64)
+        });
+        let inside = |place: i64| usize::try_from(place).ok().filter(|_| place < side);
+        for (row, out) in rgb.chunks_exact_mut(self.size * RGB).enumerate() {
+            let row = inside(start[0].saturating_add(row as i64));
+            for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
+                let column = inside(start[1].saturating_add(column as i64));
+                let place = row
+                    .zip(column)
+                    .map(|(row, column)| row * side as usize + column);
+                let pixel = place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB]);
+                out.copy_from_slice(pixel);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use symmetry::D2;
+
+    use super::*;
+    use crate::camera::OVERSAMPLING;
+    use crate::frame::map;
+
+    const SIZE: usize = 4;
+
+    fn camera(oversampling: usize) -> Camera {
+        Camera {
+            size: SIZE,
+            oversampling,
+            ..Camera::default()
+        }
+    }
+
+    /// A picture without a symmetry.
+    fn drawn(camera: &Camera) -> Vec<u8> {
+        let length = camera.drawn_size() * camera.drawn_size() * RGB;
+        (0..length).map(|i| (i * 37 % 251) as u8).collect()
+    }
+
+    fn mirrored(rgb: &[u8], element: D2) -> Vec<u8> {
+        let side = (rgb.len() / RGB).isqrt();
+        element.transform_image(rgb, side, side, RGB)
+    }
+
+    fn cut(camera: &Camera, drawn: &[u8], hand: DVec3) -> Vec<u8> {
+        let mut rgb = vec![0; SIZE * SIZE * RGB];
+        camera.close_up(drawn, hand, &mut rgb);
+        rgb
+    }
+
+    #[test]
+    fn a_picture_is_shrunk_to_the_means_of_its_squares() {
+        let camera = camera(3);
+        let drawn = drawn(&camera);
+        let mut rgb = vec![0; SIZE * SIZE * RGB];
+        camera.shrink(&drawn, &mut rgb);
+        for (index, &level) in rgb.iter().enumerate() {
+            let (row, column) = (index / (SIZE * RGB), index / RGB % SIZE);
+            let sum = (0..9).map(|i| {
+                let (row, column) = (3 * row + i / 3, 3 * column + i % 3);
+                f64::from(drawn[(row * 3 * SIZE + column) * RGB + index % RGB])
+            });
+            assert_eq!(
+                f64::from(level),
+                (sum.sum::<f64>() / 9.0).round(),
+                "{index}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_close_up_shows_what_is_under_the_hand_in_its_middle() {
+        let camera = camera(2);
+        let drawn = drawn(&camera);
+        let metres = |pixels: f64| pixels * camera.half_extent / SIZE as f64;
+        // two pixels of eight to the right and one up
+        let hand = DVec3::new(metres(2.0), metres(1.0), 0.3);
+        let expected = |row: usize, column: usize| {
+            let inside = column + 2 + 2 < 8;
+            match inside {
+                true => &drawn[((row + 2 - 1) * 8 + column + 2 + 2) * RGB..][..RGB],
+                false => &BEYOND[..],
+            }
+        };
+        let rgb = cut(&camera, &drawn, hand);
+        for (pixel, rgb) in rgb.chunks_exact(RGB).enumerate() {
+            assert_eq!(rgb, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
+        }
+    }
+
+    #[test]
+    fn a_hand_that_is_nowhere_near_sees_grey() {
+        let camera = camera(2);
+        for x in [9.0, -1e300, f64::INFINITY] {
+            let rgb = cut(&camera, &drawn(&camera), DVec3::new(x, 0.0, 0.1));
+            assert!(rgb.iter().all(|&level| level == BEYOND[0]), "{x}");
+        }
+    }
+
+    #[test]
+    fn both_pictures_of_a_mirrored_table_are_mirrored_to_the_bit() {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        for element in (0..50).flat_map(|_| D2::ALL) {
+            let camera = camera(rng.random_range(OVERSAMPLING));
+            let drawn = drawn(&camera);
+            let moved = mirrored(&drawn, element);
+            let hand = DVec3::new(
+                rng.random_range(-0.5..0.5),
+                rng.random_range(-0.5..0.5),
+                0.1,
+            );
+            let close = cut(&camera, &drawn, hand);
+            let there = cut(&camera, &moved, map(element, hand));
+            assert_eq!(mirrored(&close, element), there, "{element:?} {hand}");
+            let [shrunk, moved] = [drawn, moved].map(|drawn| {
+                let mut rgb = vec![0; SIZE * SIZE * RGB];
+                camera.shrink(&drawn, &mut rgb);
+                rgb
+            });
+            assert_eq!(mirrored(&shrunk, element), moved, "{element:?}");
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! A close-up of what a real camera sees, beside that of the simulation in which a policy learns.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use envs::{
+    Camera, Control, Embodiment, RGB, Scene, SceneRenderer, SecondPicture, TableTop, TaskGroup,
+    TaskVariant,
+};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use robots::Robot;
+use symmetry::D2;
+
+use crate::deploy::{
+    Deployment, Rig, SightSettings, SimulatedRig, SimulationSettings, Strip, Trial,
+};
+use crate::groupings::Labels;
+use crate::learners::Extent;
+use crate::runs::RunFolder;
+use crate::stream::Stream;
+
+/// A button whose cap stands beside the hand's start.
+const TRIAL: Trial = Trial {
+    variant: TaskVariant {
+        group: TaskGroup::BUTTON_PRESS,
+        element: D2::FlipX,
+    },
+    number: 1,
+    seed: 1000,
+};
+
+/// The policies that come with the project, as if they had learnt with close-ups.
+fn deployment(name: &str) -> Deployment {
+    let pretrained = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let pretrained = RunFolder::open(&pretrained);
+    let mut experiment = pretrained.experiment().unwrap();
+    let spec = Stream::spec_of(&experiment.envs);
+    let learner = pretrained.load_learner(&experiment.learner, &spec, &Labels::default());
+    let camera = &mut experiment.envs.camera;
+    (camera.oversampling, camera.second) = (3, SecondPicture::CloseUp);
+    let path = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
+    let folder =
+        RunFolder::pack(&path, &experiment, &*learner.unwrap(), Extent::Everything).unwrap();
+    let deployment = Deployment::load(&folder, SightSettings::default()).unwrap();
+    std::fs::remove_dir_all(&path).unwrap();
+    deployment
+}
+
+/// What a learner of the simulation sees at the start of the trial: the whole picture and the
+/// close-up.
+fn learnt(camera: Camera) -> [Vec<u8>; 2] {
+    let TaskVariant { group, element } = TRIAL.variant;
+    let scene = Arc::new(Scene::new(group, Embodiment::HAND, camera).unwrap());
+    let mut rng = ChaCha8Rng::seed_from_u64(TRIAL.seed);
+    rng.set_stream(TRIAL.number as u64);
+    let placement = scene.place(&mut rng);
+    let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+    table.reset_to(element, placement).unwrap();
+    let mut seen = vec![0; camera.size * camera.size * RGB];
+    let mut renderer = SceneRenderer::new(scene).unwrap();
+    renderer.render(&mut table, &mut seen).unwrap();
+    let close = renderer.second(&table, &[]).to_vec();
+    [seen, close]
+}
+
+/// Mean difference of two pictures (levels).
+fn difference(a: &[u8], b: &[u8]) -> f64 {
+    let differences = a.iter().zip(b).map(|(a, b)| f64::from(a.abs_diff(*b)));
+    differences.sum::<f64>() / a.len() as f64
+}
+
+#[test]
+fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
+    let deployment = deployment("close-up");
+    let camera = *deployment.camera();
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
+    let arm = rig.arm().clone();
+    let set_up = rig.set_up(&TRIAL).unwrap();
+    let start = rig.state().unwrap();
+    let mut sight = deployment.sight(&rig, &arm, &set_up, start).unwrap();
+    sight.shoot(&mut rig).unwrap();
+    let mut seen = vec![0; camera.size * camera.size * RGB];
+    sight.paint(&arm, &mut seen).unwrap();
+    let close = sight.second(&[]).to_vec();
+    for (on_robot, learnt) in [seen, close].iter().zip(learnt(camera)) {
+        let off = difference(on_robot, &learnt);
+        for element in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
+            let mirrored = element.transform_image(&learnt, camera.size, camera.size, RGB);
+            let wrong = difference(on_robot, &mirrored);
+            assert!(off < 4.0 && 2.0 * off < wrong, "{off} {wrong} {element}");
+        }
+    }
+}
+
+#[test]
+fn a_trial_with_close_ups_is_filmed_as_any_other() {
+    let mut deployment = deployment("filmed");
+    let mut rig = SimulatedRig::new(SimulationSettings::OFF, *deployment.camera()).unwrap();
+    let arm = rig.arm().clone();
+    let mut strip = Strip::default();
+    let played = deployment.trial(&mut rig, &arm, &TRIAL, Some(&mut strip));
+    assert!(played.unwrap().refused == 0);
+    let picture = strip.picture();
+    assert_eq!((picture.width, picture.height), (11 * 196 + 4, 3 * 148 + 4));
+}
