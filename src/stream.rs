@@ -87,7 +87,7 @@ impl Stream {
         let size = settings.camera.size;
         EnvSpec {
             num_envs: settings.num_envs,
-            image: [size, size, envs::IMAGE_CHANNELS],
+            image: [size, size, settings.camera.beside.channels()],
             vector: envs::VECTOR_IRREPS.to_vec(),
             action: envs::ACTION_IRREPS.to_vec(),
         }

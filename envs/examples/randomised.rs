@@ -8,9 +8,7 @@
 use std::error::Error;
 use std::fs::File;
 
-use envs::{
-    ACTION_DIM, Batch, IMAGE_CHANNELS, RGB, Randomisation, TaskGroup, VecEnv, VecEnvSettings,
-};
+use envs::{ACTION_DIM, Batch, RGB, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
 use symmetry::D2;
 
 /// Pictures in a line.
@@ -52,7 +50,7 @@ fn line(
         env.step(&actions, batch.step())?;
     }
     let newest = |image: &[u8]| {
-        let pixels = image.chunks_exact(IMAGE_CHANNELS);
+        let pixels = image.chunks_exact(settings.camera.beside.channels());
         pixels.flat_map(|pixel| &pixel[..RGB]).copied().collect()
     };
     let images = batch.images.chunks_exact(settings.image_len());

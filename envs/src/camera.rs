@@ -6,10 +6,12 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use crate::beside::Beside;
 use crate::error::{EnvError, require};
-use crate::second_picture::SecondPicture;
 
 mod seen;
+
+pub use seen::Pictures;
 
 /// Colour channels of one picture.
 pub const RGB: usize = 3;
@@ -48,7 +50,7 @@ pub struct Camera {
     /// What an observation shows beside the picture of now; the first picture where a file says
     /// nothing.
     #[serde(default)]
-    pub second: SecondPicture,
+    pub beside: Beside,
 }
 
 /// White light that mirrors exactly: it comes from all around, from the camera and from straight
@@ -87,7 +89,7 @@ impl Default for Camera {
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: Mark::default(),
-            second: SecondPicture::default(),
+            beside: Beside::default(),
         }
     }
 }

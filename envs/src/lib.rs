@@ -3,7 +3,7 @@
 //! A group of tasks ([`TaskGroup`]) has four variants that are one another's images under
 //! [`symmetry::D2`] ([`TaskVariant`]). Four groups come with the crate; a program adds its own by
 //! implementing [`Task`]. A learner sees the table without the arm, a disc at the gripper, and the
-//! episode's first picture or a close-up of what is under the hand ([`SecondPicture`]).
+//! episode's first picture or a close-up of what is under the hand ([`Beside`]).
 //!
 //! - [`VecEnv`]: many environments on worker threads, pictures included. This is what a learner
 //!   uses.
@@ -38,6 +38,7 @@
 struct Readme;
 
 mod batch;
+mod beside;
 mod camera;
 mod carrier;
 pub mod carriers;
@@ -57,7 +58,6 @@ mod renderer;
 pub mod reward;
 mod rows;
 mod scene;
-mod second_picture;
 mod settings;
 mod sub_envs;
 mod tabletop;
@@ -68,7 +68,8 @@ mod view;
 mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
-pub use camera::{Camera, Light, Mark, RGB};
+pub use beside::Beside;
+pub use camera::{Camera, Light, Mark, Pictures, RGB};
 pub use carrier::{Carrier, CarrierParts};
 pub use control::{Control, PHYSICS_STEPS};
 pub use drive::{Drive, Posture, ServoDrive};
@@ -78,11 +79,10 @@ pub use layout::{HAND_START, Layout};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{ARM_GEOM_GROUP, IMAGE_CHANNELS, SceneRenderer, stack};
+pub use renderer::{ARM_GEOM_GROUP, SceneRenderer};
 pub use robots;
 pub use rows::{Failure, Turn};
 pub use scene::Scene;
-pub use second_picture::SecondPicture;
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, Step, TableTop, VECTOR_DIM,

@@ -5,14 +5,10 @@ use std::sync::Arc;
 
 use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 
-use crate::camera::{Mark, RGB};
+use crate::camera::{Mark, Pictures, RGB};
 use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
-
-/// Channels of an observation's image: the current picture and a second one
-/// ([`SecondPicture`](crate::SecondPicture)).
-pub const IMAGE_CHANNELS: usize = 2 * RGB;
 
 /// Renders one scene from its camera; lives on the thread that made it.
 pub struct SceneRenderer {
@@ -21,7 +17,6 @@ pub struct SceneRenderer {
     mark: Option<Mark>,
     /// What was drawn last `[drawn_size, drawn_size, 3]`, before it was shrunk and marked.
     drawn: Vec<u8>,
-    close_up: Vec<u8>,
 }
 
 /// Geom group of the arm and the gripper.
@@ -55,7 +50,7 @@ impl SceneRenderer {
     }
 
     fn showing(scene: Arc<Scene>, arm: bool, mark: Option<Mark>) -> Result<Self, EnvError> {
-        let (size, drawn) = (scene.camera.size, scene.camera.drawn_size());
+        let drawn = scene.camera.drawn_size();
         // the default draws tables and objects, not the arm, collision shapes (4) or marks (5)
         let mut options = RenderOptions::default();
         options.geom_groups[ARM_GEOM_GROUP] = arm;
@@ -65,7 +60,6 @@ impl SceneRenderer {
             renderer,
             mark,
             drawn: vec![0; drawn * drawn * RGB],
-            close_up: vec![0; size * size * RGB],
         })
     }
 
@@ -132,12 +126,16 @@ impl SceneRenderer {
         })
     }
 
-    /// What an observation of `table` shows beside the picture that was drawn last: `first`, the
-    /// episode's first one, or a close-up of the last; `[size, size, 3]`.
-    pub fn second<'a>(&'a mut self, table: &TableTop, first: &'a [u8]) -> &'a [u8] {
-        let last = (&self.drawn[..], table.hand());
-        let camera = &self.scene.camera;
-        camera.second_picture(last, first, &mut self.close_up)
+    /// Makes the image of an observation of `table`, `[size, size, C]`, of the picture that was
+    /// drawn last, `now`, and the episode's first one.
+    pub fn compose(&self, table: &TableTop, now: &[u8], first: &[u8], image: &mut [u8]) {
+        let pictures = Pictures {
+            now,
+            first,
+            drawn: &self.drawn,
+            hand: table.hand(),
+        };
+        self.scene.camera.compose(&pictures, image);
     }
 
     /// Makes `rgb` of what was drawn.
@@ -146,15 +144,5 @@ impl SceneRenderer {
         if let Some(mark) = &self.mark {
             self.scene.camera.draw_mark(mark, table.hand(), rgb);
         }
-    }
-}
-
-/// Interleaves the current and the second picture `[size, size, 3]` to an observation's image
-/// `[size, size, 6]`.
-pub fn stack(current: &[u8], second: &[u8], image: &mut [u8]) {
-    let pixels = current.chunks_exact(RGB).zip(second.chunks_exact(RGB));
-    for (out, (now, beside)) in image.chunks_exact_mut(IMAGE_CHANNELS).zip(pixels) {
-        out[..RGB].copy_from_slice(now);
-        out[RGB..].copy_from_slice(beside);
     }
 }

@@ -2,14 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::beside::Beside;
 use crate::camera::Camera;
 use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
 use crate::randomisation::Randomisation;
-use crate::renderer::IMAGE_CHANNELS;
-use crate::second_picture::SecondPicture;
 
 /// The most worker threads: a slip in a file must not start a million.
 pub const MAX_THREADS: usize = 1024;
@@ -56,9 +55,9 @@ const UNDISTURBED: &str = "the first picture where pictures are randomised: a ca
 are drawn for whole pictures, and close-ups of them would have none";
 
 impl VecEnvSettings {
-    /// Length of one environment's image, size x size x 6.
+    /// Length of one environment's image, size x size x C.
     pub fn image_len(&self) -> usize {
-        self.camera.size * self.camera.size * IMAGE_CHANNELS
+        self.camera.size * self.camera.size * self.camera.beside.channels()
     }
 
     /// The same environments with perfect pictures.
@@ -80,8 +79,8 @@ impl VecEnvSettings {
         self.camera.check()?;
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
-            let first = self.camera.second == SecondPicture::First;
-            require(first, "second picture", &"a close-up", UNDISTURBED)?;
+            let first = self.camera.beside == Beside::First;
+            require(first, "picture beside", &"a close-up", UNDISTURBED)?;
         }
         self.control.check()
     }

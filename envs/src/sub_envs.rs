@@ -15,7 +15,7 @@ use symmetry::D2;
 use crate::camera::RGB;
 use crate::disturber::{Disturber, Sight};
 use crate::error::EnvError;
-use crate::renderer::{SceneRenderer, stack};
+use crate::renderer::SceneRenderer;
 #[cfg(test)]
 use crate::rows::Fault;
 use crate::rows::{Command, Failure, Reply, Rows, Turn, row_mut};
@@ -226,7 +226,7 @@ impl SubEnvs {
             disturber.disturb(&mut slot.sight, table.hand(), &mut slot.first);
         }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
-        stack(&slot.first, renderer.second(table, &slot.first), image);
+        renderer.compose(table, &slot.first, &slot.first, image);
         row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
         Ok(())
     }
@@ -247,8 +247,7 @@ impl SubEnvs {
         }
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
-        let second = renderer.second(table, &slot.first);
-        stack(&self.picture, second, image);
+        renderer.compose(table, &self.picture, &slot.first, image);
         row_mut(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
         Ok(())
     }

@@ -9,8 +9,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, Randomisation, SecondPicture, TaskGroup, VecEnv,
-    VecEnvSettings,
+    ACTION_DIM, Batch, Beside, Camera, Control, Randomisation, TaskGroup, VecEnv, VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
@@ -48,7 +47,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     steps_allocate_nothing(VecEnvSettings {
         camera: Camera {
             oversampling: 3,
-            second: SecondPicture::CloseUp,
+            beside: Beside::FirstAndCloseUp,
             ..settings.camera
         },
         ..settings

@@ -1,6 +1,6 @@
 //! Environments with randomised pictures beside those with perfect ones.
 
-use envs::{ACTION_DIM, Batch, IMAGE_CHANNELS, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
+use envs::{ACTION_DIM, Batch, Beside, Randomisation, TaskGroup, VecEnv, VecEnvSettings};
 use symmetry::D2;
 
 const N: usize = 3;
@@ -99,7 +99,7 @@ fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another(
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
         images
-            .map(|image| image[..IMAGE_CHANNELS].to_vec())
+            .map(|image| image[..Beside::First.channels()].to_vec())
             .collect()
     };
     let mut episodes = vec![corners(&walk[0])];

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Batch, Camera, Control, EnvError, ObservationsMut, RGB, Randomisation, Scene,
-    SceneRenderer, SecondPicture, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Batch, Beside, Camera, Control, EnvError, ObservationsMut, RGB, Randomisation,
+    Scene, SceneRenderer, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -146,12 +146,17 @@ impl Twin {
     fn observe(&mut self) -> (Vec<u8>, Vec<f32>) {
         let mut now = self.first.clone();
         self.renderer.render(&mut self.table, &mut now).unwrap();
-        let second = match self.table.scene().camera.second {
-            SecondPicture::First => self.first.clone(),
-            SecondPicture::CloseUp => self.close_up(),
+        let mut pictures = vec![now];
+        match self.table.scene().camera.beside {
+            Beside::First => pictures.push(self.first.clone()),
+            Beside::CloseUp => pictures.push(self.close_up()),
+            Beside::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
+        }
+        let pixel = |index| {
+            let pixels = pictures.iter().map(move |picture| &picture[index..][..RGB]);
+            pixels.flatten().copied()
         };
-        let pixels = now.chunks(RGB).zip(second.chunks(RGB));
-        let image = pixels.flat_map(|(now, second)| [now, second].concat());
+        let image = (0..self.first.len()).step_by(RGB).flat_map(pixel);
         (image.collect(), self.table.observe().unwrap().to_vec())
     }
 
@@ -200,11 +205,12 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 
 #[test]
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
-    let close = SecondPicture::CloseUp;
-    for (oversampling, second) in [(1, SecondPicture::First), (3, close), (1, close)] {
-        let mut settings = settings(2);
-        (settings.camera.oversampling, settings.camera.second) = (oversampling, second);
-        rows_equal_environments_driven_by_hand(settings);
+    for beside in [Beside::First, Beside::CloseUp, Beside::FirstAndCloseUp] {
+        for oversampling in [1, 3] {
+            let mut settings = settings(2);
+            (settings.camera.oversampling, settings.camera.beside) = (oversampling, beside);
+            rows_equal_environments_driven_by_hand(settings);
+        }
     }
 }
 
@@ -429,7 +435,7 @@ fn settings_out_of_range_are_refused() {
         },
         VecEnvSettings {
             camera: Camera {
-                second: SecondPicture::CloseUp,
+                beside: Beside::CloseUp,
                 ..Camera::default()
             },
             randomisation: Some(Randomisation::NOMINAL),

@@ -215,7 +215,7 @@ mod _core {
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
     #[pymodule_export]
-    const IMAGE_CHANNELS: usize = envs::IMAGE_CHANNELS;
+    const IMAGE_CHANNELS: usize = envs::Beside::First.channels();
     #[pymodule_export]
     const VECTOR_DIM: usize = envs::VECTOR_DIM;
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use envs::carriers::Arm;
-use envs::{Camera, RGB};
+use envs::{Camera, Pictures};
 use glam::DVec3;
 use inpainting::{Calibration, Perception};
 use robots::RobotState;
@@ -25,7 +25,6 @@ pub(super) struct Sight {
     camera: Camera,
     /// The table without the arm `[drawn_size, drawn_size, 3]`, as it was painted last.
     painted: Vec<u8>,
-    close_up: Vec<u8>,
 }
 
 impl Sight {
@@ -52,7 +51,6 @@ impl Sight {
             picture: vec![0; set_up.background.len()],
             camera: *camera,
             painted: vec![0; table.len()],
-            close_up: vec![0; camera.size * camera.size * RGB],
         })
     }
 
@@ -84,11 +82,16 @@ impl Sight {
         Ok(())
     }
 
-    /// What an observation shows beside the picture that was painted last: `first`, the episode's
-    /// first one, or a close-up of the last; `[size, size, 3]`.
-    pub fn second<'a>(&'a mut self, first: &'a [u8]) -> &'a [u8] {
-        let last = (&self.painted[..], self.state().tip.position);
-        self.camera.second_picture(last, first, &mut self.close_up)
+    /// Makes the image of an observation, `[size, size, C]`, of the picture that was painted last,
+    /// `now`, and the episode's first one.
+    pub fn compose(&self, now: &[u8], first: &[u8], image: &mut [u8]) {
+        let pictures = Pictures {
+            now,
+            first,
+            drawn: &self.painted,
+            hand: self.state().tip.position,
+        };
+        self.camera.compose(&pictures, image);
     }
 
     /// The camera's last picture `[H, W, 3]`.

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use envs::carriers::Arm;
-use envs::{ACTION_DIM, Control};
+use envs::{ACTION_DIM, Control, RGB};
 use glam::DVec3;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
@@ -75,7 +75,7 @@ impl TrialEnv<'_> {
 
     /// What the policy is told now.
     fn observe(&mut self, out: &mut Observations) -> Result<(), CoversError> {
-        let mut picture = vec![0; out.images.len() / 2];
+        let mut picture = vec![0; self.spec.image[0] * self.spec.image[1] * RGB];
         let started = Instant::now();
         self.sight.shoot(self.rig)?;
         self.stages.note(Stage::Picture, started.elapsed());
@@ -89,8 +89,7 @@ impl TrialEnv<'_> {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        let second = self.sight.second(&self.first);
-        envs::stack(&picture, second, &mut out.images);
+        self.sight.compose(&picture, &self.first, &mut out.images);
         let (hand, goal) = (self.sight.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.sight.state());
         let numbers = [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z];

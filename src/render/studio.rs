@@ -135,8 +135,8 @@ impl Studio {
         if self.first.is_empty() {
             self.first.clone_from(&picture);
         }
-        let second = self.renderer.second(&self.table, &self.first);
-        envs::stack(&picture, second, &mut out.images);
+        self.renderer
+            .compose(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale(&mut out.vectors);
         mark_goal(&self.table, &mut picture);

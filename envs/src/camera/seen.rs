@@ -3,7 +3,19 @@
 use glam::DVec3;
 
 use super::{Camera, RGB};
-use crate::second_picture::SecondPicture;
+use crate::beside::Beside;
+
+/// What an observation's image is made of.
+pub struct Pictures<'a> {
+    /// The whole picture with the gripper's mark `[size, size, 3]`.
+    pub now: &'a [u8],
+    /// The episode's first one `[size, size, 3]`.
+    pub first: &'a [u8],
+    /// What was drawn, before it was shrunk and marked `[drawn_size, drawn_size, 3]`.
+    pub drawn: &'a [u8],
+    /// Where the hand is (metres).
+    pub hand: DVec3,
+}
 
 /// Levels of what lies beyond the picture: grey, about the middle of what networks read.
 const BEYOND: [u8; RGB] = [128; RGB];
@@ -19,7 +31,7 @@ impl Camera {
         Self {
             size,
             oversampling: 1,
-            second: SecondPicture::First,
+            beside: Beside::First,
             ..self
         }
     }
@@ -49,47 +61,46 @@ impl Camera {
         }
     }
 
-    /// What an observation shows beside the whole picture, `[size, size, 3]`: `first`, the episode's
-    /// first one, or what is cut out of `drawn` into `close_up`.
-    pub fn second_picture<'a>(
-        &self,
-        (drawn, hand): (&[u8], DVec3),
-        first: &'a [u8],
-        close_up: &'a mut [u8],
-    ) -> &'a [u8] {
-        match self.second {
-            SecondPicture::First => first,
-            SecondPicture::CloseUp => {
-                self.close_up(drawn, hand, close_up);
-                close_up
+    /// Makes an observation's image `[size, size, C]`: the picture of now and those beside it.
+    pub fn compose(&self, pictures: &Pictures<'_>, image: &mut [u8]) {
+        let channels = self.beside.channels();
+        let mut place = 0;
+        let mut show = |pixels: &mut dyn Iterator<Item = &[u8]>| {
+            for (out, pixel) in image.chunks_exact_mut(channels).zip(pixels) {
+                out[place..][..RGB].copy_from_slice(pixel);
             }
+            place += RGB;
+        };
+        show(&mut pictures.now.chunks_exact(RGB));
+        if self.beside != Beside::CloseUp {
+            show(&mut pictures.first.chunks_exact(RGB));
+        }
+        if self.beside != Beside::First {
+            show(&mut self.close_up(pictures.drawn, pictures.hand));
         }
     }
 
-    /// Cuts the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the table under
-    /// `hand` (metres) out, to `rgb` `[size, size, 3]`: to whole pixels, so that a mirrored picture
-    /// of a mirrored hand gives the mirrored part exactly.
-    fn close_up(&self, drawn: &[u8], hand: DVec3, rgb: &mut [u8]) {
+    /// The pixels of the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the table
+    /// under `hand` (metres), `[size, size]`. It is cut out to whole pixels, so that a mirrored
+    /// picture of a mirrored hand gives the mirrored part exactly.
+    fn close_up<'a>(&self, drawn: &'a [u8], hand: DVec3) -> impl Iterator<Item = &'a [u8]> {
         let [right, up] = self.project(DVec3::new(hand.x, hand.y, 0.0));
-        let side = self.drawn_size() as i64;
-        let margin = (side - self.size as i64) / 2;
+        let (side, size) = (self.drawn_size() as i64, self.size as i64);
         // halves are rounded away from zero on either side, as mirrors need
         let start = [-up, right].map(|offset| {
             let pixels = offset * self.oversampling as f64;
-            margin.saturating_add(pixels.round() as i64)
+            ((side - size) / 2).saturating_add(pixels.round() as i64)
         });
-        let inside = |place: i64| usize::try_from(place).ok().filter(|_| place < side);
-        for (row, out) in rgb.chunks_exact_mut(self.size * RGB).enumerate() {
-            let row = inside(start[0].saturating_add(row as i64));
-            for (column, out) in out.chunks_exact_mut(RGB).enumerate() {
-                let column = inside(start[1].saturating_add(column as i64));
-                let place = row
-                    .zip(column)
-                    .map(|(row, column)| row * side as usize + column);
-                let pixel = place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB]);
-                out.copy_from_slice(pixel);
-            }
-        }
+        let inside = move |place: i64| usize::try_from(place).ok().filter(|_| place < side);
+        (0..size * size).map(move |index| {
+            let [row, column] = [index / size, index % size];
+            let row = inside(start[0].saturating_add(row));
+            let column = inside(start[1].saturating_add(column));
+            let place = row
+                .zip(column)
+                .map(|(row, column)| row * side as usize + column);
+            place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB])
+        })
     }
 }
 
@@ -125,9 +136,8 @@ mod tests {
     }
 
     fn cut(camera: &Camera, drawn: &[u8], hand: DVec3) -> Vec<u8> {
-        let mut rgb = vec![0; SIZE * SIZE * RGB];
-        camera.close_up(drawn, hand, &mut rgb);
-        rgb
+        let pixels = camera.close_up(drawn, hand);
+        pixels.flatten().copied().collect()
     }
 
     #[test]

@@ -46,17 +46,17 @@ fn settings_travel_as_text() {
             ..Mark::default()
         },
         oversampling: 3,
-        second: SecondPicture::CloseUp,
+        beside: Beside::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
     let before = text
-        .replace(r#","second":"close_up""#, "")
+        .replace(r#","beside":"close_up""#, "")
         .replace(r#""oversampling":3,"#, "");
     let before = serde_json::from_str::<Camera>(&before).unwrap();
-    let expected = (1, SecondPicture::First);
-    assert_eq!((before.oversampling, before.second), expected);
+    let expected = (1, Beside::First);
+    assert_eq!((before.oversampling, before.beside), expected);
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();
     assert!(message.to_string().contains("hight"), "{message}");

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use envs::{
-    Camera, Control, Embodiment, RGB, Scene, SceneRenderer, SecondPicture, TableTop, TaskGroup,
+    Beside, Camera, Control, Embodiment, RGB, Scene, SceneRenderer, TableTop, TaskGroup,
     TaskVariant,
 };
 use rand::SeedableRng;
@@ -38,7 +38,7 @@ fn deployment(name: &str) -> Deployment {
     let spec = Stream::spec_of(&experiment.envs);
     let learner = pretrained.load_learner(&experiment.learner, &spec, &Labels::default());
     let camera = &mut experiment.envs.camera;
-    (camera.oversampling, camera.second) = (3, SecondPicture::CloseUp);
+    (camera.oversampling, camera.beside) = (3, Beside::CloseUp);
     let path = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
     let folder =
         RunFolder::pack(&path, &experiment, &*learner.unwrap(), Extent::Everything).unwrap();
@@ -60,8 +60,17 @@ fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     let mut seen = vec![0; camera.size * camera.size * RGB];
     let mut renderer = SceneRenderer::new(scene).unwrap();
     renderer.render(&mut table, &mut seen).unwrap();
-    let close = renderer.second(&table, &[]).to_vec();
-    [seen, close]
+    parts(|image| renderer.compose(&table, &seen, &[], image), camera)
+}
+
+/// The pictures of an observation's image.
+fn parts(compose: impl FnOnce(&mut [u8]), camera: Camera) -> [Vec<u8>; 2] {
+    let mut image = vec![0; camera.size * camera.size * 2 * RGB];
+    compose(&mut image);
+    [0, RGB].map(|start| {
+        let pixels = image.chunks(2 * RGB).map(|pixel| &pixel[start..][..RGB]);
+        pixels.flatten().copied().collect()
+    })
 }
 
 /// Mean difference of two pictures (levels).
@@ -82,8 +91,8 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
     sight.shoot(&mut rig).unwrap();
     let mut seen = vec![0; camera.size * camera.size * RGB];
     sight.paint(&arm, &mut seen).unwrap();
-    let close = sight.second(&[]).to_vec();
-    for (on_robot, learnt) in [seen, close].iter().zip(learnt(camera)) {
+    let seen = parts(|image| sight.compose(&seen, &[], image), camera);
+    for (on_robot, learnt) in seen.iter().zip(learnt(camera)) {
         let off = difference(on_robot, &learnt);
         for element in [D2::FlipX, D2::FlipY, D2::HalfTurn] {
             let mirrored = element.transform_image(&learnt, camera.size, camera.size, RGB);

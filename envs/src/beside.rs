@@ -2,10 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The second three of an observation's six channels.
+use crate::camera::RGB;
+
+/// The pictures behind that of now in an observation's image, three channels each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum SecondPicture {
+pub enum Beside {
     /// The episode's first picture.
     #[default]
     First,
@@ -14,4 +16,16 @@ pub enum SecondPicture {
     /// [`Camera::oversampling`](crate::Camera::oversampling) times as large as in the whole
     /// picture. What lies beyond is grey.
     CloseUp,
+    /// The episode's first picture, then the close-up.
+    FirstAndCloseUp,
+}
+
+impl Beside {
+    /// Channels of an observation's image, C: six or nine.
+    pub const fn channels(self) -> usize {
+        match self {
+            Self::First | Self::CloseUp => 2 * RGB,
+            Self::FirstAndCloseUp => 3 * RGB,
+        }
+    }
 }
