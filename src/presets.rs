@@ -1,7 +1,7 @@
 //! Experiments as they come: a method, and how long it may take.
 
 use clap::ValueEnum;
-use envs::{Randomisation, TaskGroup, VecEnvSettings};
+use envs::{Beside, Camera, Randomisation, TaskGroup, VecEnvSettings};
 use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -15,6 +15,8 @@ use crate::schedule::Schedule;
 const NUM_ENVS: usize = 10;
 /// Side of the paper's pictures (pixels).
 const PAPER_PICTURES: usize = 128;
+/// Pixels that are drawn along each side of one that is seen.
+const OVERSAMPLING: usize = 3;
 
 /// The methods of the paper's table, each one value of configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
@@ -141,8 +143,12 @@ impl Method {
         };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
+            // which refuses close-ups
             Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
-            _ => {}
+            _ => {
+                envs.camera.oversampling = OVERSAMPLING;
+                envs.camera.beside = Beside::CloseUp;
+            }
         }
         envs
     }
@@ -173,13 +179,14 @@ fn slim() -> NetworkSettings {
 pub enum Budget {
     /// Seconds; shows that every part works. Nothing is learnt.
     Smoke,
-    /// Minutes; learns all but Plate Slide and tells all four groups apart.
+    /// Minutes; learns all four groups and tells them apart.
     Short,
-    /// About a quarter of an hour of learning; every group three times, and more of the two that
-    /// take longer.
+    /// Less than ten minutes of learning; every group three times, and more of the two that take
+    /// longer.
     Full,
-    /// What a table of methods takes: the stream of `full`, 100 episodes of each group and variant
-    /// after it, and cheap evaluations in between (docs/results/protocol.md).
+    /// What a table of methods takes: a stream of 204,000 decisions, pictures without close-ups, 100
+    /// episodes of each group and variant in the end, and cheap evaluations in between
+    /// (docs/results/protocol.md).
     Table,
     /// As `full`, but every group twice, and only one variant of each is learnt; the others appear
     /// in evaluations.
@@ -205,6 +212,12 @@ impl Budget {
             envs.num_envs = 8;
             envs.control.horizon = 100;
             hurry(&mut learner);
+        }
+        if self == Self::Table {
+            envs.camera = Camera {
+                size: envs.camera.size,
+                ..Camera::default()
+            };
         }
         let rollout = learner.rollout_steps();
         Experiment {
@@ -235,8 +248,9 @@ impl Budget {
     fn schedule(self, rollout: usize) -> Schedule {
         let (cycles, visits) = match self {
             Self::Smoke => (1, [2, 2, 2, 2]),
-            Self::Short => (2, [6, 20, 10, 4]),
-            Self::Full | Self::Table => (3, [6, 18, 9, 35]),
+            Self::Short => (2, [4, 12, 6, 28]),
+            Self::Full => (3, [4, 12, 6, 31]),
+            Self::Table => (3, [6, 18, 9, 35]),
             Self::ZeroShot => (2, [8, 27, 12, 40]),
         };
         let unit = if self == Self::Smoke { rollout } else { 1000 };
@@ -299,114 +313,4 @@ fn hurry(learner: &mut LearnerSettings) {
 }
 
 #[cfg(test)]
-mod tests {
-    use envs::TaskRegistry;
-
-    use super::*;
-
-    #[test]
-    fn every_preset_is_a_run_that_can_be_finished() {
-        for method in Method::ALL {
-            for budget in Budget::value_variants() {
-                let experiment = budget.experiment(method);
-                experiment.check(&TaskRegistry::standard()).unwrap();
-            }
-            let option = method.to_possible_value().unwrap();
-            assert_eq!(option.get_name(), method.name());
-        }
-        for budget in Budget::value_variants() {
-            let option = budget.to_possible_value().unwrap();
-            assert_eq!(option.get_name(), budget.name());
-        }
-    }
-
-    /// What "same decisions, same evaluation, 100 episodes of each group and variant" means.
-    #[test]
-    fn the_budget_of_the_table_is_the_same_for_all_methods() {
-        let of = |method| Budget::Table.experiment(method);
-        let covers = of(Method::Covers);
-        for method in Method::ALL {
-            let run = of(method);
-            assert_eq!(run.schedule, covers.schedule, "{method:?}");
-            assert_eq!(run.evaluation, covers.evaluation, "{method:?}");
-            let evaluation = run.evaluation;
-            assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
-            assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
-        }
-        assert_eq!(
-            covers.schedule,
-            Budget::Full.experiment(Method::Covers).schedule
-        );
-        assert_eq!(covers.schedule.total_decisions(), 204_000);
-    }
-
-    #[test]
-    fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
-        for method in Method::ALL {
-            for budget in Budget::value_variants() {
-                let mut run = budget.experiment(method).with_seed(7).with_threads(3);
-                run.schedule.cycles += 1;
-                run.checkpoints.keep = 7;
-                assert_eq!(Method::of(&run), Some(method));
-                let other = run.clone().with_embodiment(envs::Embodiment::HAND);
-                assert_eq!(Method::of(&other), None);
-                match &mut run.learner {
-                    LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,
-                    LearnerSettings::OffPolicy(settings) => settings.sac.gamma = 0.5,
-                }
-                assert_eq!(Method::of(&run), None);
-            }
-        }
-    }
-
-    #[test]
-    fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
-        let parameters = |method: Method| {
-            let experiment = Budget::Table.experiment(method);
-            let spec = crate::stream::Stream::spec_of(&experiment.envs);
-            let network = &method.covers().network;
-            let network = rl::ActorCritic::<f32>::new(network, &spec).unwrap();
-            network.num_params() as f64
-        };
-        let covers = parameters(Method::Covers);
-        let ratio = |method| parameters(method) / covers;
-        assert!((ratio(Method::CoversCnnSlim) - 1.0).abs() < 0.02);
-        assert!(ratio(Method::CoversCnn) > 3.5);
-    }
-
-    #[test]
-    fn randomised_pictures_are_all_that_a_preset_changes() {
-        for budget in Budget::value_variants() {
-            let mut run = budget.experiment(Method::CoversRandomised);
-            assert_eq!(run.envs.randomisation, Some(Randomisation::NOMINAL));
-            run.envs = run.envs.clean();
-            assert_eq!(run, budget.experiment(Method::Covers));
-        }
-    }
-
-    #[test]
-    fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
-        let covers = Method::Covers.covers();
-        for method in [
-            Method::CoversGt,
-            Method::CoversCnn,
-            Method::CoversCnnSlim,
-            Method::Equi,
-            Method::Cnn,
-            Method::CnnAug,
-            Method::CnnDrac,
-        ] {
-            let mut settings = method.covers();
-            assert_ne!(settings, covers, "{method:?}");
-            settings.network = covers.network.clone();
-            settings.grouping = covers.grouping;
-            settings.augmentation = covers.augmentation;
-            if method == Method::CnnDrac {
-                assert_eq!(2 * settings.ppo.epochs, covers.ppo.epochs);
-                settings.ppo.epochs = covers.ppo.epochs;
-                settings.ppo.symmetry = covers.ppo.symmetry;
-            }
-            assert_eq!(settings, covers, "{method:?}");
-        }
-    }
-}
+mod tests;

@@ -19,6 +19,9 @@ pub struct Efficiency {
     /// Decisions spent in the group before the first evaluation with a success of at least
     /// [`SOLVED`]; infinite where none was.
     pub decisions: f64,
+    /// Decisions spent in the group before the first evaluation from which on every one has such a
+    /// success; infinite where the last one has not.
+    pub lasting: f64,
 }
 
 impl Efficiency {
@@ -28,6 +31,11 @@ impl Efficiency {
         let mut curve = curve(run, group);
         let solved = curve.iter().find(|(_, success)| *success >= SOLVED);
         let decisions = solved.map_or(f64::INFINITY, |(decisions, _)| *decisions);
+        let held = curve.iter().rev();
+        let held = held.take_while(|(_, success)| *success >= SOLVED);
+        let lasting = held
+            .last()
+            .map_or(f64::INFINITY, |(decisions, _)| *decisions);
         // while other groups run, nothing is spent
         curve.dedup_by_key(|(spent, _)| *spent);
         let whole = curve.last()?.0 - curve[0].0;
@@ -38,6 +46,7 @@ impl Efficiency {
         (whole > 0.0).then(|| Self {
             area: area / whole,
             decisions,
+            lasting,
         })
     }
 }
@@ -65,8 +74,8 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
 /// The methods of each group, the fastest first; none where no run was scored while it learnt.
 pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = "How fast methods learn: the area under mean-action success over the decisions \
-        spent in a group, and decisions until it is at least 0.9 in an evaluation, with bootstrap \
-        intervals of 95 %.";
+        spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
+        all that follow, with bootstrap intervals of 95 %.";
     let header = [
         "group",
         "method",
@@ -76,17 +85,23 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         "decisions to 0.9: median",
         "90th percentile",
         "seeds that reached it",
+        "decisions until it stays at 0.9: median",
+        "90th percentile",
+        "seeds",
     ];
     let mut table = Table::new(caption, &header);
     for group in groups {
         let mut rows: Vec<(f64, Vec<String>)> = Vec::new();
         let first = scores(&methods[0], group);
         for method in methods {
-            let [area, decisions] = scores(method, group);
+            let [area, decisions, lasting] = scores(method, group);
             if area.seeds() > 0 {
                 let compared = Comparison::new(&area, &first[0]);
-                let names = [group.clone(), title(&mut table, method)];
-                rows.push((area.of(mean), row(names, &area, &decisions, compared)));
+                let mut row = vec![group.clone(), title(&mut table, method)];
+                row.extend(shares(&area, compared));
+                row.extend(reached(&decisions));
+                row.extend(reached(&lasting));
+                rows.push((area.of(mean), row));
             }
         }
         rows.sort_by(|one, other| other.0.total_cmp(&one.0));
@@ -95,39 +110,38 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     (!table.rows.is_empty()).then_some(table)
 }
 
-/// Areas and decisions of the runs of a method, as scores of one group.
-fn scores(method: &MethodRuns, group: &str) -> [Scores; 2] {
+/// Areas, decisions and lasting ones of the runs of a method, as scores of one group.
+fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     let runs = method.runs.iter();
     let known: Vec<Efficiency> = runs.filter_map(|run| Efficiency::of(run, group)).collect();
     let of = |figure: fn(&Efficiency) -> f64| Scores(vec![known.iter().map(figure).collect()]);
-    [of(|own| own.area), of(|own| own.decisions)]
+    [
+        of(|own| own.area),
+        of(|own| own.decisions),
+        of(|own| own.lasting),
+    ]
 }
 
-fn row(
-    [group, method]: [String; 2],
-    area: &Scores,
-    decisions: &Scores,
-    compared: Comparison,
-) -> Vec<String> {
-    let solved = decisions.0.concat();
-    let reached = solved.iter().filter(|decisions| decisions.is_finite());
-    vec![
-        group,
-        method,
-        format!("{:.3}{}", area.of(mean), brackets(area.interval(mean), 3)),
-        format!(
-            "{:+.3}{}",
-            compared.difference,
-            brackets(compared.interval, 3)
-        ),
+/// Cells of areas: the mean, and what it is more than another method's.
+fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
+    let (mean, interval) = (area.of(mean), area.interval(mean));
+    let (difference, apart) = (compared.difference, compared.interval);
+    [
+        format!("{mean:.3}{}", brackets(interval, 3)),
+        format!("{difference:+.3}{}", brackets(apart, 3)),
         compared.verdict().word().to_owned(),
-        format!(
-            "{:.0}{}",
-            decisions.of(median),
-            brackets(decisions.interval(median), 0)
-        ),
-        format!("{:.0}", quantile(solved.clone(), 0.9)),
-        format!("{} of {}", reached.count(), solved.len()),
+    ]
+}
+
+/// Cells of decisions: median, 90th percentile, and how many seeds have a number.
+fn reached(decisions: &Scores) -> [String; 3] {
+    let all = decisions.0.concat();
+    let reached = all.iter().filter(|decisions| decisions.is_finite()).count();
+    let (middle, interval) = (decisions.of(median), decisions.interval(median));
+    [
+        format!("{middle:.0}{}", brackets(interval, 0)),
+        format!("{:.0}", quantile(all.clone(), 0.9)),
+        format!("{reached} of {}", all.len()),
     ]
 }
 
@@ -173,6 +187,7 @@ mod tests {
         let efficiency = Efficiency::of(&run, "a").unwrap();
         assert!((efficiency.area - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
         assert_eq!(efficiency.decisions, 200.0);
+        assert_eq!(efficiency.lasting, f64::INFINITY, "it ends at 0.8");
         assert_eq!(Efficiency::of(&run, "c"), None);
     }
 
@@ -184,6 +199,13 @@ mod tests {
         assert_eq!(efficiency.decisions, 100.0);
         // 100 decisions from 0 to 0.5, 100 from there to 1
         assert_eq!(efficiency.area, 0.5);
+    }
+
+    #[test]
+    fn what_falls_back_is_solved_for_good_later() {
+        let scores = [(0, 0.0), (1, 0.95), (2, 0.8), (3, 0.9), (4, 1.0)];
+        let efficiency = Efficiency::of(&run(&["a"; 4], &scores), "a").unwrap();
+        assert_eq!((efficiency.decisions, efficiency.lasting), (100.0, 300.0));
     }
 
     #[test]
@@ -213,5 +235,6 @@ mod tests {
         assert_eq!(column(2), ["0.700", "0.350"]);
         assert_eq!(column(3), ["+0.350", "+0.000"]);
         assert_eq!(column(5), ["100", "200"]);
+        assert_eq!(column(8), ["100", "200"]);
     }
 }

@@ -1,0 +1,123 @@
+//! Presets are runs that can be finished, and differ in what they say.
+
+use envs::TaskRegistry;
+
+use super::*;
+
+#[test]
+fn every_preset_is_a_run_that_can_be_finished() {
+    for method in Method::ALL {
+        for budget in Budget::value_variants() {
+            let experiment = budget.experiment(method);
+            experiment.check(&TaskRegistry::standard()).unwrap();
+        }
+        let option = method.to_possible_value().unwrap();
+        assert_eq!(option.get_name(), method.name());
+    }
+    for budget in Budget::value_variants() {
+        let option = budget.to_possible_value().unwrap();
+        assert_eq!(option.get_name(), budget.name());
+    }
+}
+
+/// Its runs are kept, and were made without close-ups.
+#[test]
+fn all_budgets_but_that_of_the_table_show_close_ups() {
+    for budget in Budget::value_variants() {
+        let camera = budget.experiment(Method::Covers).envs.camera;
+        let table = *budget == Budget::Table;
+        assert_eq!(camera == Camera::default(), table, "{budget:?}");
+        assert_eq!(camera.beside == Beside::CloseUp, !table);
+    }
+    let paper = |budget: Budget| budget.experiment(Method::Paper).envs;
+    assert_eq!(paper(Budget::Table), paper(Budget::Full));
+    assert_eq!(paper(Budget::Full).camera.size, PAPER_PICTURES);
+}
+
+/// What "same decisions, same evaluation, 100 episodes of each group and variant" means.
+#[test]
+fn the_budget_of_the_table_is_the_same_for_all_methods() {
+    let of = |method| Budget::Table.experiment(method);
+    let covers = of(Method::Covers);
+    for method in Method::ALL {
+        let run = of(method);
+        assert_eq!(run.schedule, covers.schedule, "{method:?}");
+        assert_eq!(run.evaluation, covers.evaluation, "{method:?}");
+        let evaluation = run.evaluation;
+        assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
+        assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
+    }
+    assert_eq!(covers.schedule.total_decisions(), 204_000);
+}
+
+#[test]
+fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
+    for method in Method::ALL {
+        for budget in Budget::value_variants() {
+            let mut run = budget.experiment(method).with_seed(7).with_threads(3);
+            run.schedule.cycles += 1;
+            run.checkpoints.keep = 7;
+            assert_eq!(Method::of(&run), Some(method));
+            let other = run.clone().with_embodiment(envs::Embodiment::HAND);
+            assert_eq!(Method::of(&other), None);
+            match &mut run.learner {
+                LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,
+                LearnerSettings::OffPolicy(settings) => settings.sac.gamma = 0.5,
+            }
+            assert_eq!(Method::of(&run), None);
+        }
+    }
+}
+
+#[test]
+fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
+    let parameters = |method: Method| {
+        let experiment = Budget::Table.experiment(method);
+        let spec = crate::stream::Stream::spec_of(&experiment.envs);
+        let network = &method.covers().network;
+        let network = rl::ActorCritic::<f32>::new(network, &spec).unwrap();
+        network.num_params() as f64
+    };
+    let covers = parameters(Method::Covers);
+    let ratio = |method| parameters(method) / covers;
+    assert!((ratio(Method::CoversCnnSlim) - 1.0).abs() < 0.02);
+    assert!(ratio(Method::CoversCnn) > 3.5);
+}
+
+#[test]
+fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
+    for budget in Budget::value_variants() {
+        let mut run = budget.experiment(Method::CoversRandomised);
+        assert_eq!(run.envs.randomisation, Some(Randomisation::NOMINAL));
+        let covers = budget.experiment(Method::Covers);
+        run.envs = run.envs.clean();
+        run.envs.camera = covers.envs.camera;
+        assert_eq!(run, covers);
+    }
+}
+
+#[test]
+fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
+    let covers = Method::Covers.covers();
+    for method in [
+        Method::CoversGt,
+        Method::CoversCnn,
+        Method::CoversCnnSlim,
+        Method::Equi,
+        Method::Cnn,
+        Method::CnnAug,
+        Method::CnnDrac,
+    ] {
+        let mut settings = method.covers();
+        assert_ne!(settings, covers, "{method:?}");
+        settings.network = covers.network.clone();
+        settings.grouping = covers.grouping;
+        settings.augmentation = covers.augmentation;
+        if method == Method::CnnDrac {
+            assert_eq!(2 * settings.ppo.epochs, covers.ppo.epochs);
+            settings.ppo.epochs = covers.ppo.epochs;
+            settings.ppo.symmetry = covers.ppo.symmetry;
+        }
+        assert_eq!(settings, covers, "{method:?}");
+    }
+}
