@@ -1,6 +1,6 @@
 //! Runs of one method with different seeds.
 
-use envs::VecEnvSettings;
+use envs::{Camera, VecEnvSettings};
 
 use crate::error::CoversError;
 use crate::experiment::{CheckpointPlan, Experiment};
@@ -87,9 +87,10 @@ fn unseeded(run: &RunData) -> Experiment {
     run.experiment.clone().with_seed(0).with_threads(1)
 }
 
-/// What all methods share: the stream and the evaluation. A method has its own picture's size and
-/// randomisation, its own number of environments, and a learner of its own: what evaluations have
-/// in common are episodes of a variant, and decisions from one to the next.
+/// What all methods share: the stream and the evaluation. A method has pictures of its own (their
+/// size, how finely they are drawn, what is beside them, randomisation), its own number of
+/// environments, and a learner of its own: what evaluations have in common are episodes of a
+/// variant, and decisions from one to the next.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
@@ -97,9 +98,17 @@ fn world(experiment: &Experiment) -> Experiment {
     plan.rounds = plan.rounds.saturating_mul(envs);
     plan.visit_rounds = plan.visit_rounds.saturating_mul(envs);
     plan.every = plan.every.map(|every| every.saturating_mul(rollout));
-    let any = VecEnvSettings::default();
-    (world.envs.num_envs, world.envs.camera.size) = (any.num_envs, any.camera.size);
-    world.envs = world.envs.clean();
+    let any = Camera::default();
+    world.envs = VecEnvSettings {
+        num_envs: VecEnvSettings::default().num_envs,
+        camera: Camera {
+            size: any.size,
+            oversampling: any.oversampling,
+            beside: any.beside,
+            ..world.envs.camera
+        },
+        ..world.envs.clean()
+    };
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
     world
@@ -136,5 +145,16 @@ mod tests {
         assert_ne!(world(&few), world(&many));
         many.evaluation.every = Some(4);
         assert_eq!(world(&few), world(&many));
+    }
+
+    #[test]
+    fn methods_have_pictures_of_their_own_of_one_table() {
+        let methods = [Method::Covers, Method::CoversRandomised, Method::Paper];
+        let mut runs = methods.map(|method| Budget::Full.experiment(method));
+        let worlds = runs.each_ref().map(world);
+        assert!(runs[0].envs != runs[1].envs && runs[1].envs != runs[2].envs);
+        assert!(worlds.iter().all(|world| *world == worlds[0]));
+        runs[1].envs.camera.height += 0.1;
+        assert_ne!(world(&runs[1]), worlds[0]);
     }
 }
