@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 gpu rerun python faults fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun python faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -53,6 +53,20 @@ table1: deps
 	rm -rf $(TABLE1) && mkdir -p $(TABLE1)
 	for file in "$(TARGET)"/table1/*.csv "$(TARGET)"/table1/seed*.svg \
 	  $(STRIPS:%="$(TARGET)"/table1/%-seed20.svg); do cp "$$file" $(TABLE1) || exit 1; done
+
+# Tables and curves of docs/results/efficiency.md, a folder for each study whose runs are kept.
+STUDIES := docs/results/data/efficiency
+EFFICIENCY := docs/results/efficiency
+
+efficiency: deps
+	rm -rf "$(TARGET)/efficiency" $(EFFICIENCY)
+	for study in $(notdir $(wildcard $(STUDIES)/*)); do \
+	  cargo run --release --locked --bin covers -- report --out "$(TARGET)/efficiency/$$study" \
+	    $(STUDIES)/$$study/* > /dev/null && mkdir -p $(EFFICIENCY)/$$study && \
+	  cp "$(TARGET)/efficiency/$$study"/efficiency.csv "$(TARGET)/efficiency/$$study"/results.csv \
+	    "$(TARGET)/efficiency/$$study"/seeds.csv "$(TARGET)/efficiency/$$study"/runs.csv \
+	    "$(TARGET)/efficiency/$$study"/learning-*.svg $(EFFICIENCY)/$$study || exit 1; \
+	done
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu

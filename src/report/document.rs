@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::CoversError;
 
+use super::bands;
 use super::curves;
 use super::method::MethodRuns;
 use super::page::page;
@@ -48,8 +49,8 @@ impl Report {
         )
     }
 
-    /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run
-    /// and each seed as SVG, to a folder, which is created; returns the files of the curves.
+    /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each
+    /// run, each seed and each group as SVG, to a folder, which is created; returns the files of the curves.
     ///
     /// # Errors
     /// [`CoversError::Write`].
@@ -81,7 +82,7 @@ impl Report {
         Ok(drawn)
     }
 
-    /// The curves of each run and each seed as SVG, with their names.
+    /// The curves of each run, each seed and each group as SVG, with their names.
     fn drawings(&self) -> Vec<(String, String)> {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
@@ -91,7 +92,12 @@ impl Report {
         });
         let seeds = curves::seeds(&self.methods).into_iter();
         let seeds = seeds.map(|(seed, drawing)| (format!("seed{seed}"), drawing));
-        runs.chain(seeds).collect()
+        let groups = tables::common_groups(&self.methods).into_iter();
+        let groups = groups.filter_map(|group| {
+            let drawing = bands::of_group(&self.methods, &group)?;
+            Some((format!("learning-{group}"), drawing))
+        });
+        runs.chain(seeds).chain(groups).collect()
     }
 }
 
