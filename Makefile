@@ -55,18 +55,20 @@ table1: deps
 	  $(STRIPS:%="$(TARGET)"/table1/%-seed20.svg); do cp "$$file" $(TABLE1) || exit 1; done
 
 # Tables and curves of docs/results/efficiency.md, a folder for each study whose runs are kept.
-STUDIES := docs/results/data/efficiency
+STUDIES := $(wildcard docs/results/data/efficiency/*)
 EFFICIENCY := docs/results/efficiency
 
 efficiency: deps
-	rm -rf "$(TARGET)/efficiency" $(EFFICIENCY)
-	for study in $(notdir $(wildcard $(STUDIES)/*)); do \
-	  cargo run --release --locked --bin covers -- report --out "$(TARGET)/efficiency/$$study" \
-	    $(STUDIES)/$$study/* > /dev/null && mkdir -p $(EFFICIENCY)/$$study && \
-	  cp "$(TARGET)/efficiency/$$study"/efficiency.csv "$(TARGET)/efficiency/$$study"/results.csv \
-	    "$(TARGET)/efficiency/$$study"/seeds.csv "$(TARGET)/efficiency/$$study"/runs.csv \
-	    "$(TARGET)/efficiency/$$study"/learning-*.svg $(EFFICIENCY)/$$study || exit 1; \
+	rm -rf "$(TARGET)/efficiency"
+	for study in $(STUDIES); do \
+	  made="$(TARGET)/efficiency/$$(basename $$study)" && mkdir -p "$$made" && \
+	  cargo run --release --locked --bin covers -- report --out "$$made/report" $$study/* \
+	    > /dev/null && \
+	  for file in efficiency.csv results.csv seeds.csv runs.csv; do \
+	    cp "$$made/report/$$file" "$$made" || exit 1; \
+	  done && cp "$$made"/report/learning-*.svg "$$made" && rm -r "$$made/report" || exit 1; \
 	done
+	rm -rf $(EFFICIENCY) && cp -r "$(TARGET)/efficiency" $(EFFICIENCY)
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers --features covers/wgpu

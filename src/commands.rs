@@ -96,7 +96,7 @@ pub struct EvalOptions {
     #[arg(long)]
     pub embodiment: Option<Embodiment>,
     /// Randomise the pictures as in the run, or, where they were perfect there, as
-    /// `covers-randomised` does (default: perfect pictures).
+    /// `covers-randomised` does (default: perfect pictures). Close-ups cannot be randomised.
     #[arg(long)]
     pub randomised: bool,
     #[command(flatten)]

@@ -245,7 +245,7 @@ fn the_pictures() -> Finding {
         Ok(time) => {
             let renderer = envs::mujoco::opengl().unwrap_or("unknown");
             let milliseconds = time.as_secs_f64() * 1e3;
-            let size = Camera::default().size;
+            let size = camera().drawn_size();
             let found = format!("{milliseconds:.2} ms for one of {size} x {size} by {renderer}");
             Finding::good("pictures", found)
         }
@@ -257,9 +257,14 @@ fn the_pictures() -> Finding {
     }
 }
 
+/// That of a run of COVERS.
+fn camera() -> Camera {
+    Budget::Full.experiment(Method::Covers).envs.camera
+}
+
 /// The time that a picture of Drawer Close takes as learners see it, the median of some.
 fn time_pictures() -> Result<Duration, EnvError> {
-    let camera = Camera::default();
+    let camera = camera();
     let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
     let scene = Arc::new(scene);
     let mut renderer = SceneRenderer::new(Arc::clone(&scene))?;

@@ -186,6 +186,7 @@ impl Experiment {
         self.check_seed()?;
         self.check_rollouts()?;
         self.check_visits()?;
+        self.check_still_channels()?;
         let spec = Stream::spec_of(&self.envs);
         self.learner.start(&spec, &Labels::default()).map(|_| ())
     }
@@ -198,6 +199,22 @@ impl Experiment {
             return Ok(());
         }
         Err(RlError::ShortRollout { steps, horizon }.into())
+    }
+
+    /// Refuses a replay that would keep once an episode what changes within it.
+    fn check_still_channels(&self) -> Result<(), CoversError> {
+        match &self.learner {
+            LearnerSettings::OffPolicy(settings)
+                if settings.still_channels > self.envs.camera.beside.still_channels() =>
+            {
+                Err(CoversError::Setting {
+                    name: "off_policy.still_channels",
+                    value: settings.still_channels.to_string(),
+                    expected: "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
+                })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// A seed of the environments would change nothing.

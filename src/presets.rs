@@ -143,8 +143,10 @@ impl Method {
         };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            // which refuses close-ups
+            // randomised pictures have no close-ups
             Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
+            // replays hold what stands still once an episode, close-ups with every step
+            Self::Clear | Self::ClearBc | Self::ThreeRl | Self::EquiSac => {}
             _ => {
                 envs.camera.oversampling = OVERSAMPLING;
                 envs.camera.beside = Beside::CloseUp;
@@ -184,12 +186,12 @@ pub enum Budget {
     /// Less than ten minutes of learning; every group three times, and more of the two that take
     /// longer.
     Full,
-    /// What a table of methods takes: a stream of 204,000 decisions, pictures without close-ups, 100
-    /// episodes of each group and variant in the end, and cheap evaluations in between
+    /// What a table of methods takes: 204,000 decisions, pictures without close-ups, 100 episodes of
+    /// each group and variant in the end, and cheap evaluations in between
     /// (docs/results/protocol.md).
     Table,
-    /// As `full`, but every group twice, and only one variant of each is learnt; the others appear
-    /// in evaluations.
+    /// Every group twice, 174,000 decisions, and only one variant of each is learnt; the others
+    /// appear in evaluations.
     ZeroShot,
 }
 

@@ -7,6 +7,7 @@ use clap::Parser;
 use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
+use envs::Beside;
 use rl::{Critic, Encoder, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
@@ -157,6 +158,48 @@ fn weights_and_their_description_belong_to_the_model() {
     assert_eq!(about["layers"]["image"][8]["kind"], "linear");
     assert_eq!(about["layers"]["image"][8]["size"], 3);
     assert_eq!(about["inputs"]["vector"]["components"][2]["offset"], 0.2f32);
+}
+
+/// Without which nobody could make what the policy shall see.
+#[test]
+fn a_description_says_what_the_pictures_show() {
+    for (beside, channels, shown) in [
+        (
+            Beside::First,
+            6,
+            "picture; red, green, blue of the episode's first",
+        ),
+        (
+            Beside::CloseUp,
+            6,
+            "picture; red, green, blue of the close-up",
+        ),
+        (
+            Beside::FirstAndCloseUp,
+            9,
+            "of the episode's first; red, green, blue of the close-up",
+        ),
+    ] {
+        let mut experiment = narrow(Method::Covers, Group::D2);
+        (
+            experiment.envs.camera.oversampling,
+            experiment.envs.camera.beside,
+        ) = (2, beside);
+        let scratch = Scratch::new("export-pictures");
+        let folder = scratch.0.join("new");
+        export(&scratch.pack(&experiment), "0", &folder).unwrap();
+        let text = fs::read_to_string(folder.join("policy.json")).unwrap();
+        let about: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let image = &about["inputs"]["image"];
+        assert_eq!(image["shape"][3], channels);
+        assert!(
+            image["channels"].as_str().unwrap().ends_with(shown),
+            "{text}"
+        );
+        assert_eq!(image["camera"]["oversampling"], 2);
+        let difference = difference(&folder);
+        assert!(difference < 1e-5, "{difference} {beside:?}");
+    }
 }
 
 #[test]

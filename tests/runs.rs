@@ -341,6 +341,8 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let scratch = Scratch::new("pack");
     let mut hand = experiment(3, 2).with_embodiment(Embodiment::HAND);
     hand.evaluation = smoke().evaluation;
+    // close-ups are not randomised
+    hand.envs.camera = Camera::default();
     let run = start(&scratch.0, hand);
     let folder = run.folder().path().to_owned();
     finish(run);

@@ -6,7 +6,7 @@ use crate::tabletop::VECTOR_DIM;
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
 pub struct ObservationsMut<'a> {
-    /// `[N, size, size, C]`: the current RGB picture and those [`Beside`](crate::Beside) it.
+    /// `[N, size, size, C]`: the current RGB picture, then what [`Beside`](crate::Beside) says.
     pub images: &'a mut [u8],
     /// `[N, 7]`, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
     pub vectors: &'a mut [f32],

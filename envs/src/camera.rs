@@ -6,11 +6,12 @@ use std::ops::RangeInclusive;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::beside::Beside;
 use crate::error::{EnvError, require};
 
+mod beside;
 mod seen;
 
+pub use beside::Beside;
 pub use seen::Pictures;
 
 /// Colour channels of one picture.

@@ -38,7 +38,6 @@
 struct Readme;
 
 mod batch;
-mod beside;
 mod camera;
 mod carrier;
 pub mod carriers;
@@ -68,8 +67,7 @@ mod view;
 mod worker;
 
 pub use batch::{Batch, ObservationsMut, StepMut};
-pub use beside::Beside;
-pub use camera::{Camera, Light, Mark, Pictures, RGB};
+pub use camera::{Beside, Camera, Light, Mark, Pictures, RGB};
 pub use carrier::{Carrier, CarrierParts};
 pub use control::{Control, PHYSICS_STEPS};
 pub use drive::{Drive, Posture, ServoDrive};

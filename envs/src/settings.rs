@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::beside::Beside;
-use crate::camera::Camera;
+use crate::camera::{Beside, Camera};
 use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
@@ -80,7 +79,7 @@ impl VecEnvSettings {
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
             let first = self.camera.beside == Beside::First;
-            require(first, "picture beside", &"a close-up", UNDISTURBED)?;
+            require(first, "camera.beside", &"a close-up", UNDISTURBED)?;
         }
         self.control.check()
     }

@@ -411,6 +411,18 @@ fn preparing_groups_changes_nothing_that_is_seen() {
     }
 }
 
+/// Settings with pictures that cannot be randomised.
+fn randomised(beside: Beside) -> VecEnvSettings {
+    VecEnvSettings {
+        camera: Camera {
+            beside,
+            ..Camera::default()
+        },
+        randomisation: Some(Randomisation::NOMINAL),
+        ..settings(1)
+    }
+}
+
 #[test]
 fn settings_out_of_range_are_refused() {
     for broken in [
@@ -433,14 +445,8 @@ fn settings_out_of_range_are_refused() {
             },
             ..settings(1)
         },
-        VecEnvSettings {
-            camera: Camera {
-                beside: Beside::CloseUp,
-                ..Camera::default()
-            },
-            randomisation: Some(Randomisation::NOMINAL),
-            ..settings(1)
-        },
+        randomised(Beside::CloseUp),
+        randomised(Beside::FirstAndCloseUp),
     ] {
         let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL)
             .err()

@@ -1,5 +1,6 @@
 use std::path::Path;
 
+use envs::Camera;
 use rand::Rng;
 use rl::{Observations, Transition, VectorEnv};
 
@@ -85,6 +86,8 @@ impl Learner for Spy {
 fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     let mut run = Budget::Smoke.experiment(method).with_seed(seeds[0]);
     run.schedule.groups.truncate(1);
+    // methods have pictures of their own, and what is compared is what they show
+    run.envs.camera = Camera::default();
     run.evaluation.seed = seeds[1];
     let tasks = TaskRegistry::standard();
     let labels = Labels::default();

@@ -1,5 +1,6 @@
 //! What goes into a policy and what comes out, as JSON.
 
+use envs::Beside;
 use rl::{Distribution, PlainLayer, PlainPolicy};
 use serde_json::{Map, Value, json};
 
@@ -20,7 +21,7 @@ pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) 
     json!({
         "format": FORMAT,
         "policy": index,
-        "inputs": inputs(policy),
+        "inputs": inputs(policy, run),
         "outputs": outputs(policy, run),
         "group_order": policy.order,
         "critic_reads_maxima": policy.critic.as_ref().is_some_and(|(_, pooled)| *pooled),
@@ -28,7 +29,17 @@ pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) 
     })
 }
 
-fn inputs(policy: &PlainPolicy) -> Value {
+fn inputs(policy: &PlainPolicy, run: &Experiment) -> Value {
+    let camera = &run.envs.camera;
+    let beside: &[&str] = match camera.beside {
+        Beside::First => &["the episode's first"],
+        Beside::CloseUp => &["the close-up"],
+        Beside::FirstAndCloseUp => &["the episode's first", "the close-up"],
+    };
+    let pictures = [&["the picture"], beside].concat();
+    let pictures = pictures
+        .iter()
+        .map(|own| format!("red, green, blue of {own}"));
     let [height, width, channels] = policy.spec.image;
     let components = INPUTS.map(|input| {
         json!({
@@ -39,7 +50,8 @@ fn inputs(policy: &PlainPolicy) -> Value {
     json!({
         "image": {
             "shape": ["B", height, width, channels], "type": "uint8",
-            "channels": "red, green, blue of the picture; red, green, blue of the episode's first",
+            "channels": pictures.collect::<Vec<_>>().join("; "),
+            "camera": camera,
             "axes": "row 0 is the largest y, column 0 the smallest x",
             "scaling": "byte / 255 - 0.5, which the ONNX model does itself",
         },

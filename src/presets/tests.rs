@@ -20,7 +20,7 @@ fn every_preset_is_a_run_that_can_be_finished() {
     }
 }
 
-/// Its runs are kept, and were made without close-ups.
+/// The table's runs are kept, and were made without close-ups.
 #[test]
 fn all_budgets_but_that_of_the_table_show_close_ups() {
     for budget in Budget::value_variants() {
@@ -28,6 +28,10 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
         let table = *budget == Budget::Table;
         assert_eq!(camera == Camera::default(), table, "{budget:?}");
         assert_eq!(camera.beside == Beside::CloseUp, !table);
+    }
+    for method in [Method::Clear, Method::ThreeRl, Method::CoversRandomised] {
+        let camera = Budget::Full.experiment(method).envs.camera;
+        assert_eq!(camera, Camera::default(), "{method:?}");
     }
     let paper = |budget: Budget| budget.experiment(Method::Paper).envs;
     assert_eq!(paper(Budget::Table), paper(Budget::Full));
@@ -47,7 +51,14 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
         assert_eq!(evaluation.rounds * run.envs.num_envs, 100, "{method:?}");
         assert!(evaluation.visit_rounds > 0 && evaluation.visit_rounds < evaluation.rounds);
     }
-    assert_eq!(covers.schedule.total_decisions(), 204_000);
+    let decisions = |budget: Budget| {
+        let schedule = budget.experiment(Method::Covers).schedule;
+        schedule.total_decisions()
+    };
+    assert_eq!(decisions(Budget::Table), 204_000);
+    assert_eq!(decisions(Budget::Full), 159_000);
+    assert_eq!(decisions(Budget::Short), 100_000);
+    assert_eq!(decisions(Budget::ZeroShot), 174_000);
 }
 
 #[test]

@@ -86,8 +86,8 @@ pub fn table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
         "90th percentile",
         "seeds that reached it",
         "decisions until it stays at 0.9: median",
-        "90th percentile",
-        "seeds",
+        "90th percentile of these",
+        "seeds that stayed",
     ];
     let mut table = Table::new(caption, &header);
     for group in groups {

@@ -72,8 +72,8 @@ impl Plan {
     ///
     /// # Errors
     /// [`CoversError::Setting`] for a plan without methods or seeds, with one of them or a variant
-    /// twice, with a variant that makes no name of a folder, or with a seed in `set`; what
-    /// [`Experiment::check`] says.
+    /// twice, with variants that are the same run, with one that makes no name of a folder, or with
+    /// a seed in `set`; what [`Experiment::check`] says.
     pub fn jobs(&self) -> Result<Vec<Job>, CoversError> {
         let (jobs, tasks) = (self.listed()?, TaskRegistry::standard());
         let mut experiments = jobs.iter().map(|job| &job.experiment);
@@ -100,6 +100,7 @@ impl Plan {
         }
         let names: Vec<&str> = jobs.iter().map(|job| job.name.as_str()).collect();
         distinct("variants", &names)?;
+        different(&jobs)?;
         Ok(jobs)
     }
 
@@ -176,6 +177,21 @@ impl Job {
     pub fn folder(&self, runs: &Path) -> PathBuf {
         runs.join(&self.name)
     }
+}
+
+/// Refuses jobs that are the same run under two names: a comparison of them says nothing.
+fn different(jobs: &[Job]) -> Result<(), CoversError> {
+    for (index, job) in jobs.iter().enumerate() {
+        let mut before = jobs[..index].iter();
+        if let Some(same) = before.find(|other| other.experiment == job.experiment) {
+            return Err(CoversError::Setting {
+                name: "variants",
+                value: format!("{} and {}, which are the same run", same.name, job.name),
+                expected: "settings that differ, those of the preset included",
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Refuses a list that is empty or holds a value twice.
@@ -256,6 +272,21 @@ mod tests {
             let message = changed.unwrap_err().to_string();
             assert!(message.contains(named), "{message}");
         }
+    }
+
+    #[test]
+    fn variants_that_set_what_the_preset_has_are_refused() {
+        let own =
+            r#""variants": [{"name": "own"}, {"name": "same", "set": ["covers.ppo.clip=0.2"]}],"#;
+        let text = TEXT.replace("\"budget\"", &format!("{own} \"budget\""));
+        let message = Plan::parse(&text).unwrap().jobs().unwrap_err().to_string();
+        assert!(message.contains("-own-seed20 and "), "{message}");
+        assert!(
+            message.contains("-same-seed20, which are the same run"),
+            "{message}"
+        );
+        let text = text.replace("clip=0.2", "clip=0.3");
+        assert!(Plan::parse(&text).unwrap().jobs().is_ok());
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::{Camera, RGB};
-use crate::beside::Beside;
+use super::{Beside, Camera, RGB};
 
 /// What an observation's image is made of.
+#[derive(Clone, Copy, Debug)]
 pub struct Pictures<'a> {
     /// The whole picture with the gripper's mark `[size, size, 3]`.
     pub now: &'a [u8],
@@ -26,7 +26,7 @@ impl Camera {
         self.size * self.oversampling
     }
 
-    /// The same camera with pictures of another size, each drawn as it is shown.
+    /// The same camera with pictures of another size, each drawn as it is shown, and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
         Self {
             size,
@@ -62,8 +62,15 @@ impl Camera {
     }
 
     /// Makes an observation's image `[size, size, C]`: the picture of now and those beside it.
+    ///
+    /// # Panics
+    /// Where the image or a picture that is shown has another length.
     pub fn compose(&self, pictures: &Pictures<'_>, image: &mut [u8]) {
-        let channels = self.beside.channels();
+        let (pixels, channels) = (self.size * self.size, self.beside.channels());
+        assert_eq!(image.len(), pixels * channels, "bytes of an image");
+        let whole = |picture: &[u8]| {
+            assert_eq!(picture.len(), pixels * RGB, "bytes of a picture");
+        };
         let mut place = 0;
         let mut show = |pixels: &mut dyn Iterator<Item = &[u8]>| {
             for (out, pixel) in image.chunks_exact_mut(channels).zip(pixels) {
@@ -71,8 +78,10 @@ impl Camera {
             }
             place += RGB;
         };
+        whole(pictures.now);
         show(&mut pictures.now.chunks_exact(RGB));
         if self.beside != Beside::CloseUp {
+            whole(pictures.first);
             show(&mut pictures.first.chunks_exact(RGB));
         }
         if self.beside != Beside::First {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::RGB;
+use super::RGB;
 
 /// The pictures behind that of now in an observation's image, three channels each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,6 +26,15 @@ impl Beside {
         match self {
             Self::First | Self::CloseUp => 2 * RGB,
             Self::FirstAndCloseUp => 3 * RGB,
+        }
+    }
+
+    /// How many of the last channels show the same throughout an episode, and need to be kept once:
+    /// three or none.
+    pub const fn still_channels(self) -> usize {
+        match self {
+            Self::First => RGB,
+            Self::CloseUp | Self::FirstAndCloseUp => 0,
         }
     }
 }
