@@ -30,7 +30,7 @@ pub enum Method {
     CoversCnn,
     /// COVERS with ordinary networks of about as many parameters, half as wide.
     CoversCnnSlim,
-    /// COVERS that learns from randomised pictures, as those of a real camera.
+    /// COVERS that learns from randomised pictures, as those of a real camera, without close-ups.
     CoversRandomised,
     /// One D2-equivariant policy for everything.
     Equi,

@@ -1,4 +1,4 @@
-//! The contact sheet: every variant as the learner sees it in evaluations.
+//! The contact sheet: every variant as the learner sees it in evaluations, the whole picture.
 
 use std::sync::Arc;
 
