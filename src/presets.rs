@@ -181,7 +181,7 @@ fn slim() -> NetworkSettings {
 pub enum Budget {
     /// Seconds; shows that every part works. Nothing is learnt.
     Smoke,
-    /// Minutes; learns all four groups and tells them apart.
+    /// Minutes; every group twice, which is enough to tell all four apart.
     Short,
     /// Less than ten minutes of learning; every group three times, and more of the two that take
     /// longer.
