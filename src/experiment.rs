@@ -322,6 +322,23 @@ mod tests {
     }
 
     #[test]
+    fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
+        let tasks = TaskRegistry::standard();
+        let mut run = Budget::Smoke.experiment(Method::Clear);
+        run.envs.camera.beside = envs::Beside::CloseUp;
+        let message = run.check(&tasks).unwrap_err().to_string();
+        assert!(
+            message.contains("`off_policy.still_channels` is 3"),
+            "{message}"
+        );
+        match &mut run.learner {
+            LearnerSettings::OffPolicy(settings) => settings.still_channels = 0,
+            other => panic!("{other:?}"),
+        }
+        assert!(run.check(&tasks).is_ok());
+    }
+
+    #[test]
     fn no_two_purposes_share_a_random_stream() {
         let experiment = smoke().with_seed(7);
         let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };

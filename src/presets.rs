@@ -1,7 +1,7 @@
 //! Experiments as they come: a method, and how long it may take.
 
 use clap::ValueEnum;
-use envs::{Beside, Camera, Randomisation, TaskGroup, VecEnvSettings};
+use envs::{Beside, Randomisation, TaskGroup, VecEnvSettings};
 use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -136,21 +136,34 @@ impl Method {
         Self::ALL.into_iter().find(is)
     }
 
-    fn envs(self) -> VecEnvSettings {
+    /// Whether pictures have close-ups. Randomised ones have none. A replay holds what stands still
+    /// once an episode, and would hold close-ups with every step. The table's runs are kept, and
+    /// older.
+    fn shows_close_ups(self, budget: Budget) -> bool {
+        let without = [
+            Self::CoversRandomised,
+            Self::Clear,
+            Self::ClearBc,
+            Self::ThreeRl,
+            Self::EquiSac,
+            Self::Paper,
+        ];
+        budget != Budget::Table && !without.contains(&self)
+    }
+
+    fn envs(self, budget: Budget) -> VecEnvSettings {
         let mut envs = VecEnvSettings {
             num_envs: NUM_ENVS,
             ..VecEnvSettings::default()
         };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            // randomised pictures have no close-ups
             Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
-            // replays hold what stands still once an episode, close-ups with every step
-            Self::Clear | Self::ClearBc | Self::ThreeRl | Self::EquiSac => {}
-            _ => {
-                envs.camera.oversampling = OVERSAMPLING;
-                envs.camera.beside = Beside::CloseUp;
-            }
+            _ => {}
+        }
+        if self.shows_close_ups(budget) {
+            envs.camera.oversampling = OVERSAMPLING;
+            envs.camera.beside = Beside::CloseUp;
         }
         envs
     }
@@ -209,17 +222,11 @@ impl Budget {
 
     /// The run of a method.
     pub fn experiment(self, method: Method) -> Experiment {
-        let (mut learner, mut envs) = (method.learner(), method.envs());
+        let (mut learner, mut envs) = (method.learner(), method.envs(self));
         if self == Self::Smoke {
             envs.num_envs = 8;
             envs.control.horizon = 100;
             hurry(&mut learner);
-        }
-        if self == Self::Table {
-            envs.camera = Camera {
-                size: envs.camera.size,
-                ..Camera::default()
-            };
         }
         let rollout = learner.rollout_steps();
         Experiment {

@@ -1,4 +1,5 @@
-//! `docs/results/table1` is what a report makes of the runs that are kept, and its page quotes it.
+//! `docs/results/table1` and `docs/results/efficiency` are what reports make of the runs that are
+//! kept, and the page of the table quotes its report.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -49,6 +50,31 @@ fn edited(page: &str, report: &str) -> Vec<String> {
     let made = tables(report);
     let quoted = tables(page).into_iter();
     quoted.filter(|table| !made.contains(table)).collect()
+}
+
+#[test]
+fn studies_are_those_of_the_kept_runs() {
+    let (data, kept) = (
+        results().join("data/efficiency"),
+        results().join("efficiency"),
+    );
+    let studies = files(&data);
+    assert!(studies.len() > 3);
+    assert_eq!(files(&kept), studies, "`make efficiency` takes all studies");
+    for study in studies {
+        let folder = data.join(&study);
+        let runs = files(&folder).into_iter().map(|run| folder.join(run));
+        let runs = runs.map(|run| RunData::read(&run).unwrap()).collect();
+        let made = Scratch::new("study");
+        Report::new(runs).unwrap().write(&made.0).unwrap();
+        let files = files(&kept.join(&study));
+        assert!(files.len() > 4, "{study}");
+        for name in files {
+            let text = |folder: &Path| fs::read_to_string(folder.join(&name)).unwrap();
+            let same = text(&made.0) == text(&kept.join(&study));
+            assert!(same, "`make efficiency` makes another {name} of {study}");
+        }
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Presets are runs that can be finished, and differ in what they say.
 
-use envs::TaskRegistry;
+use envs::{Camera, TaskRegistry};
 
 use super::*;
 

@@ -49,8 +49,9 @@ impl Report {
         )
     }
 
-    /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each
-    /// run, each seed and each group as SVG, to a folder, which is created; returns the files of the curves.
+    /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,
+    /// each seed and each group as SVG, to a folder, which is created; returns the files of the
+    /// curves.
     ///
     /// # Errors
     /// [`CoversError::Write`].

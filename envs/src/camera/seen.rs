@@ -65,33 +65,28 @@ impl Camera {
     ///
     /// # Panics
     /// Where the image or a picture that is shown has another length.
-    pub fn compose(&self, pictures: &Pictures<'_>, image: &mut [u8]) {
+    pub fn compose<'a>(&self, pictures: &Pictures<'a>, image: &mut [u8]) {
         let (pixels, channels) = (self.size * self.size, self.beside.channels());
         assert_eq!(image.len(), pixels * channels, "bytes of an image");
-        let whole = |picture: &[u8]| {
+        let whole = |picture: &'a [u8]| {
             assert_eq!(picture.len(), pixels * RGB, "bytes of a picture");
+            picture.chunks_exact(RGB)
         };
-        let mut place = 0;
-        let mut show = |pixels: &mut dyn Iterator<Item = &[u8]>| {
-            for (out, pixel) in image.chunks_exact_mut(channels).zip(pixels) {
-                out[place..][..RGB].copy_from_slice(pixel);
+        let close_up = || self.close_up(pictures.drawn, pictures.hand);
+        show(image, channels, 0, whole(pictures.now));
+        match self.beside {
+            Beside::First => show(image, channels, RGB, whole(pictures.first)),
+            Beside::CloseUp => show(image, channels, RGB, close_up()),
+            Beside::FirstAndCloseUp => {
+                show(image, channels, RGB, whole(pictures.first));
+                show(image, channels, 2 * RGB, close_up());
             }
-            place += RGB;
-        };
-        whole(pictures.now);
-        show(&mut pictures.now.chunks_exact(RGB));
-        if self.beside != Beside::CloseUp {
-            whole(pictures.first);
-            show(&mut pictures.first.chunks_exact(RGB));
-        }
-        if self.beside != Beside::First {
-            show(&mut self.close_up(pictures.drawn, pictures.hand));
         }
     }
 
-    /// The pixels of the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the table
-    /// under `hand` (metres), `[size, size]`. It is cut out to whole pixels, so that a mirrored
-    /// picture of a mirrored hand gives the mirrored part exactly.
+    /// The pixels of the part of `drawn` `[drawn_size, drawn_size, 3]` around the place of the
+    /// table under `hand` (metres), `[size, size]`. It is cut out to whole pixels, so that a
+    /// mirrored picture of a mirrored hand gives the mirrored part exactly.
     fn close_up<'a>(&self, drawn: &'a [u8], hand: DVec3) -> impl Iterator<Item = &'a [u8]> {
         let [right, up] = self.project(DVec3::new(hand.x, hand.y, 0.0));
         let (side, size) = (self.drawn_size() as i64, self.size as i64);
@@ -110,6 +105,18 @@ impl Camera {
                 .map(|(row, column)| row * side as usize + column);
             place.map_or(&BEYOND[..], |place| &drawn[place * RGB..][..RGB])
         })
+    }
+}
+
+/// Writes the pixels of a picture into the channels of an image from `place` on.
+fn show<'a>(
+    image: &mut [u8],
+    channels: usize,
+    place: usize,
+    pixels: impl Iterator<Item = &'a [u8]>,
+) {
+    for (out, pixel) in image.chunks_exact_mut(channels).zip(pixels) {
+        out[place..][..RGB].copy_from_slice(pixel);
     }
 }
 
@@ -187,6 +194,20 @@ mod tests {
         for (pixel, rgb) in rgb.chunks_exact(RGB).enumerate() {
             assert_eq!(rgb, expected(pixel / SIZE, pixel % SIZE), "{pixel}");
         }
+    }
+
+    #[test]
+    #[should_panic(expected = "bytes of a picture")]
+    fn a_picture_that_is_shown_must_be_whole() {
+        let camera = camera(1);
+        let drawn = drawn(&camera);
+        let pictures = Pictures {
+            now: &drawn,
+            first: &drawn[1..],
+            drawn: &drawn,
+            hand: DVec3::ZERO,
+        };
+        camera.compose(&pictures, &mut [0; SIZE * SIZE * 2 * RGB]);
     }
 
     #[test]
