@@ -49,9 +49,10 @@ fn measure(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
     });
     let observations = Observations::new(&spec());
     let mut decisions = Decisions::new(&spec());
+    let noise = vec![0.0; decisions.actions.len()];
     group.throughput(Throughput::Elements(spec().num_envs as u64));
     group.bench_function("act_batch_20", |b| {
-        b.iter(|| policy.decide(black_box(&observations), &mut (), &mut rng, &mut decisions));
+        b.iter(|| policy.decide(black_box(&observations), &mut (), &noise, &mut decisions));
     });
     assert!(decisions.log_probs.iter().all(|p| p.is_finite()));
     group.finish();

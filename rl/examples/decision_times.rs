@@ -55,10 +55,11 @@ fn time(policy: &mut impl OnPolicy<Memory = ()>, spec: &EnvSpec) -> Result<f64, 
     let mut observations = Observations::new(spec);
     observations.images.fill_with(|| rng.random());
     let mut out = Decisions::new(spec);
-    policy.decide(&observations, &mut (), &mut rng, &mut out)?;
+    let noise = vec![0.0; out.actions.len()];
+    policy.decide(&observations, &mut (), &noise, &mut out)?;
     let (clock, mut runs) = (Instant::now(), 0);
     while clock.elapsed() < TIME {
-        policy.decide(&observations, &mut (), &mut rng, &mut out)?;
+        policy.decide(&observations, &mut (), &noise, &mut out)?;
         runs += 1;
     }
     Ok(1e3 * clock.elapsed().as_secs_f64() / f64::from(runs))

@@ -9,7 +9,7 @@ use symmetry::Group;
 use crate::activity::{Activity, Units};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::gaussian::log_prob;
+use crate::gaussian::{log_prob, standard_normals};
 use crate::network::ActorCritic;
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::{Critic, NetworkSettings};
@@ -92,19 +92,22 @@ impl ActorCriticPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         check_len("actions", "[N, A]", out.len(), samples * self.width())?;
-        self.sample(rng, out);
+        standard_normals(rng, out);
+        self.sample(out);
         Ok(())
     }
 
-    /// Decides from the outputs of N observations.
+    /// Decides from the outputs of N observations, with the noise `[N, A]`.
     pub(crate) fn write_decisions(
         &mut self,
         samples: usize,
-        rng: &mut ChaCha8Rng,
+        noise: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         out.check(self.network().spec(), samples)?;
-        self.sample(rng, &mut out.actions);
+        check_len("noise", "[N, A]", noise.len(), samples * self.width())?;
+        out.actions.copy_from_slice(noise);
+        self.sample(&mut out.actions);
         self.weigh(out);
         Ok(())
     }
@@ -132,17 +135,14 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Draws actions `[N, A]` around the means of the last run.
-    fn sample(&mut self, rng: &mut ChaCha8Rng, actions: &mut [f32]) {
+    /// Turns standard normal numbers `[N, A]` into actions around the means of the last run.
+    fn sample(&self, numbers: &mut [f32]) {
         let width = self.width();
-        self.draw_noise(actions.len(), rng);
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
-        let rows = actions
-            .chunks_exact_mut(width)
-            .zip(self.noise.chunks_exact(width));
-        for ((actions, noise), output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+        let rows = numbers.chunks_exact_mut(width);
+        for (row, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
             for j in 0..width {
-                actions[j] = (output[j] + std[j] * f64::from(noise[j])) as f32;
+                row[j] = (output[j] + std[j] * f64::from(row[j])) as f32;
             }
         }
     }
@@ -195,11 +195,11 @@ impl OnPolicy for ActorCriticPolicy {
         &mut self,
         observations: &Observations,
         (): &mut (),
-        rng: &mut ChaCha8Rng,
+        noise: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        self.write_decisions(samples, rng, out)
+        self.write_decisions(samples, noise, out)
     }
 }
 

@@ -12,6 +12,7 @@ use crate::env::{EnvSpec, Observations, Outcome, Transition, signed};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::experience::Experience;
 use crate::gae::{GaeInputs, gae};
+use crate::noise::ActionNoise;
 use crate::policy::{Assess, Decisions, OnPolicy, Values};
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
@@ -34,6 +35,8 @@ pub struct RolloutBuffer {
     finals: Observations,
     truncated: Vec<usize>,
     last: Observations,
+    /// What actions are drawn with.
+    noise: ActionNoise,
     /// Of the step that is being collected, `[N]`.
     step_decisions: Decisions,
     step_final_values: Vec<f32>,
@@ -66,9 +69,24 @@ impl RolloutBuffer {
             finals: Observations::empty(),
             truncated: Vec::new(),
             last: Observations::new(spec),
+            noise: ActionNoise::independent(spec.num_envs, spec.action.len()),
             step_decisions: Decisions::new(spec),
             step_final_values: vec![0.0; spec.num_envs],
         })
+    }
+
+    /// Lets the noise of actions keep its direction in what [`collect`](crate::collect) fills the
+    /// buffer with: the numbers of two steps of an episode that are k apart have the correlation
+    /// `correlation`^k (0, as in a new buffer: they are independent). Every number by itself stays
+    /// standard normal, and log-probabilities are those of each decision by itself, as in
+    /// Hollenstein et al., "Colored noise in PPO" (AAAI 2024), whose noise has a spectrum of another
+    /// form. So what is explored changes, and the update does not.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] for a correlation outside [0, 1).
+    pub fn with_noise_correlation(mut self, correlation: f32) -> Result<Self, RlError> {
+        self.noise.set_correlation(correlation)?;
+        Ok(self)
     }
 
     /// Appends one step: the observations that were acted on, the decisions, what they led to, and
@@ -300,6 +318,7 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         self.spec.check_same(spec)?;
         check_len("environments", "[N]", spec.num_envs, self.spec.num_envs)?;
         self.clear();
+        self.noise.restart();
         Ok(())
     }
 
@@ -315,7 +334,8 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         memory: &mut P::Memory,
         rng: &mut ChaCha8Rng,
     ) -> Result<&[f32], RlError> {
-        policy.decide(observations, memory, rng, &mut self.step_decisions)?;
+        let noise = self.noise.draw(rng);
+        policy.decide(observations, memory, noise, &mut self.step_decisions)?;
         Ok(&self.step_decisions.actions)
     }
 
@@ -331,6 +351,9 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         let final_values = std::mem::take(&mut self.step_final_values);
         let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
+        let ended = |&(_, outcome): &(usize, &Outcome)| outcome.ended();
+        let ends = to.outcomes.iter().enumerate().filter(ended);
+        ends.for_each(|(env, _)| self.noise.forget(env));
         result
     }
 

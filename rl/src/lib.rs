@@ -114,6 +114,7 @@ mod minibatch;
 mod network;
 mod network_policy;
 mod network_settings;
+mod noise;
 mod pass;
 mod plain;
 mod policy;

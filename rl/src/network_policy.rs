@@ -5,11 +5,9 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use equivariant::Chunks;
-use rand_chacha::ChaCha8Rng;
 
 use crate::env::Observations;
 use crate::error::{RlError, check_all_finite, check_len, check_params};
-use crate::gaussian::standard_normals;
 use crate::policy::Features;
 use crate::trunk::{OnTrunk, OnTrunkPass, Trunk};
 
@@ -27,8 +25,6 @@ pub struct NetworkPolicy<N, W> {
     params: Vec<f32>,
     /// Rows of numbers of the last run, one for each sample.
     pub(crate) outputs: Vec<f64>,
-    /// Standard normal numbers of the last actions.
-    pub(crate) noise: Vec<f32>,
     buffers: fn(&N, usize) -> W,
     chunks: Chunks<f32, W>,
 }
@@ -69,7 +65,6 @@ where
             network,
             params,
             outputs: Vec::new(),
-            noise: Vec::new(),
             buffers,
             chunks: Chunks::new(0, CHUNK, move || buffers(&builder, CHUNK)),
         }
@@ -82,12 +77,6 @@ where
     /// A, the number of action components.
     pub(crate) fn width(&self) -> usize {
         self.trunk().spec.action.len()
-    }
-
-    /// Draws the noise of `len` components of actions.
-    pub(crate) fn draw_noise(&mut self, len: usize, rng: &mut ChaCha8Rng) {
-        self.noise.resize(len, 0.0);
-        standard_normals(rng, &mut self.noise);
     }
 
     /// Lets `forward` fill a row of `outputs`, of this length, for each of N observations; returns

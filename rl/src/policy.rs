@@ -87,8 +87,9 @@ pub trait Features {
 /// What on-policy collection asks of a policy at every step: an action, how probable it was, and
 /// what the observation is worth. A network whose actor and critic share an encoder runs it once.
 pub trait OnPolicy: Actor + Values {
-    /// Samples actions as [`Actor::act`] does, with their log-probabilities and the values of the
-    /// observations.
+    /// Writes the actions that the noise `[N, A]` makes, with their log-probabilities and the values
+    /// of the observations. Noise is standard normal; with numbers that are independent of one
+    /// another, actions are distributed as those of [`Actor::act`] are.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -96,7 +97,7 @@ pub trait OnPolicy: Actor + Values {
         &mut self,
         observations: &Observations,
         memory: &mut Self::Memory,
-        rng: &mut ChaCha8Rng,
+        noise: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError>;
 }

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, RlError,
-    RolloutBuffer, RolloutState, Transition, VectorEnv, collect, evaluate,
+    Actor, ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
+    RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect, evaluate,
 };
 use symmetry::Irrep;
 
@@ -103,4 +103,43 @@ fn the_error_of_an_environment_is_handed_on() {
         error.to_string(),
         "the environment failed: the table fell over"
     );
+}
+
+/// What the actions of two rollouts of four steps were drawn with: `[T, N]` numbers, from actions,
+/// means and standard deviations. The observations never change, so the means do not.
+fn noise(correlation: f32) -> Vec<f64> {
+    let (mut env, mut policy) = (boxed(), policy());
+    let buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
+    let mut buffer = buffer.with_noise_correlation(correlation).unwrap();
+    let mut state = RolloutState::reset(&mut *env, &policy).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut means = [0.0; 2];
+    let (seen, memory) = (Observations::new(env.spec()), &mut ());
+    policy.mean_actions(&seen, memory, &mut means).unwrap();
+    let std = f64::from(policy.log_std()[0]).exp();
+    let mut out = Vec::new();
+    for _ in 0..2 {
+        collect(&mut *env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+        let actions = &buffer.decisions().actions;
+        let noise = |(i, &a): (usize, &f32)| (f64::from(a) - f64::from(means[i % 2])) / std;
+        out.extend(actions.iter().enumerate().map(noise));
+    }
+    out
+}
+
+/// Episodes end with the third step, and a rollout begins with the fifth of all.
+#[test]
+fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
+    let (fresh, kept) = (noise(0.0), noise(0.6));
+    let mut expected = [0.0; 2];
+    for t in 0..8 {
+        for n in 0..2 {
+            let (fresh, kept) = (fresh[2 * t + n], kept[2 * t + n]);
+            expected[n] = match [0, 3, 4, 6].contains(&t) {
+                true => fresh,
+                false => 0.6 * expected[n] + 0.8 * fresh,
+            };
+            assert!((kept - expected[n]).abs() < 1e-5, "step {t}: {kept}");
+        }
+    }
 }

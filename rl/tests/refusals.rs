@@ -120,11 +120,13 @@ proptest! {
         prop_assert!(names(policy.mean_actions(&seen, &mut (), &mut sized(2)), "mean actions"));
         prop_assert!(names(policy.values(&seen, &mut sized(1)), "values"));
         prop_assert!(names(policy.features(&seen, &mut sized(dim)), "features"));
+        let decisions = &mut Decisions::new(&spec());
+        prop_assert!(names(policy.decide(&seen, &mut (), &sized(2), decisions), "noise"));
         for array in 2..5 {
             let mut wrong = parts();
             let name = spoil(&mut wrong, array, change);
             let decisions = &mut wrong.decisions;
-            prop_assert!(names(policy.decide(&seen, &mut (), &mut rng, decisions), name));
+            prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], decisions), name));
             prop_assert!(names(policy.assess(&seen, decisions), name));
         }
     }
@@ -142,7 +144,7 @@ proptest! {
         let mut decisions = Decisions::new(&spec());
         prop_assert!(shape(policy.act(seen, &mut (), &mut rng, &mut [0.0; 2 * ENVS])));
         prop_assert!(shape(policy.mean_actions(seen, &mut (), &mut [0.0; 2 * ENVS])));
-        prop_assert!(shape(policy.decide(seen, &mut (), &mut rng, &mut decisions)));
+        prop_assert!(shape(policy.decide(seen, &mut (), &[0.0; 2 * ENVS], &mut decisions)));
         prop_assert!(shape(policy.assess(seen, &mut decisions)));
         prop_assert!(shape(policy.values(seen, &mut [0.0; ENVS])));
         let mut features = vec![0.0; ENVS * policy.feature_dim()];

@@ -4,9 +4,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
-    OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats,
-    Values, VectorEnv, collect,
+    Actor, ActorCriticPolicy, Algorithm, Assess, Decisions, Encoder, NetworkSettings, Observations,
+    Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, UpdateStats, Values,
+    VectorEnv, collect,
 };
 
 use crate::common::largest::largest;
@@ -51,7 +51,7 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
     env.reset(&mut now).unwrap();
     for _ in 0..STEPS {
         actor
-            .decide(&now, &mut (), &mut rng, &mut decisions)
+            .act(&now, &mut (), &mut rng, &mut decisions.actions)
             .unwrap();
         critic.assess(&now, &mut decisions).unwrap();
         env.step(&decisions.actions, &mut next).unwrap();

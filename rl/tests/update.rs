@@ -341,7 +341,7 @@ fn what_does_not_fit_is_refused() {
         ..Decisions::new(buffer.spec())
     };
     let observations = rl::Observations::new(buffer.spec());
-    let result = policy.decide(&observations, &mut (), &mut rng, &mut short);
+    let result = policy.decide(&observations, &mut (), &[0.0; 18], &mut short);
     assert!(matches!(
         result,
         Err(RlError::Shape {

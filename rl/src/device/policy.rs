@@ -163,11 +163,11 @@ impl OnPolicy for DevicePolicy {
         &mut self,
         observations: &Observations,
         (): &mut (),
-        rng: &mut ChaCha8Rng,
+        noise: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        self.policy.write_decisions(samples, rng, out)
+        self.policy.write_decisions(samples, noise, out)
     }
 }
 

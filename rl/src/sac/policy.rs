@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
+use crate::gaussian::standard_normals;
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
 use crate::plain::{self, Answers, Distribution, End, Plain, PlainPolicy, chain};
@@ -178,15 +179,12 @@ impl Actor for SacPolicy {
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, ("actions", out.len()))?;
-        self.draw_noise(out.len(), rng);
+        standard_normals(rng, out);
         let width = self.width();
         let mut action = vec![0.0; width];
         let rows = self.outputs.chunks_exact(row);
-        let out = out
-            .chunks_exact_mut(width)
-            .zip(self.noise.chunks_exact(width));
-        for (output, (out, noise)) in rows.zip(out) {
-            squashed::sample(&output[..2 * width], noise, &mut action);
+        for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
+            squashed::sample(&output[..2 * width], out, &mut action);
             out.iter_mut()
                 .zip(&action)
                 .for_each(|(o, &a)| *o = a as f32);

@@ -56,10 +56,10 @@ impl<U: Unseeing> OnPolicy for Acting<U> {
         &mut self,
         observations: &Observations,
         memory: &mut U::Memory,
-        rng: &mut ChaCha8Rng,
+        _: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {
-        self.act(observations, memory, rng, &mut out.actions)?;
+        self.mean_actions(observations, memory, &mut out.actions)?;
         out.log_probs.fill(0.0);
         self.values(observations, &mut out.values)
     }

@@ -84,8 +84,10 @@ fn outputs(policy: &mut (impl Actor<Memory = ()> + Values), of: &Observations) -
 fn decisions(policy: &mut impl OnPolicy<Memory = ()>) -> Decisions {
     let mut out = Decisions::new(&spec(OBSERVATIONS));
     let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut noise = vec![0.0; out.actions.len()];
+    noise.fill_with(|| rng.random_range(-2.0..2.0));
     policy
-        .decide(&observations(), &mut (), &mut rng, &mut out)
+        .decide(&observations(), &mut (), &noise, &mut out)
         .unwrap();
     out
 }

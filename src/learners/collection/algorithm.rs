@@ -181,7 +181,7 @@ impl<S: CollectionSettings> Collection<S> {
         rng: &mut ChaCha8Rng,
     ) -> Result<(Vec<FirstFrames>, Vec<Course>), CoversError> {
         let (k, needed) = (self.settings.first_frames(), self.grouping.min_episodes());
-        let mut glimpse = S::rollout(env.spec(), k)?;
+        let mut glimpse = self.settings.rollout(env.spec(), k)?;
         let (mut frames, mut courses) = (Vec::new(), Vec::new());
         while frames.len() < episodes.unwrap_or(needed) {
             let policy = &mut self.members[self.current].policy;

@@ -52,7 +52,7 @@ impl<S: CollectionSettings> Collection<S> {
             grouping,
             members: Vec::new(),
             current: 0,
-            rollout: S::rollout(spec, steps)?,
+            rollout: settings.rollout(spec, steps)?,
             generators: Generators::new(settings.seed()),
             seconds: Seconds::default(),
             settings,

@@ -59,7 +59,7 @@ pub trait CollectionSettings:
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
+    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
 
     /// Fresh training of `policy`.
     ///

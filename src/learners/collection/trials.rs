@@ -135,7 +135,7 @@ impl<S: CollectionSettings> Collection<S> {
             return Ok(None);
         };
         let clock = Instant::now();
-        let mut heard = S::rollout(env.spec(), steps)?;
+        let mut heard = self.settings.rollout(env.spec(), steps)?;
         let Member {
             policy, training, ..
         } = &mut self.members[self.current];

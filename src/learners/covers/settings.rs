@@ -31,6 +31,9 @@ pub struct CoversSettings {
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
+    /// How much of the noise of an action goes on in the next action, in [0, 1): the correlation of
+    /// the two ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
+    pub noise_correlation: f32,
     /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
     /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
     pub buffer_episodes: Option<usize>,
@@ -59,6 +62,7 @@ impl Default for CoversSettings {
             grouping: GroupingSettings::default(),
             first_frames: 1,
             rollout_steps: 500,
+            noise_correlation: 0.0,
             buffer_episodes: Some(100),
             handover: Handover::default(),
             embedding: Embedding::default(),
@@ -81,6 +85,7 @@ impl CoversSettings {
             grouping: GroupingSettings::PAPER,
             first_frames: 4,
             rollout_steps: 1000,
+            noise_correlation: 0.0,
             buffer_episodes: None,
             handover: Handover::Reuse,
             embedding: Embedding::Afresh,
@@ -122,8 +127,8 @@ impl CollectionSettings for CoversSettings {
         policy.params()
     }
 
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
-        RolloutBuffer::new(spec, steps)
+    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {
+        RolloutBuffer::new(spec, steps)?.with_noise_correlation(self.noise_correlation)
     }
 
     fn training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTraining, RlError> {

@@ -171,7 +171,7 @@ impl CollectionSettings for OffPolicySettings {
         policy.params()
     }
 
-    fn rollout(spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
+    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
         spec.check_rollout(steps)?;
         Ok(Recording::new(spec, steps))
     }
