@@ -114,6 +114,25 @@ fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Turn>) {
     (covers, reports)
 }
 
+/// A single policy, so that nothing but the rollouts can make a difference.
+#[test]
+fn the_noise_of_rollouts_keeps_its_direction_as_set() {
+    let single = |noise_correlation| {
+        with(settings(), |s| {
+            s.grouping = GroupingSettings::Single;
+            s.noise_correlation = noise_correlation;
+        })
+    };
+    let learnt = |correlation| {
+        let (covers, _) = after(single(correlation), &[0]);
+        covers.parameters(0).unwrap().to_vec()
+    };
+    assert_eq!(learnt(0.5), learnt(0.5));
+    assert_ne!(learnt(0.5), learnt(0.0));
+    let refused = Covers::new(single(1.0), &Bars::new().spec);
+    assert_refused(refused, "noise_correlation");
+}
+
 /// Settings whose updates change nothing that could be seen.
 fn still() -> CoversSettings {
     let mut settings = settings();

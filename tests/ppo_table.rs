@@ -102,7 +102,7 @@ fn every_value_is_that_of_the_presets() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 21);
+    assert_eq!(seen, 22);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
     assert!(!states(
         "reuse",

@@ -76,11 +76,15 @@ impl RolloutBuffer {
     }
 
     /// Lets the noise of actions keep its direction in what [`collect`](crate::collect) fills the
-    /// buffer with: the numbers of two steps of an episode that are k apart have the correlation
-    /// `correlation`^k (0, as in a new buffer: they are independent). Every number by itself stays
-    /// standard normal, and log-probabilities are those of each decision by itself, as in
-    /// Hollenstein et al., "Colored noise in PPO" (AAAI 2024), whose noise has a spectrum of another
-    /// form. So what is explored changes, and the update does not.
+    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal, so
+    /// that x is, too. It begins afresh with every episode and every collection, so that
+    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new buffer
+    /// has c = 0: independent numbers.
+    ///
+    /// Log-probabilities are those of each decision by itself, as in Hollenstein et al., "Colored
+    /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they are not
+    /// those of the decision given the ones before, from which its noise can be told, so the
+    /// gradient of an update is biased.
     ///
     /// # Errors
     /// [`RlError::Setting`] for a correlation outside [0, 1).
@@ -351,10 +355,11 @@ impl<P: OnPolicy> Experience<P> for RolloutBuffer {
         let final_values = std::mem::take(&mut self.step_final_values);
         let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
+        result?;
         let ended = |&(_, outcome): &(usize, &Outcome)| outcome.ended();
         let ends = to.outcomes.iter().enumerate().filter(ended);
         ends.for_each(|(env, _)| self.noise.forget(env));
-        result
+        Ok(())
     }
 
     fn end(&mut self, policy: &mut P, last: &Observations) -> Result<(), RlError> {

@@ -88,8 +88,9 @@ pub trait Features {
 /// what the observation is worth. A network whose actor and critic share an encoder runs it once.
 pub trait OnPolicy: Actor + Values {
     /// Writes the actions that the noise `[N, A]` makes, with their log-probabilities and the values
-    /// of the observations. Noise is standard normal; with numbers that are independent of one
-    /// another, actions are distributed as those of [`Actor::act`] are.
+    /// of the observations. Noise is standard normal and all that is random: the same noise gives
+    /// the same actions. Where its numbers are independent of one another, actions are distributed
+    /// as those of [`Actor::act`] are.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.

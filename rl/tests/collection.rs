@@ -3,10 +3,13 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, BoxError, Encoder, EnvSpec, NetworkSettings, Observations, Outcome,
-    RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect, evaluate,
+    Actor, ActorCriticPolicy, BoxError, Decisions, Encoder, EnvSpec, Experience, NetworkSettings,
+    Observations, OnPolicy, Outcome, RlError, RolloutBuffer, RolloutState, Transition, Values,
+    VectorEnv, collect, evaluate,
 };
 use symmetry::Irrep;
+
+use crate::common::ages::Ages;
 
 /// Two environments with episodes of three steps. Success holds within the last step of both, but
 /// at its end in the second alone.
@@ -105,41 +108,97 @@ fn the_error_of_an_environment_is_handed_on() {
     );
 }
 
-/// What the actions of two rollouts of four steps were drawn with: `[T, N]` numbers, from actions,
-/// means and standard deviations. The observations never change, so the means do not.
-fn noise(correlation: f32) -> Vec<f64> {
-    let (mut env, mut policy) = (boxed(), policy());
-    let buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
+/// Its actions are the noise that it is given.
+struct Echo;
+
+impl Actor for Echo {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        _: &mut ChaCha8Rng,
+        _: &mut [f32],
+    ) -> Result<(), RlError> {
+        unreachable!("a rollout buffer asks for decisions")
+    }
+
+    fn mean_actions(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+impl Values for Echo {
+    fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        out.fill(0.0);
+        Ok(())
+    }
+}
+
+impl OnPolicy for Echo {
+    fn decide(
+        &mut self,
+        _: &Observations,
+        (): &mut (),
+        noise: &[f32],
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        out.actions.copy_from_slice(noise);
+        Ok(())
+    }
+}
+
+/// The noise `[T, N]` of two rollouts of five steps, one after the other, in environments with
+/// episodes of three and of four steps.
+fn noise(correlation: f32) -> Vec<f32> {
+    let mut env = Ages::new(&[3, 4]);
+    let buffer = RolloutBuffer::new(env.spec(), 5).unwrap();
     let mut buffer = buffer.with_noise_correlation(correlation).unwrap();
-    let mut state = RolloutState::reset(&mut *env, &policy).unwrap();
+    let mut state = RolloutState::reset(&mut env, &Echo).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut means = [0.0; 2];
-    let (seen, memory) = (Observations::new(env.spec()), &mut ());
-    policy.mean_actions(&seen, memory, &mut means).unwrap();
-    let std = f64::from(policy.log_std()[0]).exp();
     let mut out = Vec::new();
     for _ in 0..2 {
-        collect(&mut *env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        let actions = &buffer.decisions().actions;
-        let noise = |(i, &a): (usize, &f32)| (f64::from(a) - f64::from(means[i % 2])) / std;
-        out.extend(actions.iter().enumerate().map(noise));
+        collect(&mut env, &mut Echo, &mut buffer, &mut state, &mut rng).unwrap();
+        out.extend_from_slice(&buffer.decisions().actions);
     }
     out
 }
 
-/// Episodes end with the third step, and a rollout begins with the fifth of all.
+/// It begins afresh where an episode does, whichever way the one before ended, and where a rollout
+/// does.
 #[test]
 fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
     let (fresh, kept) = (noise(0.0), noise(0.6));
+    let begins: [&[usize]; 2] = [&[0, 3, 5, 6, 9], &[0, 4, 5, 8]];
     let mut expected = [0.0; 2];
-    for t in 0..8 {
+    for t in 0..10 {
         for n in 0..2 {
             let (fresh, kept) = (fresh[2 * t + n], kept[2 * t + n]);
-            expected[n] = match [0, 3, 4, 6].contains(&t) {
+            expected[n] = match begins[n].contains(&t) {
                 true => fresh,
                 false => 0.6 * expected[n] + 0.8 * fresh,
             };
-            assert!((kept - expected[n]).abs() < 1e-5, "step {t}: {kept}");
+            assert!((kept - expected[n]).abs() < 1e-5, "{n} at {t}: {kept}");
         }
     }
+}
+
+#[test]
+fn outcomes_of_other_environments_are_refused() {
+    let env = Ages::new(&[3, 4]);
+    let mut buffer = RolloutBuffer::new(env.spec(), 5).unwrap();
+    let from = Observations::new(env.spec());
+    let mut to = Transition::new(env.spec());
+    to.outcomes = vec![Outcome::Terminated; 3];
+    let error = buffer.record(&mut Echo, &from, &to).unwrap_err();
+    assert!(matches!(error, RlError::Shape { .. }), "{error}");
 }

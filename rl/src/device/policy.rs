@@ -16,8 +16,8 @@ use crate::policy::{Actor, Decisions, OnPolicy, Values};
 use crate::require::require;
 
 /// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
-/// enough to keep one busy. Noise and log-probabilities are the policy's own, so but for rounding
-/// its decisions are those of the policy.
+/// enough to keep one busy. Actions and log-probabilities are made of them by the policy itself, so
+/// but for rounding its decisions are those of the policy.
 ///
 /// A batch goes there and its outputs come back in one round trip, or in as many as its samples
 /// need; one for few pictures may take longer than the processor does.
