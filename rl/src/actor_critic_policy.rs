@@ -86,7 +86,7 @@ impl ActorCriticPolicy {
 
     /// Samples actions `[N, A]` from the outputs of N observations.
     pub(crate) fn write_actions(
-        &mut self,
+        &self,
         samples: usize,
         rng: &mut ChaCha8Rng,
         out: &mut [f32],
@@ -99,7 +99,7 @@ impl ActorCriticPolicy {
 
     /// Decides from the outputs of N observations, with the noise `[N, A]`.
     pub(crate) fn write_decisions(
-        &mut self,
+        &self,
         samples: usize,
         noise: &[f32],
         out: &mut Decisions,

@@ -24,7 +24,7 @@ pub(crate) struct ActionNoise {
 }
 
 impl ActionNoise {
-    /// Independent noise for actions of `width` components (A).
+    /// Independent noise for actions of `width` components (A, at least 1).
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
@@ -61,8 +61,8 @@ impl ActionNoise {
     pub fn draw(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
         standard_normals(rng, &mut self.fresh);
         let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
-        let rows = self.values.chunks_mut(self.width.max(1));
-        let fresh = self.fresh.chunks(self.width.max(1));
+        let rows = self.values.chunks_exact_mut(self.width);
+        let fresh = self.fresh.chunks_exact(self.width);
         for ((row, fresh), begun) in rows.zip(fresh).zip(&mut self.begun) {
             if std::mem::replace(begun, true) {
                 row.iter_mut()
