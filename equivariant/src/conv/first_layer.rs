@@ -148,7 +148,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     /// The sums `[pixel][block]` of the first `rows` of TILE pixels.
     #[inline(always)]
     fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
-        let halves = L::REGISTERS >= 32 && rows == TILE && self.halves;
+        let halves = L::REGISTERS >= 8 && rows == TILE && self.halves;
         match self.channels {
             RGB if halves => self.halving_tiles::<RGB>(x, w, sums),
             TWO_RGB if halves => self.halving_tiles::<TWO_RGB>(x, w, sums),
@@ -167,6 +167,12 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                     self.tile::<4, 2>(x, w, first, 4, sums)
                 }
                 (TILE, _) if wide => self.tile::<TILE, 1>(x, w, first, 0, sums),
+                (TILE, _) if L::REGISTERS == 8 => {
+                    for row in (0..TILE).step_by(2) {
+                        self.tile::<2, 1>(x, w, first, row, sums);
+                    }
+                    1
+                }
                 _ => {
                     for row in 0..rows {
                         self.tile::<1, 1>(x, w, first, row, sums);
@@ -183,6 +189,12 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let mut first = 0;
         while first < self.width {
             first += match self.width - first {
+                _ if L::REGISTERS == 8 => {
+                    for row in (0..TILE).step_by(2) {
+                        self.halving_tile::<C, 2, 1>(x, w, first, row, sums);
+                    }
+                    1
+                }
                 2.. => {
                     self.halving_tile::<C, 4, 2>(x, w, first, 0, sums);
                     self.halving_tile::<C, 4, 2>(x, w, first, 4, sums)
@@ -336,6 +348,10 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                     }
                     _ if wide => {
                         tile.all::<12, 1>(columns, dw);
+                        1
+                    }
+                    _ if L::REGISTERS == 8 => {
+                        tile.all::<6, 1>(columns, dw);
                         1
                     }
                     _ => {

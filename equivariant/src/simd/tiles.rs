@@ -41,6 +41,8 @@ pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
 ) {
     let width = y.len() / ROWS;
     let whole = rows == ROWS && L::REGISTERS >= 32;
+    // twelve registers of sums, where there are sixteen
+    let few = L::REGISTERS == 8;
     let mut first = 0;
     while first < width {
         let tile = Tile { w, width, first };
@@ -48,6 +50,12 @@ pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
         first += match width - first {
             1 if whole => {
                 forward_tile::<T, L, G, ROWS, 1>(lanes, x, 0, tile, y);
+                1
+            }
+            _ if few => {
+                for row in (0..rows).step_by(6) {
+                    forward_tile::<T, L, G, 6, 1>(lanes, x, row, tile, y);
+                }
                 1
             }
             1 => {

@@ -5,7 +5,7 @@ use std::arch::x86_64::{__m256, __m512, _CMP_GT_OQ, _CMP_UNORD_Q};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
 
-use crate::simd::lanes::{Block, Lanes, Portable, WithLanes};
+use crate::simd::lanes::{Block, Lanes, WithLanes};
 
 /// Work with AVX-512 or with AVX2 and FMA.
 pub(super) struct On<S, W> {
@@ -207,7 +207,23 @@ impl Lanes<f32> for V3 {
 
     #[inline(always)]
     fn pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V {
-        cast(Portable.pair(cast::<_, Block<f32>>(e), cast(o), i))
+        // groups k and k + 4 of eight lanes
+        let (e, o) = (e[i / 2], o[i / 2]);
+        let first = self.avx._mm256_shuffle_ps::<0b00_00_00_00>(e, o);
+        let second = self.avx._mm256_shuffle_ps::<0b01_01_01_01>(e, o);
+        let third = self.avx._mm256_shuffle_ps::<0b10_10_10_10>(e, o);
+        let fourth = self.avx._mm256_shuffle_ps::<0b11_11_11_11>(e, o);
+        if i.is_multiple_of(2) {
+            [
+                self.avx._mm256_permute2f128_ps::<0x20>(first, second),
+                self.avx._mm256_permute2f128_ps::<0x20>(third, fourth),
+            ]
+        } else {
+            [
+                self.avx._mm256_permute2f128_ps::<0x31>(first, second),
+                self.avx._mm256_permute2f128_ps::<0x31>(third, fourth),
+            ]
+        }
     }
 
     #[inline(always)]
@@ -226,15 +242,19 @@ impl Lanes<f32> for V3 {
 
     #[inline(always)]
     fn keep(self, v: Self::V, bits: u16) -> Self::V {
-        let values: Block<f32> = cast(v);
-        let kept = |lane: usize| {
-            if bits >> lane & 1 == 1 {
-                values[lane]
-            } else {
-                0.0
-            }
-        };
-        cast(std::array::from_fn::<f32, 16, _>(kept))
+        let bits = self.avx._mm256_set1_epi32(i32::from(bits));
+        let low = cast([1, 2, 4, 8, 16, 32, 64, 128]);
+        let high = self.avx2._mm256_slli_epi32::<8>(low);
+        let low = self
+            .avx2
+            ._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, low), low);
+        let high = self
+            .avx2
+            ._mm256_cmpeq_epi32(self.avx2._mm256_and_si256(bits, high), high);
+        [
+            self.avx._mm256_and_ps(v[0], cast(low)),
+            self.avx._mm256_and_ps(v[1], cast(high)),
+        ]
     }
 
     #[inline(always)]
