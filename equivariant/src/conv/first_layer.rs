@@ -160,27 +160,29 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     fn tiles(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
         let mut first = 0;
         while first < self.width {
-            let wide = L::REGISTERS >= 32;
-            first += match (rows, self.width - first) {
-                (TILE, 2..) if wide => {
-                    self.tile::<4, 2>(x, w, first, 0, sums);
-                    self.tile::<4, 2>(x, w, first, 4, sums)
-                }
-                (TILE, _) if wide => self.tile::<TILE, 1>(x, w, first, 0, sums),
-                (TILE, _) if L::REGISTERS == 8 => {
-                    for row in (0..TILE).step_by(2) {
-                        self.tile::<2, 1>(x, w, first, row, sums);
-                    }
-                    1
-                }
-                _ => {
-                    for row in 0..rows {
-                        self.tile::<1, 1>(x, w, first, row, sums);
-                    }
-                    1
-                }
+            first += match (L::REGISTERS, rows, self.width - first) {
+                (32.., TILE, 2..) => self.pixels::<4, 2>(x, w, first, rows, sums),
+                (32.., TILE, _) => self.pixels::<TILE, 1>(x, w, first, rows, sums),
+                (8..32, TILE, _) => self.pixels::<2, 1>(x, w, first, rows, sums),
+                _ => self.pixels::<1, 1>(x, w, first, rows, sums),
             };
         }
+    }
+
+    /// V blocks of some pixels, R pixels at a time.
+    #[inline(always)]
+    fn pixels<const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        rows: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        for row in (0..rows).step_by(R) {
+            self.tile::<R, V>(x, w, first, row, sums);
+        }
+        V
     }
 
     /// The same for 4 x 4 windows of stride 2, two of which see every column, and C channels.
@@ -188,20 +190,27 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     fn halving_tiles<const C: usize>(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>]) {
         let mut first = 0;
         while first < self.width {
-            first += match self.width - first {
-                _ if L::REGISTERS == 8 => {
-                    for row in (0..TILE).step_by(2) {
-                        self.halving_tile::<C, 2, 1>(x, w, first, row, sums);
-                    }
-                    1
-                }
-                2.. => {
-                    self.halving_tile::<C, 4, 2>(x, w, first, 0, sums);
-                    self.halving_tile::<C, 4, 2>(x, w, first, 4, sums)
-                }
-                _ => self.halving_tile::<C, TILE, 1>(x, w, first, 0, sums),
+            first += match (L::REGISTERS, self.width - first) {
+                (32.., 2..) => self.halving_pixels::<C, 4, 2>(x, w, first, sums),
+                (32.., _) => self.halving_pixels::<C, TILE, 1>(x, w, first, sums),
+                _ => self.halving_pixels::<C, 2, 1>(x, w, first, sums),
             };
         }
+    }
+
+    /// V blocks of TILE pixels, R pixels at a time.
+    #[inline(always)]
+    fn halving_pixels<const C: usize, const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        for row in (0..TILE).step_by(R) {
+            self.halving_tile::<C, R, V>(x, w, first, row, sums);
+        }
+        V
     }
 
     /// The sums of R pixels and V blocks.
@@ -213,7 +222,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         first: usize,
         row: usize,
         sums: &mut [Block<T>],
-    ) -> usize {
+    ) {
         let lanes = self.lanes;
         let mut a = [[lanes.splat(T::ZERO); V]; R];
         let mut b = a;
@@ -247,7 +256,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 }
             }
         }
-        self.combine(a, b, first, row, sums)
+        self.combine(a, b, first, row, sums);
     }
 
     /// The same where two windows see every column: it is loaded once for both.
@@ -259,7 +268,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         first: usize,
         row: usize,
         sums: &mut [Block<T>],
-    ) -> usize {
+    ) {
         let lanes = self.lanes;
         let mut a = [[lanes.splat(T::ZERO); V]; R];
         let mut b = a;
@@ -288,7 +297,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 }
             }
         }
-        self.combine(a, b, first, row, sums)
+        self.combine(a, b, first, row, sums);
     }
 
     /// Writes the sums over both halves of the windows.
@@ -300,7 +309,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         first: usize,
         row: usize,
         sums: &mut [Block<T>],
-    ) -> usize {
+    ) {
         for r in 0..R {
             for v in 0..V {
                 let sum = self.lanes.mul_add(b[r][v], self.signs, a[r][v]);
@@ -308,7 +317,6 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                 self.lanes.store(to, sum);
             }
         }
-        V
     }
 
     /// The channels that R neighbouring windows see through a tap.
@@ -326,7 +334,6 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     /// `[block][pixel]`, dw `[column][block]`.
     #[inline(always)]
     fn weights(&self, lines: &Lines, x: &[T], dy: &[Block<T>], dw: &mut [Block<T>]) {
-        let wide = L::REGISTERS >= 32;
         let columns = lines.columns() / lines.each();
         for i in 0..lines.each() {
             let x = &x[lines.offset(i)..];
@@ -341,23 +348,11 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
                     dy,
                     first,
                 };
-                first += match self.width - first {
-                    2.. if wide => {
-                        tile.all::<6, 2>(columns, dw);
-                        2
-                    }
-                    _ if wide => {
-                        tile.all::<12, 1>(columns, dw);
-                        1
-                    }
-                    _ if L::REGISTERS == 8 => {
-                        tile.all::<6, 1>(columns, dw);
-                        1
-                    }
-                    _ => {
-                        tile.all::<4, 1>(columns, dw);
-                        1
-                    }
+                first += match (L::REGISTERS, self.width - first) {
+                    (32.., 2..) => tile.all::<6, 2>(columns, dw),
+                    (32.., _) => tile.all::<12, 1>(columns, dw),
+                    (8..32, _) => tile.all::<6, 1>(columns, dw),
+                    _ => tile.all::<4, 1>(columns, dw),
                 };
             }
         }

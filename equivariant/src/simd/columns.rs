@@ -26,7 +26,11 @@ pub(crate) struct Columns<'a, T, L> {
 impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
     /// V blocks of all columns, K of them at a time.
     #[inline(always)]
-    pub fn all<const K: usize, const V: usize>(&self, columns: usize, dw: &mut [Block<T>]) {
+    pub fn all<const K: usize, const V: usize>(
+        &self,
+        columns: usize,
+        dw: &mut [Block<T>],
+    ) -> usize {
         let whole = columns / K * K;
         for column in (0..whole).step_by(K) {
             self.sum::<K, V>(column, dw);
@@ -34,6 +38,7 @@ impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
         for column in whole..columns {
             self.sum::<1, V>(column, dw);
         }
+        V
     }
 
     #[inline(always)]

@@ -184,3 +184,28 @@ impl<T: Real> Lanes<T> for Portable {
         (std::array::from_fn(larger), bits)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Registers<'a>(&'a mut usize);
+
+    impl WithLanes<f32> for Registers<'_> {
+        fn run<L: Lanes<f32>>(self, _: L) {
+            *self.0 = L::REGISTERS;
+        }
+    }
+
+    #[test]
+    fn work_runs_on_the_instruction_set_that_is_asked_for() {
+        let registers = [4, 8, 32];
+        for (set, expected) in InstructionSet::ALL.into_iter().zip(registers) {
+            if set.is_available() {
+                let mut found = 0;
+                run_f32(Registers(&mut found), set);
+                assert_eq!(found, expected, "{set:?}");
+            }
+        }
+    }
+}

@@ -40,46 +40,19 @@ pub(crate) fn forward<T: Real, L: Lanes<T>, const G: usize>(
     rows: usize,
 ) {
     let width = y.len() / ROWS;
-    let whole = rows == ROWS && L::REGISTERS >= 32;
-    // twelve registers of sums, where there are sixteen
-    let few = L::REGISTERS == 8;
     let mut first = 0;
     while first < width {
         let tile = Tile { w, width, first };
         // weights come from the second-level cache: a tile reads them once for all of its rows
-        first += match width - first {
-            1 if whole => {
-                forward_tile::<T, L, G, ROWS, 1>(lanes, x, 0, tile, y);
-                1
+        first += match (L::REGISTERS, width - first) {
+            (32.., 2..) if rows == ROWS => {
+                forward_tiles::<T, L, G, ROWS, 2>(lanes, x, rows, tile, y)
             }
-            _ if few => {
-                for row in (0..rows).step_by(6) {
-                    forward_tile::<T, L, G, 6, 1>(lanes, x, row, tile, y);
-                }
-                1
-            }
-            1 => {
-                for row in (0..rows).step_by(4) {
-                    forward_tile::<T, L, G, 4, 1>(lanes, x, row, tile, y);
-                }
-                1
-            }
-            _ if whole => {
-                forward_tile::<T, L, G, ROWS, 2>(lanes, x, 0, tile, y);
-                2
-            }
-            _ if L::REGISTERS >= 32 => {
-                for row in (0..rows).step_by(4) {
-                    forward_tile::<T, L, G, 4, 2>(lanes, x, row, tile, y);
-                }
-                2
-            }
-            _ => {
-                for row in (0..rows).step_by(2) {
-                    forward_tile::<T, L, G, 2, 2>(lanes, x, row, tile, y);
-                }
-                2
-            }
+            (32.., _) if rows == ROWS => forward_tiles::<T, L, G, ROWS, 1>(lanes, x, rows, tile, y),
+            (32.., 2..) => forward_tiles::<T, L, G, 4, 2>(lanes, x, rows, tile, y),
+            (8..32, _) => forward_tiles::<T, L, G, 6, 1>(lanes, x, rows, tile, y),
+            (..8, 2..) => forward_tiles::<T, L, G, 2, 2>(lanes, x, rows, tile, y),
+            _ => forward_tiles::<T, L, G, 4, 1>(lanes, x, rows, tile, y),
         };
     }
 }
@@ -90,6 +63,21 @@ struct Tile<'a, T> {
     w: &'a [Block<T>],
     width: usize,
     first: usize,
+}
+
+/// V blocks of the first `rows` rows, R rows at a time, of which the last may be more.
+#[inline(always)]
+fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
+    lanes: L,
+    x: &[[Block<T>; ROWS]],
+    rows: usize,
+    tile: Tile<T>,
+    y: &mut [Block<T>],
+) -> usize {
+    for row in (0..rows).step_by(R) {
+        forward_tile::<T, L, G, R, V>(lanes, x, row, tile, y);
+    }
+    V
 }
 
 #[inline(always)]
