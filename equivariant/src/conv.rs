@@ -6,6 +6,8 @@ pub(crate) mod finish;
 pub(crate) mod first_layer;
 pub(crate) mod forward;
 pub(crate) mod geometry;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod half;
 pub(crate) mod load;
 pub(crate) mod maps;
 pub(crate) mod pass;

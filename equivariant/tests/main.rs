@@ -10,6 +10,7 @@ mod errors;
 mod golden;
 mod gradients;
 mod gru;
+mod half;
 mod init;
 mod instruction_sets;
 mod interchange;

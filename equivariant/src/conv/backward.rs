@@ -3,10 +3,11 @@
 use std::ops::Range;
 
 use crate::conv::geometry::Conv;
-use crate::conv::load::{Buffers, Loader, ROWS};
+use crate::conv::load::{Buffers, Loader, MOST};
 use crate::conv::maps::{Cursor, Maps, MapsMut};
 use crate::conv::pass::Backward;
 use crate::conv::pieces::Pieces;
+use crate::half;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -22,15 +23,46 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let images = if staged { 0 } else { 2 * conv.group(samples) };
     let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
     let line = patches.lines().map_or(0, of_lines);
-    Buffers::<f32>::scratch_len(conv) + images * patches.staged() + line
+    let half = half::backward_blocks(conv) * LANES;
+    Buffers::<f32>::scratch_len(conv) + half + images * patches.staged() + line
 }
 
-impl<T: Real> Backward<'_, T> {
+/// The products of a backward pass.
+pub(crate) trait Products<T: Real, L: Lanes<T>> {
+    /// Output pixels that it takes at a time, at most [`MOST`](crate::conv::load::MOST).
+    const ROWS: usize;
+
+    /// The output gradient of some rows, `[block][row]`.
+    fn load(&mut self, dy: &[Block<T>], rows: usize);
+
+    /// Adds what some rows contribute to the gradient of the weights; `panel` is `[fold][row]`.
+    fn weights(&mut self, rows: &Gathered, buffers: &mut Buffers<T>);
+
+    /// Adds what they contribute to the gradient of the staged input; overwrites the panel.
+    fn input(&mut self, rows: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]);
+
+    /// Adds what it has kept to the gradient of the weights.
+    fn finish(self, conv: &Conv, dw: &mut [Block<T>]);
+}
+
+impl<'a, T: Real> Backward<'a, T> {
     #[inline(always)]
-    pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
+    pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
+        self.run_products::<L, _, G>(lanes, |pass, pieces| {
+            Single::<T, L, G>::new(lanes, pass, pieces)
+        });
+    }
+
+    #[inline(always)]
+    pub(crate) fn run_products<L: Lanes<T>, P: Products<T, L>, const G: usize>(
+        mut self,
+        lanes: L,
+        products: impl FnOnce(&Self, &mut Pieces<'a, T>) -> P,
+    ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut pieces = Pieces::new(std::mem::take(&mut self.scratch));
-        let mut buffers = Buffers::new::<G>(&mut self, &mut pieces, ROWS);
+        let mut products = products(&self, &mut pieces);
+        let mut buffers = Buffers::new(&mut self, &mut pieces, P::ROWS);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let (together, own, own_gradient) = match self.x {
             Maps::Channels(_) => {
@@ -54,7 +86,7 @@ impl<T: Real> Backward<'_, T> {
                 staged,
                 images: first..first + images,
             };
-            panels.run::<G>(&loader, &mut buffers, gradient);
+            panels.run::<P, G>(&loader, &mut products, &mut buffers, gradient);
             if let Some(MapsMut::Channels(dx)) = &mut self.dx {
                 unstage(
                     patches,
@@ -64,6 +96,7 @@ impl<T: Real> Backward<'_, T> {
                 );
             }
         }
+        products.finish(conv, buffers.dw);
         buffers.finish::<G>(conv);
     }
 }
@@ -90,9 +123,10 @@ struct Panels<'a, T, L> {
 impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     /// Adds what the images contribute; overwrites their gradient.
     #[inline(always)]
-    fn run<const G: usize>(
+    fn run<P: Products<T, L>, const G: usize>(
         &self,
         loader: &Loader<T, L, G>,
+        products: &mut P,
         buffers: &mut Buffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
@@ -102,23 +136,30 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         }
         let mut cursor = Cursor::new(pixels);
         let end = self.images.end * pixels;
-        for row in (self.images.start * pixels..end).step_by(ROWS) {
-            let count = ROWS.min(end - row);
-            let mut windows = [0; ROWS];
+        for row in (self.images.start * pixels..end).step_by(P::ROWS) {
+            let count = P::ROWS.min(end - row);
+            let mut windows = [0; MOST];
             for window in &mut windows[..count] {
                 *window = cursor.at(patches.windows(), patches.staged());
                 cursor.advance();
             }
             loader.run(row, count, buffers);
-            self.gather::<G>(&windows[..count], buffers, gradient.as_deref_mut());
+            products.load(&buffers.dy[..count * self.conv.weights.width()], count);
+            self.gather(
+                &windows[..count],
+                products,
+                buffers,
+                gradient.as_deref_mut(),
+            );
         }
     }
 
     /// Adds what some windows contribute.
     #[inline(always)]
-    fn gather<const G: usize>(
+    fn gather<P: Products<T, L>>(
         &self,
         windows: &[usize],
+        products: &mut P,
         buffers: &mut Buffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
@@ -132,59 +173,100 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
                     c,
                     windows,
                 };
-                let gradient = gradient.as_deref_mut();
-                rows.run::<T, L, G>(self.lanes, self.staged, buffers, gradient);
+                let panel = &mut buffers.panel[..rows.folds() * windows.len()];
+                let step = windows.len();
+                patches.gather(self.lanes, (orbit, c), self.staged, windows, panel, step);
+                products.weights(&rows, buffers);
+                if let Some(gradient) = gradient.as_deref_mut() {
+                    products.input(&rows, buffers, gradient);
+                }
             }
         }
     }
 }
 
 /// One orbit of taps of one block of channels of the windows of some rows.
-struct Gathered<'a> {
-    conv: &'a Conv,
-    orbit: usize,
-    c: usize,
-    windows: &'a [usize],
+pub(crate) struct Gathered<'a> {
+    pub conv: &'a Conv,
+    pub orbit: usize,
+    pub c: usize,
+    pub windows: &'a [usize],
 }
 
 impl Gathered<'_> {
-    /// Adds what the rows contribute to the gradients of the weights and of the staged input.
+    /// How many folds the orbit has.
     #[inline(always)]
-    fn run<T: Real, L: Lanes<T>, const G: usize>(
-        &self,
-        lanes: L,
-        staged: &[T],
-        buffers: &mut Buffers<T>,
-        gradient: Option<&mut [T]>,
-    ) {
-        let (patches, rows) = (&self.conv.patches, self.windows.len());
-        let (blocks, width) = (patches.blocks(), self.conv.weights.width());
-        let range = patches.folded_of(self.orbit);
-        let folds = range.len() / blocks;
+    pub fn folds(&self) -> usize {
+        let patches = &self.conv.patches;
+        patches.folded_of(self.orbit).len() / patches.blocks()
+    }
+}
+
+/// Products in the precision of the maps.
+struct Single<'a, T, L, const G: usize> {
+    lanes: L,
+    /// Transposed weights, unless nobody asks for the gradient of the input.
+    w: &'a [Block<T>],
+}
+
+impl<'a, T: Real, L: Lanes<T>, const G: usize> Single<'a, T, L, G> {
+    #[inline(always)]
+    fn new(lanes: L, pass: &Backward<'a, T>, pieces: &mut Pieces<'a, T>) -> Self {
+        let (conv, layout) = (pass.conv, &pass.conv.weights);
+        let w = pieces.take(layout.blocks());
+        if pass.dx.is_some() {
+            let packed = layout.packed(pass.params, pieces, true);
+            layout.transpose::<T, G>(&conv.patches, packed, w);
+        }
+        Single { lanes, w }
+    }
+}
+
+impl<T: Real, L: Lanes<T>, const G: usize> Products<T, L> for Single<'_, T, L, G> {
+    const ROWS: usize = 48;
+
+    #[inline(always)]
+    fn load(&mut self, _: &[Block<T>], _: usize) {}
+
+    #[inline(always)]
+    fn weights(&mut self, of: &Gathered, buffers: &mut Buffers<T>) {
+        let (patches, width) = (&of.conv.patches, of.conv.weights.width());
+        let rows = of.windows.len();
         let per_block = LANES / G * width;
+        let panel = &buffers.panel[..of.folds() * rows];
         let dy = &buffers.dy[..width * rows];
-        let panel = &mut buffers.panel[..folds * rows];
-        patches.gather(
-            lanes,
-            (self.orbit, self.c),
-            staged,
-            self.windows,
+        let first = patches.folded_of(of.orbit).start + of.c;
+        let dw = &mut buffers.dw[first * per_block..];
+        weights::<T, L, G>(
+            self.lanes,
             panel,
+            dy,
             rows,
+            dw,
+            patches.blocks() * per_block,
         );
-        let dw = &mut buffers.dw[(range.start + self.c) * per_block..];
-        weights::<T, L, G>(lanes, panel, dy, rows, dw, blocks * per_block);
-        let Some(gradient) = gradient else { return };
-        let w = &buffers.w[range.start * per_block..][self.c * folds * per_block..];
-        let w = &w[..folds * per_block];
+    }
+
+    #[inline(always)]
+    fn input(&mut self, of: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]) {
+        let (patches, width) = (&of.conv.patches, of.conv.weights.width());
+        let (folds, per_block) = (of.folds(), LANES / G * width);
+        let dy = &buffers.dy[..width * of.windows.len()];
+        let w = &self.w[patches.folded_of(of.orbit).start * per_block..];
+        let w = &w[of.c * folds * per_block..][..folds * per_block];
         match (patches.replicated(), folds) {
-            (true, _) => self.replicated::<T, L, G>(lanes, w, dy, gradient),
-            (false, 1) => self.input::<T, L, G, 1>(lanes, w, dy, gradient),
-            (false, 2) => self.input::<T, L, G, 2>(lanes, w, dy, gradient),
-            (false, _) => self.input::<T, L, G, 4>(lanes, w, dy, gradient),
+            (true, _) => of.replicated::<T, L, G>(self.lanes, w, dy, gradient),
+            (false, 1) => of.input::<T, L, G, 1>(self.lanes, w, dy, gradient),
+            (false, 2) => of.input::<T, L, G, 2>(self.lanes, w, dy, gradient),
+            (false, _) => of.input::<T, L, G, 4>(self.lanes, w, dy, gradient),
         }
     }
 
+    #[inline(always)]
+    fn finish(self, _: &Conv, _: &mut [Block<T>]) {}
+}
+
+impl Gathered<'_> {
     #[inline(always)]
     fn input<T: Real, L: Lanes<T>, const G: usize, const N: usize>(
         &self,

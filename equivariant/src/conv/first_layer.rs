@@ -63,7 +63,7 @@ impl<T: Real> Backward<'_, T> {
     pub(crate) fn run_lines<L: Lanes<T>>(mut self, lanes: L, lines: &Lines, x: &[T]) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut pieces = Pieces::new(std::mem::take(&mut self.scratch));
-        let mut buffers = Buffers::new::<G>(&mut self, &mut pieces, MOST);
+        let mut buffers = Buffers::new(&mut self, &mut pieces, MOST);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let width = conv.weights.width();
         let columns = pieces.zeros(lines.columns() * width);

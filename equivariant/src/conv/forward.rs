@@ -5,6 +5,7 @@ use crate::conv::geometry::Conv;
 use crate::conv::maps::{Cursor, Maps};
 use crate::conv::pass::Forward;
 use crate::conv::pieces::Pieces;
+use crate::half;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -20,7 +21,8 @@ const IN_PLACE: usize = 2 * ROWS;
 pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.folded() + weights.width();
-    let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
+    let half = half::forward_blocks(conv);
+    let rest = weights.blocks() + half + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
     match staged {
@@ -29,19 +31,52 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     }
 }
 
-impl<T: Real> Forward<'_, T> {
+/// The products of folded patches with the weights.
+pub(crate) trait Product<T> {
+    /// Writes the sums `[row][block]` of the first `rows` of ROWS rows of a panel `[block][row]`.
+    fn run(&mut self, panel: &[Block<T>], sums: &mut [Block<T>], rows: usize);
+}
+
+/// Those in the precision of the maps.
+struct Single<'a, T, L, const G: usize> {
+    lanes: L,
+    w: &'a [Block<T>],
+}
+
+impl<T: Real, L: Lanes<T>, const G: usize> Product<T> for Single<'_, T, L, G> {
+    #[inline(always)]
+    fn run(&mut self, panel: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
+        forward::<T, L, G>(self.lanes, panel.as_chunks().0, self.w, sums, rows);
+    }
+}
+
+impl<'a, T: Real> Forward<'a, T> {
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
+        let width = self.conv.out.width;
+        let pixels = self.to.lines.len() * width;
+        let few = self.samples * pixels <= IN_PLACE;
+        self.run_products::<L, _, G>(lanes, |conv, params, pieces| Single::<T, L, G> {
+            lanes,
+            w: conv.weights.packed(params, pieces, few),
+        });
+    }
+
+    #[inline(always)]
+    pub(crate) fn run_products<L: Lanes<T>, P: Product<T>, const G: usize>(
+        self,
+        lanes: L,
+        product: impl FnOnce(&'a Conv, &'a [T], &mut Pieces<'a, T>) -> P,
+    ) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut pieces = Pieces::new(self.scratch);
         let (width, lines) = (conv.out.width, &self.to.lines);
         let windows = &patches.windows()[lines.start * width..lines.end * width];
-        let few = self.samples * windows.len() <= IN_PLACE;
-        let mut panels = Panels::<T, L, G> {
+        let mut panels = Panels::<T, L, P, G> {
             lanes,
             patches,
             windows,
-            w: weights.packed(self.params, &mut pieces, few),
+            product: product(conv, self.params, &mut pieces),
             finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to),
             panel: pieces.take(ROWS * patches.folded()),
             sums: pieces.take(ROWS * weights.width()),
@@ -62,12 +97,12 @@ impl<T: Real> Forward<'_, T> {
 }
 
 /// The products of panels of folded patches with the weights.
-struct Panels<'a, T, L, const G: usize> {
+struct Panels<'a, T, L, P, const G: usize> {
     lanes: L,
     patches: &'a Patches,
     /// Where the windows of the output pixels start.
     windows: &'a [usize],
-    w: &'a [Block<T>],
+    product: P,
     finish: Finish<'a, T, L, G>,
     /// The folds of ROWS windows.
     panel: &'a mut [Block<T>],
@@ -75,7 +110,7 @@ struct Panels<'a, T, L, const G: usize> {
     sums: &'a mut [Block<T>],
 }
 
-impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
+impl<T: Real, L: Lanes<T>, P: Product<T>, const G: usize> Panels<'_, T, L, P, G> {
     /// Runs over staged images, of which `first` is that of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
@@ -94,8 +129,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
             }
             cursor.advance();
             self.gather(staged, &windows);
-            let panel = self.panel.as_chunks().0;
-            forward::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
+            self.product.run(self.panel, self.sums, count);
             self.finish.run(self.sums, first * pixels + row, count);
         }
     }

@@ -4,6 +4,7 @@ use symmetry::{FieldType, Irrep};
 
 use crate::conv::weights::Weights;
 use crate::error::LayerError;
+use crate::half::Half;
 use crate::instruction_set::InstructionSet;
 use crate::shape::{Shape, product};
 use crate::simd::patches::Patches;
@@ -25,6 +26,8 @@ pub struct Conv {
     pub(crate) out: Shape,
     /// What single precision runs on, if the processor has it.
     pub(crate) widest: InstructionSet,
+    /// Whether single precision rounds what products read.
+    pub(crate) half: Option<Half>,
 }
 
 impl Conv {
@@ -56,6 +59,7 @@ impl Conv {
             blocks,
             out,
             widest: InstructionSet::Avx512,
+            half: None,
         })
     }
 

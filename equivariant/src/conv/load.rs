@@ -10,13 +10,9 @@ use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
 
 /// Output pixels that a pass handles at a time, at most.
 pub(crate) const MOST: usize = 64;
-/// Rows that are gathered at a time.
-pub(crate) const ROWS: usize = 48;
 
 /// The buffers of a backward pass, in blocks.
 pub(crate) struct Buffers<'a, T> {
-    /// Transposed weights.
-    pub w: &'a [Block<T>],
     /// The gradient of the packed weights.
     pub dw: &'a mut [Block<T>],
     /// That of the parameters, unless they are packed already and `dw` is the same.
@@ -35,25 +31,16 @@ impl<'a, T: Real> Buffers<'a, T> {
     /// The length of the buffers for up to [`MOST`] rows, in values.
     pub fn scratch_len(conv: &Conv) -> usize {
         let weights = &conv.weights;
-        let panels = 4 * ROWS + 2 * MOST * weights.width();
+        let panels = 4 * MOST + 2 * MOST * weights.width();
         (3 * weights.blocks() + weights.width() + panels) * LANES
     }
 
     /// Cuts the buffers for this many rows off; takes the gradient of the parameters out of the
     /// pass.
     #[inline(always)]
-    pub fn new<const G: usize>(
-        pass: &mut Backward<'a, T>,
-        pieces: &mut Pieces<'a, T>,
-        rows: usize,
-    ) -> Self {
+    pub fn new(pass: &mut Backward<'a, T>, pieces: &mut Pieces<'a, T>, rows: usize) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
         let width = layout.width();
-        let w = pieces.take(layout.blocks());
-        if pass.dx.is_some() {
-            let packed = layout.packed(pass.params, pieces, true);
-            layout.transpose::<T, G>(&conv.patches, packed, w);
-        }
         let dparams = std::mem::take(&mut pass.dparams);
         let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias().start);
         let (dw, dweights) = if layout.in_place() {
@@ -62,14 +49,13 @@ impl<'a, T: Real> Buffers<'a, T> {
             (pieces.zeros(layout.blocks()), Some(dweights))
         };
         Buffers {
-            w,
             dw,
             dweights,
             dbias: pieces.zeros(width),
             dbiases,
             pixels: pieces.zeros(rows * width),
             dy: pieces.take(rows * width),
-            panel: pieces.take(ROWS * 4),
+            panel: pieces.take(rows * 4),
         }
     }
 

@@ -33,11 +33,17 @@ pub trait Passes: Real {
 
 impl Passes for f32 {
     fn forward(pass: Forward<f32>) {
+        if let Some(half) = pass.conv.half {
+            return half.forward(pass);
+        }
         let widest = pass.conv.widest;
         run_f32(pass, widest);
     }
 
     fn backward(pass: Backward<f32>) {
+        if let Some(half) = pass.conv.half {
+            return half.backward(pass);
+        }
         let widest = pass.conv.widest;
         run_f32(pass, widest);
     }

@@ -12,6 +12,7 @@ use crate::conv::maps::{Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
+use crate::half::Half;
 use crate::instruction_set::InstructionSet;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
@@ -69,10 +70,17 @@ impl R2Conv {
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
     }
 
-    /// The same layer on no wider instructions than these, for comparing: outputs on different ones
-    /// differ in the last bits. Double precision is portable in any case.
+    /// The same layer on no wider instructions than these, for comparing: AVX2 and AVX-512
+    /// give the same bits, and the portable code others. Double precision is portable in any case.
     pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
         self.conv.widest = widest;
+        self
+    }
+
+    /// The same layer in half precision: its products read numbers that are rounded to bfloat16,
+    /// and everything else stays as it is (see [`Half`]). In double precision nothing changes.
+    pub fn in_half(mut self, half: Half) -> R2Conv {
+        self.conv.half = Some(half);
         self
     }
 

@@ -24,8 +24,8 @@ impl Patches {
             let panel = &mut panels[..windows.len()];
             return match orbit.taps.len() {
                 1 => gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
-                2 => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
-                _ => gather_replicated::<T, L, 4>(lanes, orbit, staged, windows, panel),
+                // of the four taps of D2 the lines have folded two pairs
+                _ => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
             };
         }
         let staged = &staged.as_chunks().0[c..];
@@ -136,19 +136,22 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     windows: &[usize],
     panel: &mut [Block<T>],
 ) {
-    let mut coefficients = [lanes.splat(T::ZERO); N];
+    // the taps of a fold differ in signs alone, and a sum of signed values is that of its mirror
+    let mut signs = [lanes.splat(T::ZERO); N];
     let mut taps = [0; N];
     for i in 0..N {
         taps[i] = orbit.taps[i];
-        coefficients[i] = lanes.load(&narrow(&orbit.coefficients[i]));
+        let signs_of_tap = orbit.coefficients[i].map(|c| if c == 0.0 { c } else { c.signum() });
+        signs[i] = lanes.load(&narrow(&signs_of_tap));
     }
+    let scale = lanes.load(&narrow(&orbit.coefficients[0].map(f64::abs)));
     for (block, &at) in panel.iter_mut().zip(windows) {
-        let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), coefficients[0]);
+        let mut sum = lanes.mul(lanes.load(head(&staged[at + taps[0]..])), signs[0]);
         for i in 1..N {
             let x = lanes.load(head(&staged[at + taps[i]..]));
-            sum = lanes.mul_add(x, coefficients[i], sum);
+            sum = lanes.mul_add(x, signs[i], sum);
         }
-        lanes.store(block, sum);
+        lanes.store(block, lanes.mul(sum, scale));
     }
 }
 

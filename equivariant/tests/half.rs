@@ -1,0 +1,150 @@
+//! Half precision gives what single precision gives, but for the rounding of what it multiplies.
+
+use equivariant::{
+    FieldType, Group, Half, Kernel, Layer, R2Conv, Relu, Sequential, Signature, equivariance_error,
+};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use crate::common::{params, scratch, unwritten};
+
+/// Output, gradient of the input and gradient of the parameters.
+type Passes = [Vec<f32>; 3];
+
+fn run(layer: &dyn Layer<f32>, params: &[f32], x: &[f32], with_dx: bool) -> Passes {
+    let samples = x.len() / layer.in_shape().len();
+    let mut y = unwritten(samples * layer.out_shape().len());
+    let mut scratch = scratch(layer, samples);
+    layer.forward(params, x, &mut y, &mut scratch);
+    let dy: Vec<f32> = (0..y.len()).map(|i| small(i + 5)).collect();
+    let (mut dx, mut dparams) = (vec![0.0; x.len()], vec![0.0; params.len()]);
+    let input = with_dx.then_some(&mut dx[..]);
+    layer.backward(params, x, &y, &dy, input, &mut dparams, &mut scratch);
+    [y, dx, dparams]
+}
+
+/// Whole numbers from -3 to 3 without a period that a shape has.
+fn small(i: usize) -> f32 {
+    ((i * i + 3 * i + i / 7) % 7) as f32 - 3.0
+}
+
+fn types(group: Group) -> Vec<(FieldType, FieldType)> {
+    let mixed = FieldType::new(group, [2, 1, 3, 0]);
+    vec![
+        (group.trivial(6), group.regular(5)),
+        (group.trivial(2), group.regular(4)),
+        (group.regular(3), group.regular(9)),
+        (group.regular(16), group.regular(8)),
+        (group.regular(5), group.regular(37)),
+        (mixed, group.regular(2)),
+        (group.regular(2), mixed),
+    ]
+}
+
+/// More and fewer output pixels than a pass takes at a time.
+const SIZES: [[usize; 2]; 2] = [[18, 22], [6, 4]];
+/// Orbits of four taps.
+const EVEN: [Kernel; 2] = [Kernel::new(4, 2, 1), Kernel::new(2, 1, 0)];
+/// Orbits of one and two taps as well.
+const ODD: [Kernel; 2] = [Kernel::new(3, 1, 1), Kernel::new(5, 1, 2)];
+
+fn convolutions(group: Group, kernels: &[Kernel]) -> Vec<R2Conv> {
+    let mut convolutions = Vec::new();
+    for (from, to) in types(group) {
+        for &kernel in kernels {
+            for size in SIZES {
+                convolutions.push(R2Conv::new(from, to, kernel, size).unwrap());
+            }
+        }
+    }
+    convolutions
+}
+
+fn all() -> impl Iterator<Item = R2Conv> {
+    let kernels = [EVEN, ODD].concat();
+    let convolutions = move |group| convolutions(group, &kernels);
+    Group::ALL.into_iter().flat_map(convolutions)
+}
+
+/// The layer with a ReLU, if its type has a basis that the group permutes.
+fn rectified(conv: R2Conv) -> Box<dyn Layer<f32>> {
+    match Relu::new(conv.out_shape()) {
+        Ok(relu) => Box::new(Sequential::new(vec![Box::new(conv), Box::new(relu)]).unwrap()),
+        Err(_) => Box::new(conv),
+    }
+}
+
+/// Whole numbers lose nothing: every sum is exact in both precisions, so a number that is missed,
+/// or added in the wrong place, shows.
+#[test]
+fn whole_numbers_give_the_same_bits() {
+    let Some(half) = Half::available() else {
+        return println!("no AMX for bfloat16: nothing to compare");
+    };
+    // folds of two taps, all those of D1x, D1y and C2, are scaled by the root of two
+    for group in [Group::C1, Group::D2] {
+        for conv in convolutions(group, &EVEN) {
+            for (samples, with_dx) in [(1, true), (3, true), (3, false)] {
+                let params: Vec<_> = (0..conv.num_params()).map(small).collect();
+                let len = samples * conv.in_shape().len();
+                let x: Vec<_> = (0..len).map(|i| small(i + 1)).collect();
+                let single = run(&*rectified(conv.clone()), &params, &x, with_dx);
+                let halves = run(
+                    &*rectified(conv.clone().in_half(half)),
+                    &params,
+                    &x,
+                    with_dx,
+                );
+                assert!(single[0].iter().any(|y| y.abs() > 5.0), "{conv}");
+                assert!(single[2].iter().any(|d| d.abs() > 5.0), "{conv}");
+                for (what, (single, half)) in ["y", "dx", "dparams"]
+                    .iter()
+                    .zip(single.iter().zip(&halves))
+                {
+                    assert_eq!(single, half, "{what} of {conv}, {samples} samples");
+                }
+            }
+        }
+    }
+}
+
+/// bfloat16 keeps eight bits: products are off by a 256th each, and sums by less.
+#[test]
+fn numbers_are_off_by_their_rounding() {
+    let Some(half) = Half::available() else {
+        return println!("no AMX for bfloat16: nothing to compare");
+    };
+    for conv in all() {
+        let params = params(&conv, 1);
+        let len = 3 * conv.in_shape().len();
+        let x: Vec<_> = (0..len).map(|i| (i as f32 * 0.37).sin()).collect();
+        let single = run(&conv, &params, &x, true);
+        let halves = run(&conv.clone().in_half(half), &params, &x, true);
+        let trivial = conv.in_shape().fields.is_trivial();
+        for (what, (single, half)) in ["y", "dx", "dparams"]
+            .iter()
+            .zip(single.iter().zip(&halves))
+        {
+            let largest = single.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
+            let differences = single.iter().zip(half).map(|(a, b)| (a - b).abs());
+            let error = differences.fold(0.0, f32::max) / largest;
+            assert!(error < 0.05, "{what} of {conv}: {error}");
+            // first layers of D2 are in single precision where they need no gradient of the input
+            assert!(error > 1e-5 || trivial, "{what} of {conv}: {error}");
+        }
+    }
+}
+
+#[test]
+fn layers_in_half_precision_are_as_equivariant_as_others() {
+    let Some(half) = Half::available() else {
+        return println!("no AMX for bfloat16: nothing to compare");
+    };
+    for conv in all() {
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let params = params(&conv, 1);
+        let conv = conv.in_half(half);
+        let error = equivariance_error::<f32>(&conv, &params, 3, &mut rng);
+        assert!(error < 1e-6, "{conv}: {error}");
+    }
+}
