@@ -1,7 +1,8 @@
 //! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
 //! <threads>` and answers each with the milliseconds of one run.
 //!
-//! Networks: `reference`, `narrow`, `pooled`. Tasks: `training` (forward and backward of a batch),
+//! Networks: `reference`, `narrow`, `pooled`, and `reference-half` and so on in half precision, where
+//! the processor has it; `half` instead of a line answers with 1 or 0 for whether it does. Tasks: `training` (forward and backward of a batch),
 //! `inference` (of a batch), `latency` (of one image), `init` (layers, parameters and buffers).
 //! `<network> multiplications` answers with the multiplications of one image's forward pass
 //! instead: ours and those of the dense network.
@@ -12,13 +13,14 @@ use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use equivariant::{Chunks, Layer, LayerError, Scratch, Sequential, Signature};
+use equivariant::{Chunks, Half, Layer, LayerError, Scratch, Sequential, Signature};
 use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 /// Images of a training chunk and of an inference chunk.
 const CHUNK: usize = 8;
 
+#[derive(Clone, Copy)]
 struct Spec {
     name: &'static str,
     size: usize,
@@ -53,8 +55,8 @@ const SPECS: [Spec; 3] = [
 ];
 
 impl Spec {
-    fn build(&self) -> Result<Sequential<f32>, LayerError> {
-        network(self.size, self.fields, self.pooled)
+    fn build(&self, half: Option<Half>) -> Result<Sequential<f32>, LayerError> {
+        network(self.size, self.fields, self.pooled, half)
     }
 }
 
@@ -66,6 +68,8 @@ struct Workspace {
 
 /// A network with everything that its runs need.
 struct Bench {
+    spec: Spec,
+    half: Option<Half>,
     net: Sequential<f32>,
     params: Vec<f32>,
     gradient: Vec<f32>,
@@ -76,8 +80,8 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(spec: &Spec) -> Result<Bench, LayerError> {
-        let net = spec.build()?;
+    fn new(spec: Spec, half: Option<Half>) -> Result<Bench, LayerError> {
+        let net = spec.build(half)?;
         let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
@@ -97,6 +101,8 @@ impl Bench {
             },
             params,
             net,
+            spec,
+            half,
         })
     }
 
@@ -130,14 +136,24 @@ impl Bench {
         self.net.forward(&self.params, x, y, scratch);
     }
 
-    fn run(&mut self, spec: &Spec, task: &str) -> Result<f64, String> {
+    fn is(&self, name: &str) -> bool {
+        match name.strip_suffix("-half") {
+            Some(name) => self.half.is_some() && self.spec.name == name,
+            None => self.half.is_none() && self.spec.name == name,
+        }
+    }
+
+    fn run(&mut self, task: &str) -> Result<f64, String> {
         let start = Instant::now();
         match task {
             "training" => self.training(),
             "inference" => self.inference(),
             "latency" => self.latency(),
             "init" => {
-                let net = spec.build().map_err(|error| error.to_string())?;
+                let net = self
+                    .spec
+                    .build(self.half)
+                    .map_err(|error| error.to_string())?;
                 net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut self.params);
             }
             other => return Err(format!("got the task `{other}`")),
@@ -164,26 +180,33 @@ impl Bench {
 fn main() -> Result<(), Box<dyn Error>> {
     let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
     let mut benches = Vec::new();
-    for spec in &SPECS {
-        benches.push(Bench::new(spec)?);
+    for spec in SPECS {
+        benches.push(Bench::new(spec, None)?);
+        if let Some(half) = Half::available() {
+            benches.push(Bench::new(spec, Some(half))?);
+        }
     }
     for line in stdin().lock().lines() {
         let line = line?;
+        if line == "half" {
+            println!("{}", u8::from(Half::available().is_some()));
+            stdout().flush()?;
+            continue;
+        }
         let words: Vec<&str> = line.split_whitespace().collect();
         let [name, task, threads] = words[..] else {
             return Err(format!("got `{line}`, expected a network, a task and a number").into());
         };
-        let at = SPECS.iter().position(|spec| spec.name == name);
-        let at = at.ok_or_else(|| format!("got the network `{name}`"))?;
+        let bench = benches.iter_mut().find(|bench| bench.is(name));
+        let bench = bench.ok_or_else(|| format!("got the network `{name}`"))?;
         let threads: usize = threads.parse()?;
-        let bench = &mut benches[at];
         if task == "multiplications" {
             let [ours, theirs] = bench.multiplications();
             println!("{ours} {theirs}");
         } else {
             let pool = pools.get(threads - 1).and_then(|pool| pool.as_ref().ok());
             let pool = pool.ok_or_else(|| format!("got {threads} threads, expected 1 or 2"))?;
-            println!("{}", pool.install(|| bench.run(&SPECS[at], task))?);
+            println!("{}", pool.install(|| bench.run(task))?);
         }
         stdout().flush()?;
     }

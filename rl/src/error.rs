@@ -65,6 +65,13 @@ pub enum RlError {
         /// The range allowed, in words.
         expected: &'static str,
     },
+    /// Half precision on a processor without it.
+    #[error(
+        "half = true: this processor or system has no products of bfloat16 (AMX-BF16 and \
+         AVX512-BF16, on Linux); set `half` to false in the settings of the network, which may have \
+         learnt with it"
+    )]
+    NoHalf,
     /// A policy that other programs have no layers for.
     #[error(
         "{part} is no ordinary layer: policies with encoders `strided`, `pooled` or `blind` and \

@@ -75,6 +75,13 @@ impl Ppo {
         if settings.symmetry.is_some() {
             return Err(RlError::OnProcessorAlone);
         }
+        if policy.network().settings().half {
+            return Err(RlError::Setting {
+                name: "half",
+                value: 1.0,
+                expected: "false on a GPU, which computes in single precision",
+            });
+        }
         let engine = Engine::Device(Box::new(device::Device::new(device)));
         Self::on(settings, policy, engine)
     }

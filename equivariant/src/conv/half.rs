@@ -191,6 +191,8 @@ struct BackwardProducts<'a, const G: usize> {
     w: Option<&'a [Block<f32>]>,
     /// The gradients of the weights.
     dw: &'a mut [Block<f32>],
+    /// Whether they hold those of rows before.
+    adds: bool,
     /// The gradient of folds.
     dx: &'a mut [Block<f32>],
 }
@@ -219,7 +221,8 @@ impl<'a, const G: usize> BackwardProducts<'a, G> {
             across: pieces.take(MOST / PAIRS * TILE * sizes.tiles),
             x: pieces.take(MOST / PAIRS * TILE * G),
             w,
-            dw: pieces.zeros(TILE * sizes.gathers * sizes.tiles),
+            dw: pieces.take(TILE * sizes.gathers * sizes.tiles),
+            adds: false,
             dx: pieces.take(TILE * G),
         }
     }
@@ -230,6 +233,7 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
 
     #[inline(always)]
     fn load(&mut self, dy: &[Block<f32>], rows: usize) {
+        self.adds = self.rows > 0;
         self.rows = rows;
         self.amx.pack_across::<G>(dy, rows, self.across);
         if self.w.is_some() {
@@ -251,7 +255,7 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
         };
         let len = TILE * tiles;
         let dw = &mut self.dw[of.number() * len..][..len];
-        self.on.multiply(factors, dw, true);
+        self.on.multiply(factors, dw, self.adds);
     }
 
     #[inline(always)]
@@ -278,6 +282,9 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
     #[inline(always)]
     fn finish(self, conv: &Conv, dw: &mut [Block<f32>]) {
         let Sizes { tiles, width, .. } = self.sizes;
+        if self.rows == 0 {
+            return;
+        }
         let sums = self.dw.chunks_exact(TILE * tiles);
         for (sums, at) in sums.zip(gathers::<G>(&conv.patches)) {
             self.amx.add_transposed::<G>(sums, at, dw, width);
