@@ -7,9 +7,9 @@ use clap::Parser;
 use covers::CoversError;
 use covers::program::Program;
 
-/// What the program prints, deploying the policies that come with the project.
+/// What the program prints, deploying the policies for robots that come with the project.
 fn deployed(out: &Path, rest: &str) -> Result<String, CoversError> {
-    let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
     let (run, out) = (run.display(), out.display());
     let line = format!("covers deploy {run} --task goal-reach --out {out} {rest}");
     let program = Program::try_parse_from(line.split(' ')).unwrap();

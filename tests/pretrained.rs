@@ -4,14 +4,16 @@ use std::path::Path;
 
 use covers::evaluation::{Evaluator, Findings};
 use covers::{Labels, RunFolder, Stream};
-use envs::{TaskGroup, TaskRegistry, TaskVariant};
+use envs::{Beside, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
-#[test]
-fn pretrained_policies_know_their_groups_and_solve_them() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+/// The policies in this folder of `assets`, whose pictures show `beside`.
+fn know_their_groups_and_solve_them(name: &str, beside: Beside) {
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
+    let folder = assets.join(name);
     let folder = RunFolder::open(&folder);
     let mut experiment = folder.experiment().unwrap().with_threads(2);
+    assert_eq!(experiment.envs.camera.beside, beside);
     for plan in &mut experiment.schedule.groups {
         plan.variants = vec![D2::Identity];
     }
@@ -37,4 +39,14 @@ fn pretrained_policies_know_their_groups_and_solve_them() {
     }
     chosen.sort_unstable();
     assert_eq!(chosen, [0, 1, 2, 3], "every group has a policy of its own");
+}
+
+#[test]
+fn policies_with_close_ups_know_their_groups_and_solve_them() {
+    know_their_groups_and_solve_them("pretrained", Beside::CloseUp);
+}
+
+#[test]
+fn policies_for_robots_know_their_groups_and_solve_them() {
+    know_their_groups_and_solve_them("pretrained-robot", Beside::First);
 }

@@ -31,12 +31,11 @@ type Amounts = (Fault, Vec<(f64, Wrong)>);
 
 /// What to try.
 #[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Examples:\n  covers deploy assets/pretrained --trials 5 --video films --gif\n  \
-    covers deploy assets/pretrained --trials 5 --out swept --sweep angle-error=0,1,2,3\n  \
-    covers deploy assets/pretrained --calibration calibration.json\n  \
-    covers deploy assets/pretrained --dry-run"
-)]
+#[command(after_help = "Examples:\n  \
+    covers deploy assets/pretrained-robot --trials 5 --video films --gif\n  \
+    covers deploy assets/pretrained-robot --trials 5 --out swept --sweep angle-error=0,1,2,3\n  \
+    covers deploy assets/pretrained-robot --calibration calibration.json\n  \
+    covers deploy assets/pretrained-robot --dry-run")]
 pub struct DeployOptions {
     #[command(flatten)]
     #[allow(missing_docs)]

@@ -37,7 +37,7 @@ const TRIAL: Trial = Trial {
 };
 
 fn deployment() -> Deployment {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
     Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap()
 }
 
@@ -327,7 +327,7 @@ fn a_camera_that_sees_too_little_is_refused() {
 
 #[test]
 fn policies_that_would_act_otherwise_are_refused() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
     let learnt = RunFolder::open(&folder).experiment().unwrap();
     type Spoil = fn(&mut Experiment);
     let cases: [(&str, Spoil); 3] = [

@@ -21,10 +21,8 @@ use super::poses::poses;
 
 /// The mask of which policies, on which robot.
 #[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Example: covers check mask assets/pretrained --calibration calibration.json \
-                        --pictures masks"
-)]
+#[command(after_help = "Example: covers check mask assets/pretrained-robot \
+                        --calibration calibration.json --pictures masks")]
 pub struct MaskOptions {
     #[command(flatten)]
     #[allow(missing_docs)]

@@ -84,7 +84,7 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         options: MaskOptions,
     }
     let (run, folder) = (
-        root.join("assets/pretrained"),
+        root.join("assets/pretrained-robot"),
         root.join("Cargo.toml/masks"),
     );
     let line = [

@@ -63,7 +63,7 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
 }
 
 fn deployment(calibration: Calibration) -> Deployment {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
     let sight = SightSettings {
         calibration: Some(calibration),
         ..SightSettings::default()

@@ -15,10 +15,7 @@ use symmetry::D2;
 use crate::deploy::{
     Deployment, Rig, SightSettings, SimulatedRig, SimulationSettings, Strip, Trial,
 };
-use crate::groupings::Labels;
-use crate::learners::Extent;
 use crate::runs::RunFolder;
-use crate::stream::Stream;
 
 /// A button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
@@ -30,20 +27,11 @@ const TRIAL: Trial = Trial {
     seed: 1000,
 };
 
-/// The policies that come with the project, as if they had learnt with close-ups.
-fn deployment(name: &str) -> Deployment {
-    let pretrained = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
-    let pretrained = RunFolder::open(&pretrained);
-    let mut experiment = pretrained.experiment().unwrap();
-    let spec = Stream::spec_of(&experiment.envs);
-    let learner = pretrained.load_learner(&experiment.learner, &spec, &Labels::default());
-    let camera = &mut experiment.envs.camera;
-    (camera.oversampling, camera.beside) = (3, Beside::CloseUp);
-    let path = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
-    let folder =
-        RunFolder::pack(&path, &experiment, &*learner.unwrap(), Extent::Everything).unwrap();
-    let deployment = Deployment::load(&folder, SightSettings::default()).unwrap();
-    std::fs::remove_dir_all(&path).unwrap();
+/// The policies that come with the project and have learnt with close-ups.
+fn deployment() -> Deployment {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
+    let deployment = Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap();
+    assert_eq!(deployment.camera().beside, Beside::CloseUp);
     deployment
 }
 
@@ -81,7 +69,7 @@ fn difference(a: &[u8], b: &[u8]) -> f64 {
 
 #[test]
 fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
-    let deployment = deployment("close-up");
+    let deployment = deployment();
     let camera = *deployment.camera();
     let mut rig = SimulatedRig::new(SimulationSettings::OFF, camera).unwrap();
     let arm = rig.arm().clone();
@@ -104,7 +92,7 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
 
 #[test]
 fn a_trial_with_close_ups_is_filmed_as_any_other() {
-    let mut deployment = deployment("filmed");
+    let mut deployment = deployment();
     let mut rig = SimulatedRig::new(SimulationSettings::OFF, *deployment.camera()).unwrap();
     let arm = rig.arm().clone();
     let mut strip = Strip::default();
