@@ -13,7 +13,9 @@ SPECS = {  # image size, batch, regular fields, whether 3 x 3 convolutions are f
     "reference": (64, 64, [8, 16, 32, 32], False),
     "narrow": (64, 64, [4, 8, 16, 16], False),
     "pooled": (128, 16, [8, 16, 32, 32, 32], True),
+    "wide": (64, 16, [16, 32, 64, 64], False),
 }
+HALF = "-half"  # ends the names of networks in half precision: bfloat16, where the processor multiplies it
 TASKS = {"training": 1, "inference": 2, "latency": 20}  # runs of a turn
 WAKING = 0.05  # seconds that each way runs before it is timed
 PATIENCE = 300  # seconds that torch.compile may take in all
@@ -77,26 +79,32 @@ class Torch:
         return 1e3 * elapsed
 
 
-def peers(name, started):
+def peers(name, patience):
     """The ways to run a network in PyTorch, then in escnn; those that do not run are left out."""
-    size, batch, fields, pooled = SPECS[name]
-    x = torch.randn(batch, 6, size, size)
+    size, batch, fields, pooled = SPECS[name.removesuffix(HALF)]
+    half = name.endswith(HALF)
+    kind = torch.bfloat16 if half else torch.float32
+    x = torch.randn(batch, 6, size, size).to(kind)
     last = x.to(memory_format=torch.channels_last)
+    plain = lambda: dense(fields, pooled).to(kind)
     ways = {
-        "torch, channels first": lambda: Torch(dense(fields, pooled), x),
-        "torch, channels last": lambda: Torch(dense(fields, pooled).to(memory_format=torch.channels_last), last),
-        "torch.compile": lambda: Torch(torch.compile(dense(fields, pooled)), x),
-        "escnn": lambda: steerable_runner(fields, pooled, x),
+        "torch, channels first": lambda: Torch(plain(), x),
+        "torch, channels last": lambda: Torch(plain().to(memory_format=torch.channels_last), last),
+        "torch.compile": lambda: Torch(torch.compile(plain()), x),
     }
+    if not half:  # its filters are expanded in single precision
+        ways["escnn"] = lambda: steerable_runner(fields, pooled, x)
     for way, make in ways.items():
-        if way == "torch.compile" and time.perf_counter() - started > PATIENCE:
+        if way == "torch.compile" and patience[0] <= 0:
             print(f"{name}: torch.compile left out, it had its {PATIENCE} s", file=sys.stderr)
             continue
         try:
-            runner = make()
+            started, runner = time.perf_counter(), make()
             for threads in [1, 2]:
                 for task in TASKS:
                     runner(task, threads)
+            if way == "torch.compile":
+                patience[0] -= time.perf_counter() - started
             yield way, runner
         except Exception as error:  # a compiler may be missing, or refuse this Python
             print(f"{name}: {way} does not run: {type(error).__name__}: {error}", file=sys.stderr)
@@ -133,16 +141,17 @@ def row(name, task, threads, times):
     escnn = times.get("escnn", float("nan"))
     ours = times["ours"]
     ratios = f"{best / ours:9.2f} {escnn / ours:9.2f}"
-    print(f"{name:<10} {task:<10} {threads:>2} {ours:10.3f} {best:10.3f} {escnn:10.3f} {ratios}  {torch_way}", flush=True)
+    print(f"{name:<14} {task:<10} {threads:>2} {ours:10.3f} {best:10.3f} {escnn:10.3f} {ratios}  {torch_way}", flush=True)
 
 
 def main():
     driver, rounds = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 20
-    ours, started = Ours(driver), time.perf_counter()
+    ours, patience = Ours(driver), [PATIENCE]
     print(f"medians of {rounds} turns, ms; torch {torch.__version__}")
-    print("network    task       threads  ours      torch      escnn   torch/ours escnn/ours  best of torch")
-    for name in SPECS:
-        runners = {"ours": ours.runner(name), **dict(peers(name, started))}
+    print("network        task       threads  ours      torch      escnn   torch/ours escnn/ours  best of torch")
+    has_half = ours.ask("half") == [1]
+    for name in [name + half for name in SPECS for half in (["", HALF] if has_half else [""])]:
+        runners = {"ours": ours.runner(name), **dict(peers(name, patience))}
         for task, repeats in TASKS.items():
             times = {(way, threads): [] for way in runners for threads in [1, 2]}
             for _ in range(rounds):
@@ -152,9 +161,11 @@ def main():
                         times[way, threads] += [run(task, threads) for _ in range(repeats)]
             for threads in [1, 2]:
                 row(name, task, threads, {w: median(t) for (w, n), t in times.items() if n == threads})
+        if name.endswith(HALF):
+            continue
         row(name, "init", 1, initialisation(runners["ours"], name, rounds))
         multiplications = ours.ask(name, "multiplications", 1)
-        print(f"{name:<10} multiplications of one image: {multiplications[0] / 1e6:.2f} million, dense {multiplications[1] / 1e6:.2f}")
+        print(f"{name:<14} multiplications of one image: {multiplications[0] / 1e6:.2f} million, dense {multiplications[1] / 1e6:.2f}")
 
 
 main()

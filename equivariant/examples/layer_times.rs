@@ -1,11 +1,12 @@
 //! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
 //! <threads>` and answers each with the milliseconds of one run.
 //!
-//! Networks: `reference`, `narrow`, `pooled`, and `reference-half` and so on in half precision, where
-//! the processor has it; `half` instead of a line answers with 1 or 0 for whether it does. Tasks: `training` (forward and backward of a batch),
+//! Networks: `reference`, `narrow`, `pooled`, `wide`, and `reference-half` and so on in half
+//! precision, where the processor has it. Tasks: `training` (forward and backward of a batch),
 //! `inference` (of a batch), `latency` (of one image), `init` (layers, parameters and buffers).
 //! `<network> multiplications` answers with the multiplications of one image's forward pass
-//! instead: ours and those of the dense network.
+//! instead: ours and those of the dense network. The line `half` is answered with 1 where the
+//! processor has half precision, and with 0 elsewhere.
 
 mod networks;
 
@@ -30,7 +31,7 @@ struct Spec {
     pooled: bool,
 }
 
-const SPECS: [Spec; 3] = [
+const SPECS: [Spec; 4] = [
     Spec {
         name: "reference",
         size: 64,
@@ -51,6 +52,13 @@ const SPECS: [Spec; 3] = [
         batch: 16,
         fields: &[8, 16, 32, 32, 32],
         pooled: true,
+    },
+    Spec {
+        name: "wide",
+        size: 64,
+        batch: 16,
+        fields: &[16, 32, 64, 64],
+        pooled: false,
     },
 ];
 
