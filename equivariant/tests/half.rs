@@ -1,7 +1,8 @@
 //! Half precision gives what single precision gives, but for the rounding of what it multiplies.
 
 use equivariant::{
-    FieldType, Group, Half, Kernel, Layer, R2Conv, Relu, Sequential, Signature, equivariance_error,
+    FieldType, Group, Half, Kernel, Layer, R2Conv, Relu, Scalar, Sequential, Signature,
+    equivariance_error,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -9,17 +10,19 @@ use rand_chacha::rand_core::SeedableRng;
 use crate::common::{params, scratch, unwritten};
 
 /// Output, gradient of the input and gradient of the parameters.
-type Passes = [Vec<f32>; 3];
+type Passes<T> = [Vec<T>; 3];
 
-fn run(layer: &dyn Layer<f32>, params: &[f32], x: &[f32], with_dx: bool) -> Passes {
+fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[f32], x: &[f32], with_dx: bool) -> Passes<T> {
+    let of = |values: &[f32]| -> Vec<T> { values.iter().map(|&v| T::from_f64(v.into())).collect() };
+    let (params, x) = (of(params), of(x));
     let samples = x.len() / layer.in_shape().len();
     let mut y = unwritten(samples * layer.out_shape().len());
     let mut scratch = scratch(layer, samples);
-    layer.forward(params, x, &mut y, &mut scratch);
-    let dy: Vec<f32> = (0..y.len()).map(|i| small(i + 5)).collect();
-    let (mut dx, mut dparams) = (vec![0.0; x.len()], vec![0.0; params.len()]);
+    layer.forward(&params, &x, &mut y, &mut scratch);
+    let dy: Vec<_> = (0..y.len()).map(|i| small(i + 5)).collect();
+    let (mut dx, mut dparams) = (vec![T::ZERO; x.len()], vec![T::ZERO; params.len()]);
     let input = with_dx.then_some(&mut dx[..]);
-    layer.backward(params, x, &y, &dy, input, &mut dparams, &mut scratch);
+    layer.backward(&params, &x, &y, &of(&dy), input, &mut dparams, &mut scratch);
     [y, dx, dparams]
 }
 
@@ -108,26 +111,27 @@ fn whole_numbers_give_the_same_bits() {
     }
 }
 
-/// bfloat16 keeps eight bits: products are off by a 256th each, and sums by less.
+/// bfloat16 keeps eight bits: products are off by a 256th each, and sums by less. What they should
+/// be is computed in double precision.
 #[test]
 fn numbers_are_off_by_their_rounding() {
     let Some(half) = Half::available() else {
         return println!("no AMX for bfloat16: nothing to compare");
     };
     for conv in all() {
-        let params = params(&conv, 1);
+        let params: Vec<f32> = params(&conv, 1);
         let len = 3 * conv.in_shape().len();
         let x: Vec<_> = (0..len).map(|i| (i as f32 * 0.37).sin()).collect();
-        let single = run(&conv, &params, &x, true);
-        let halves = run(&conv.clone().in_half(half), &params, &x, true);
+        let exact = run::<f64>(&conv, &params, &x, true);
+        let halves = run::<f32>(&conv.clone().in_half(half), &params, &x, true);
         let trivial = conv.in_shape().fields.is_trivial();
-        for (what, (single, half)) in ["y", "dx", "dparams"]
-            .iter()
-            .zip(single.iter().zip(&halves))
-        {
-            let largest = single.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
-            let differences = single.iter().zip(half).map(|(a, b)| (a - b).abs());
-            let error = differences.fold(0.0, f32::max) / largest;
+        for (what, (exact, half)) in ["y", "dx", "dparams"].iter().zip(exact.iter().zip(&halves)) {
+            let largest = exact.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            let differences = exact
+                .iter()
+                .zip(half)
+                .map(|(a, &b)| (a - f64::from(b)).abs());
+            let error = differences.fold(0.0, f64::max) / largest;
             assert!(error < 0.05, "{what} of {conv}: {error}");
             // first layers of D2 are in single precision where they need no gradient of the input
             assert!(error > 1e-5 || trivial, "{what} of {conv}: {error}");
@@ -142,7 +146,7 @@ fn layers_in_half_precision_are_as_equivariant_as_others() {
     };
     for conv in all() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let params = params(&conv, 1);
+        let params: Vec<f32> = params(&conv, 1);
         let conv = conv.in_half(half);
         let error = equivariance_error::<f32>(&conv, &params, 3, &mut rng);
         assert!(error < 1e-6, "{conv}: {error}");

@@ -8,6 +8,7 @@ mod buffer;
 mod collection;
 mod common;
 mod equivariance;
+mod half;
 mod horizon;
 mod learning;
 mod memory;

@@ -7,7 +7,9 @@ use crate::conv::pieces::Pieces;
 use crate::real::Real;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
-use crate::simd::tiles::ROWS;
+
+/// Output pixels that are finished at a time, at most.
+pub(crate) const MOST_ROWS: usize = 32;
 
 /// Adds the bias to sums, rectifies them if there are masks, and writes the output.
 pub(crate) struct Finish<'a, T, L, const G: usize> {
@@ -17,7 +19,7 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
-    /// Room for ROWS pixels.
+    /// Room for the pixels of a call.
     own: &'a mut [Block<T>],
     to: Output<'a, T>,
     /// The pixel of the output that it begins with.
@@ -34,6 +36,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         params: &[T],
         pieces: &mut Pieces<'a, T>,
         to: Output<'a, T>,
+        rows: usize,
     ) -> Self {
         let width = conv.weights.width();
         let start = to.lines.start * conv.out.width;
@@ -53,18 +56,18 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             channels: conv.out.fields.dim(),
             regular: conv.out.fields.regular_fields().is_some(),
             bias,
-            own: pieces.take(ROWS * width),
+            own: pieces.take(rows * width),
             to,
             start,
             skipped,
         }
     }
 
-    /// Writes `count` output pixels, at most ROWS, from pixel `first` of those it has.
+    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of those it has.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
-        let mut places = [0; ROWS];
+        let mut places = [0; MOST_ROWS];
         let (to, scale) = match &mut self.to.y {
             MapsMut::Channels(_) => {
                 for (r, place) in places.iter_mut().enumerate() {

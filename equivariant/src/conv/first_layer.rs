@@ -41,7 +41,8 @@ impl<T: Real> Forward<'_, T> {
         weights.pack(self.params, w);
         scale(lanes, patches, w);
         let of_output = self.to.lines.clone();
-        let mut finish = Finish::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to);
+        let mut finish =
+            Finish::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to, TILE);
         let sums = pieces.take(TILE * weights.width());
         let own = pieces.flat_zeros(lines.staged());
         let line = Line::new(lanes, patches, weights.width());

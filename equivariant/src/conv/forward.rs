@@ -1,6 +1,6 @@
 //! The forward pass of a convolution over panels of folded patches.
 
-use crate::conv::finish::Finish;
+use crate::conv::finish::{Finish, MOST_ROWS};
 use crate::conv::geometry::Conv;
 use crate::conv::maps::{Cursor, Maps};
 use crate::conv::pass::Forward;
@@ -32,38 +32,61 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
 }
 
 /// The products of folded patches with the weights.
-pub(crate) trait Product<T> {
-    /// Writes the sums `[row][block]` of the first `rows` of ROWS rows of a panel `[block][row]`.
-    fn run(&mut self, panel: &[Block<T>], sums: &mut [Block<T>], rows: usize);
+pub(crate) trait Product<T, L> {
+    /// Rows that it takes at a time, at most [`MOST_ROWS`](crate::conv::finish::MOST_ROWS).
+    const ROWS: usize;
+
+    /// Folds what ROWS windows see.
+    fn gather(&mut self, lanes: L, patches: &Patches, staged: &[T], windows: &[usize]);
+
+    /// Writes the sums `[row][block]` of the first `rows` of them.
+    fn run(&mut self, sums: &mut [Block<T>], rows: usize);
 }
 
 /// Those in the precision of the maps.
 struct Single<'a, T, L, const G: usize> {
     lanes: L,
     w: &'a [Block<T>],
+    /// The folds of ROWS windows, `[block][row]`.
+    panel: &'a mut [Block<T>],
 }
 
-impl<T: Real, L: Lanes<T>, const G: usize> Product<T> for Single<'_, T, L, G> {
+impl<T: Real, L: Lanes<T>, const G: usize> Product<T, L> for Single<'_, T, L, G> {
+    const ROWS: usize = ROWS;
+
     #[inline(always)]
-    fn run(&mut self, panel: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
-        forward::<T, L, G>(self.lanes, panel.as_chunks().0, self.w, sums, rows);
+    fn gather(&mut self, lanes: L, patches: &Patches, staged: &[T], windows: &[usize]) {
+        let step = patches.blocks() * ROWS;
+        for c in 0..patches.blocks() {
+            // what one orbit reads of a block of channels the next reads from the first-level cache
+            for orbit in 0..patches.orbits() {
+                let first = patches.folded_of(orbit).start + c;
+                let panel = &mut self.panel[first * ROWS..];
+                patches.gather(lanes, (orbit, c), staged, windows, panel, step);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn run(&mut self, sums: &mut [Block<T>], rows: usize) {
+        forward::<T, L, G>(self.lanes, self.panel.as_chunks().0, self.w, sums, rows);
     }
 }
 
 impl<'a, T: Real> Forward<'a, T> {
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        let width = self.conv.out.width;
-        let pixels = self.to.lines.len() * width;
+        let pixels = self.to.lines.len() * self.conv.out.width;
         let few = self.samples * pixels <= IN_PLACE;
         self.run_products::<L, _, G>(lanes, |conv, params, pieces| Single::<T, L, G> {
             lanes,
             w: conv.weights.packed(params, pieces, few),
+            panel: pieces.take(ROWS * conv.patches.folded()),
         });
     }
 
     #[inline(always)]
-    pub(crate) fn run_products<L: Lanes<T>, P: Product<T>, const G: usize>(
+    pub(crate) fn run_products<L: Lanes<T>, P: Product<T, L>, const G: usize>(
         self,
         lanes: L,
         product: impl FnOnce(&'a Conv, &'a [T], &mut Pieces<'a, T>) -> P,
@@ -77,9 +100,8 @@ impl<'a, T: Real> Forward<'a, T> {
             patches,
             windows,
             product: product(conv, self.params, &mut pieces),
-            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to),
-            panel: pieces.take(ROWS * patches.folded()),
-            sums: pieces.take(ROWS * weights.width()),
+            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to, P::ROWS),
+            sums: pieces.take(P::ROWS * weights.width()),
         };
         let (together, own) = match self.x {
             Maps::Channels(_) => {
@@ -104,23 +126,21 @@ struct Panels<'a, T, L, P, const G: usize> {
     windows: &'a [usize],
     product: P,
     finish: Finish<'a, T, L, G>,
-    /// The folds of ROWS windows.
-    panel: &'a mut [Block<T>],
     /// The sums of ROWS output pixels.
     sums: &'a mut [Block<T>],
 }
 
-impl<T: Real, L: Lanes<T>, P: Product<T>, const G: usize> Panels<'_, T, L, P, G> {
+impl<T: Real, L: Lanes<T>, P: Product<T, L>, const G: usize> Panels<'_, T, L, P, G> {
     /// Runs over staged images, of which `first` is that of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
         let pixels = self.windows.len();
         let rows = images * pixels;
         let mut cursor = Cursor::new(pixels);
-        for row in (0..rows).step_by(ROWS) {
-            let count = ROWS.min(rows - row);
-            let mut windows = [0; ROWS];
-            for (r, window) in windows.iter_mut().enumerate() {
+        for row in (0..rows).step_by(P::ROWS) {
+            let count = P::ROWS.min(rows - row);
+            let mut windows = [0; MOST_ROWS];
+            for (r, window) in windows[..P::ROWS].iter_mut().enumerate() {
                 // an incomplete block ends with copies of its last row
                 *window = cursor.at(self.windows, self.patches.staged());
                 if r + 1 < count {
@@ -128,24 +148,11 @@ impl<T: Real, L: Lanes<T>, P: Product<T>, const G: usize> Panels<'_, T, L, P, G>
                 }
             }
             cursor.advance();
-            self.gather(staged, &windows);
-            self.product.run(self.panel, self.sums, count);
+            let windows = &windows[..P::ROWS];
+            self.product
+                .gather(self.lanes, self.patches, staged, windows);
+            self.product.run(self.sums, count);
             self.finish.run(self.sums, first * pixels + row, count);
-        }
-    }
-
-    /// Folds what the windows see.
-    #[inline(always)]
-    fn gather(&mut self, staged: &[T], windows: &[usize; ROWS]) {
-        let patches = self.patches;
-        let step = patches.blocks() * ROWS;
-        for c in 0..patches.blocks() {
-            // what one orbit reads of a block of channels the next reads from the first-level cache
-            for orbit in 0..patches.orbits() {
-                let first = patches.folded_of(orbit).start + c;
-                let panel = &mut self.panel[first * ROWS..];
-                patches.gather(self.lanes, (orbit, c), staged, windows, panel, step);
-            }
         }
     }
 }

@@ -7,6 +7,7 @@ use pulp::NullaryFnOnce;
 use pulp::x86::V4;
 
 use crate::conv::backward::{Gathered, Products};
+use crate::conv::finish::MOST_ROWS;
 use crate::conv::forward::Product;
 use crate::conv::geometry::Conv;
 use crate::conv::load::{Buffers, MOST};
@@ -17,7 +18,9 @@ use crate::order::with_order;
 use crate::simd::amx::{Amx, Factors, PAIRS, TILE, Tiles};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::Patches;
-use crate::simd::tiles::ROWS;
+
+/// Rows that a forward pass takes at a time.
+const FORWARD: usize = MOST_ROWS;
 
 /// What the processor has for it.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +95,7 @@ struct Sizes {
     tiles: usize,
     /// Steps of a product over an output pixel.
     steps_of_output: usize,
-    /// Steps of a product over a folded patch.
+    /// Steps of a product over a folded patch, each of two gathers.
     steps_of_patch: usize,
     /// Orbits of taps, each of a block of channels.
     gathers: usize,
@@ -106,17 +109,18 @@ impl Sizes {
             width,
             tiles: width.div_ceil(order) * order,
             steps_of_output: width.div_ceil(2 * order),
-            steps_of_patch: patches.folded().div_ceil(2 * order),
+            steps_of_patch: (patches.orbits() * patches.blocks()).div_ceil(2),
             gathers: patches.orbits() * patches.blocks(),
         }
     }
 }
 
-/// Blocks that a forward pass takes.
+/// Blocks that a forward pass takes beyond those of single precision.
 pub(crate) fn forward_blocks(conv: &Conv) -> usize {
     let sizes = Sizes::new(conv);
     let (order, steps) = (conv.weights.order(), sizes.steps_of_patch);
-    TILE * (steps * (order + sizes.tiles) + sizes.tiles) + conv.weights.blocks()
+    let tiles = steps * (FORWARD / TILE * order + sizes.tiles) + FORWARD / TILE * sizes.tiles;
+    TILE * tiles + conv.weights.blocks() + FORWARD * (2 * order + 2 * sizes.width)
 }
 
 /// Blocks that a backward pass takes.
@@ -126,7 +130,7 @@ pub(crate) fn backward_blocks(conv: &Conv) -> usize {
     let of_rows = MOST / TILE * sizes.steps_of_output * order;
     let across = MOST / PAIRS * (sizes.tiles + order);
     let of_weights = sizes.gathers * (sizes.tiles + sizes.steps_of_output * order);
-    TILE * (of_rows + across + of_weights + order) + weights.blocks()
+    TILE * (of_rows + across + of_weights) + MOST * order + weights.blocks()
 }
 
 /// The product of a forward pass.
@@ -134,6 +138,8 @@ struct ForwardProduct<'a, const G: usize> {
     amx: Amx,
     on: Tiles,
     sizes: Sizes,
+    /// The folds of two gathers, `[gather][fold][row]`.
+    panel: &'a mut [Block<f32>],
     x: &'a mut [Block<f32>],
     w: &'a [Block<f32>],
     sums: &'a mut [Block<f32>],
@@ -143,34 +149,63 @@ impl<'a, const G: usize> ForwardProduct<'a, G> {
     fn new(amx: Amx, conv: &Conv, params: &'a [f32], pieces: &mut Pieces<'a, f32>) -> Self {
         let sizes = Sizes::new(conv);
         let packed = conv.weights.packed(params, pieces, true);
-        let w = pieces.take(TILE * sizes.steps_of_patch * sizes.tiles);
-        amx.pack_weights::<G>(packed, sizes.width, w);
+        let w = pieces.zeros(TILE * sizes.steps_of_patch * sizes.tiles);
+        for (step, w) in w.chunks_exact_mut(TILE * sizes.tiles).enumerate() {
+            let at = std::array::from_fn(|b| {
+                let gather = Gather::new(&conv.patches, 2 * step + b / G)?;
+                gather.block(b % G).filter(|_| b < 2 * G)
+            });
+            amx.pack_weights::<G>(packed, sizes.width, at, w);
+        }
         ForwardProduct {
             amx,
             on: amx.tiles(),
             sizes,
-            // rows that a panel lacks are multiplied like the others, and nobody reads their sums
-            x: pieces.zeros(TILE * sizes.steps_of_patch * G),
+            panel: pieces.take(2 * G * FORWARD),
+            x: pieces.take(FORWARD * sizes.steps_of_patch * G),
             w,
-            sums: pieces.take(TILE * sizes.tiles),
+            sums: pieces.take(FORWARD * sizes.tiles),
         }
     }
 }
 
-impl<const G: usize> Product<f32> for ForwardProduct<'_, G> {
+impl<const G: usize> Product<f32, V4> for ForwardProduct<'_, G> {
+    const ROWS: usize = FORWARD;
+
     #[inline(always)]
-    fn run(&mut self, panel: &[Block<f32>], sums: &mut [Block<f32>], rows: usize) {
-        self.amx.pack_rows::<G>(panel, ROWS, ROWS, self.x);
+    fn gather(&mut self, lanes: V4, patches: &Patches, staged: &[f32], windows: &[usize]) {
+        let apart = TILE * self.sizes.steps_of_patch * G;
+        for step in 0..self.sizes.steps_of_patch {
+            for (i, panel) in self.panel.chunks_exact_mut(G * FORWARD).enumerate() {
+                let gather = Gather::new(patches, 2 * step + i);
+                let folds = gather.as_ref().map_or(0, |gather| gather.folds);
+                if let Some(Gather { orbit, c, .. }) = gather {
+                    patches.gather(lanes, (orbit, c), staged, windows, panel, FORWARD);
+                }
+                // what is not there meets weights of zero, but might not be a number
+                panel[folds * FORWARD..].as_flattened_mut().fill(0.0);
+            }
+            let x = &mut self.x[step * G * TILE..];
+            self.amx.pack_rows::<G>(self.panel, FORWARD, apart, x);
+        }
+    }
+
+    #[inline(always)]
+    fn run(&mut self, sums: &mut [Block<f32>], rows: usize) {
+        let (steps, tiles) = (self.sizes.steps_of_patch, self.sizes.tiles);
         let factors = Factors {
             a: self.x,
-            of_a: G,
+            rows: FORWARD / TILE,
+            a_apart: [steps * G, G],
             b: self.w,
-            of_b: self.sizes.tiles,
-            steps: self.sizes.steps_of_patch,
+            columns: tiles / G,
+            b_apart: [G, tiles],
+            steps,
         };
-        self.on.multiply(factors, self.sums, false);
+        self.on.multiply::<G>(factors, self.sums, false);
         let sums = &mut sums[..rows * self.sizes.width];
-        self.amx.unpack_rows::<G>(self.sums, rows, sums);
+        self.amx
+            .unpack_rows::<G>(self.sums, FORWARD / TILE, rows, sums);
     }
 }
 
@@ -206,8 +241,8 @@ impl<'a, const G: usize> BackwardProducts<'a, G> {
             let packed = conv.weights.packed(pass.params, pieces, true);
             let len = TILE * sizes.steps_of_output * G;
             let w = pieces.take(sizes.gathers * len);
-            for (w, at) in w.chunks_exact_mut(len).zip(gathers::<G>(&conv.patches)) {
-                amx.pack_transposed::<G>(packed, sizes.width, at, w);
+            for (w, gather) in w.chunks_exact_mut(len).zip(Gather::all(&conv.patches)) {
+                amx.pack_transposed::<G>(packed, sizes.width, gather.columns::<G>(), w);
             }
             &*w
         });
@@ -223,7 +258,7 @@ impl<'a, const G: usize> BackwardProducts<'a, G> {
             w,
             dw: pieces.take(TILE * sizes.gathers * sizes.tiles),
             adds: false,
-            dx: pieces.take(TILE * G),
+            dx: pieces.take(MOST * G),
         }
     }
 }
@@ -237,7 +272,8 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
         self.rows = rows;
         self.amx.pack_across::<G>(dy, rows, self.across);
         if self.w.is_some() {
-            self.amx.pack_rows::<G>(dy, rows, rows, self.dy);
+            let apart = TILE * self.sizes.steps_of_output * G;
+            self.amx.pack_rows::<G>(dy, rows, apart, self.dy);
         }
     }
 
@@ -248,14 +284,16 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
         self.amx.pack_pairs::<G>(panel, self.rows, self.x);
         let factors = Factors {
             a: self.across,
-            of_a: tiles,
+            rows: tiles / G,
+            a_apart: [G, tiles],
             b: self.x,
-            of_b: G,
+            columns: 1,
+            b_apart: [G, G],
             steps: self.rows.div_ceil(PAIRS),
         };
         let len = TILE * tiles;
         let dw = &mut self.dw[of.number() * len..][..len];
-        self.on.multiply(factors, dw, self.adds);
+        self.on.multiply::<G>(factors, dw, self.adds);
     }
 
     #[inline(always)]
@@ -263,18 +301,20 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
         let steps = self.sizes.steps_of_output;
         let len = TILE * steps * G;
         let Some(w) = self.w else { return };
-        let w = &w[of.number() * len..][..len];
-        for (dy, windows) in self.dy.chunks_exact(len).zip(of.windows.chunks(TILE)) {
-            let factors = Factors {
-                a: dy,
-                of_a: G,
-                b: w,
-                of_b: G,
-                steps,
-            };
-            self.on.multiply(factors, self.dx, false);
+        let factors = Factors {
+            a: self.dy,
+            rows: self.rows.div_ceil(TILE),
+            a_apart: [steps * G, G],
+            b: &w[of.number() * len..][..len],
+            columns: 1,
+            b_apart: [G, G],
+            steps,
+        };
+        self.on.multiply::<G>(factors, self.dx, false);
+        let dx = self.dx.chunks_exact(TILE * G);
+        for (dx, windows) in dx.zip(of.windows.chunks(TILE)) {
             let panel = &mut buffers.panel[..of.folds() * windows.len()];
-            self.amx.unpack_columns::<G>(self.dx, windows.len(), panel);
+            self.amx.unpack_columns::<G>(dx, windows.len(), panel);
             of.scatter(self.lanes, panel, windows, gradient);
         }
     }
@@ -286,30 +326,60 @@ impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
             return;
         }
         let sums = self.dw.chunks_exact(TILE * tiles);
-        for (sums, at) in sums.zip(gathers::<G>(&conv.patches)) {
+        for (sums, gather) in sums.zip(Gather::all(&conv.patches)) {
+            let at = gather.columns::<G>();
             self.amx.add_transposed::<G>(sums, at, dw, width);
         }
     }
 }
 
-/// For each orbit and block of channels, the groups of a folded patch that its columns are: channel
-/// q of fold f is column q G + f.
-fn gathers<const G: usize>(patches: &Patches) -> impl Iterator<Item = [Option<usize>; TILE]> {
-    let blocks = patches.blocks();
-    (0..patches.orbits() * blocks).map(move |number| {
-        let range = patches.folded_of(number / blocks);
-        std::array::from_fn(|column| {
-            let block = range.start + column % G * blocks + number % blocks;
-            (block < range.end).then_some(block * LANES / G + column / G)
+/// One orbit of taps of one block of channels.
+struct Gather {
+    orbit: usize,
+    c: usize,
+    folds: usize,
+    /// The block of a folded patch that the first fold is, and blocks from one fold to the next.
+    first: usize,
+    step: usize,
+}
+
+impl Gather {
+    /// They are numbered in the order in which passes take them.
+    fn new(patches: &Patches, number: usize) -> Option<Gather> {
+        let (orbit, c) = (number % patches.orbits(), number / patches.orbits());
+        (c < patches.blocks()).then(|| {
+            let range = patches.folded_of(orbit);
+            Gather {
+                orbit,
+                c,
+                folds: range.len() / patches.blocks(),
+                first: range.start + c,
+                step: patches.blocks(),
+            }
         })
-    })
+    }
+
+    fn all(patches: &Patches) -> impl Iterator<Item = Gather> {
+        (0..).map_while(|number| Gather::new(patches, number))
+    }
+
+    /// The block of a folded patch that a fold is.
+    fn block(&self, fold: usize) -> Option<usize> {
+        (fold < self.folds).then_some(self.first + fold * self.step)
+    }
+
+    /// The groups of a folded patch that the columns of a tile are: channel q of fold f is column
+    /// q G + f.
+    fn columns<const G: usize>(&self) -> [Option<usize>; TILE] {
+        std::array::from_fn(|column| Some(self.block(column % G)? * LANES / G + column / G))
+    }
 }
 
 impl Gathered<'_> {
-    /// Its number in [`gathers`].
+    /// The number of the [`Gather`].
     #[inline(always)]
     fn number(&self) -> usize {
-        self.orbit * self.conv.patches.blocks() + self.c
+        self.c * self.conv.patches.orbits() + self.orbit
     }
 
     /// Adds the gradients of folds, `[fold][row]`, to that of the staged input.

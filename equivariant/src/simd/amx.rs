@@ -13,7 +13,7 @@
 
 use std::arch::asm;
 use std::arch::x86_64::{
-    __cpuid_count, __m512i, _mm512_cvtne2ps_pbh, _mm512_permutex2var_epi32,
+    __cpuid_count, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_permutex2var_epi32,
     _mm512_permutexvar_epi16, _mm512_setzero_si512, _xgetbv,
 };
 use std::marker::PhantomData;
@@ -98,109 +98,220 @@ impl Drop for Tiles {
     }
 }
 
-/// The operands of some products of tiles, `[step][factor]` each: product i is the sum over all
-/// steps of factor i of a times factor i of b, which begin anew when they end.
+/// The operands of the products of every row of tiles of a with every column of tiles of b, for
+/// all irreps. Distances are in tiles; those of the irreps are neighbours.
 #[derive(Clone, Copy)]
 pub(crate) struct Factors<'a> {
     pub a: &'a [Block<f32>],
-    /// Factors of a for each step.
-    pub of_a: usize,
+    pub rows: usize,
+    /// From a row to the next, and from a step to the next.
+    pub a_apart: [usize; 2],
     pub b: &'a [Block<f32>],
-    /// Factors of b for each step.
-    pub of_b: usize,
+    pub columns: usize,
+    /// From a column to the next, and from a step to the next.
+    pub b_apart: [usize; 2],
     pub steps: usize,
 }
 
-/// The function that computes some products side by side: a step of one waits for its last.
-macro_rules! side_by_side {
-    ($name:ident: $(($c:literal, $ta:literal, $tb:literal, $a:ident, $i:literal)),+) => {
-        /// # Safety
-        /// The tiles are configured; a points to as many tiles, b and c to as many in a row, in
-        /// all steps, and the last to tiles that may be written.
-        #[inline(always)]
-        unsafe fn $name(
-            a: [*const Block<f32>; 4],
-            b: *const Block<f32>,
-            c: *mut Block<f32>,
-            [steps, a_step, b_step]: [usize; 3],
-            add: bool,
-        ) {
-            // SAFETY: as the caller promises.
-            unsafe {
-                asm!(
-                    "test {add}, {add}",
-                    "jz 3f",
-                    $(concat!("tileloadd ", $c, ", [{c} + {line}*1 + 1024*", $i, "]"),)+
-                    "jmp 2f",
-                    "3:",
-                    $(concat!("tilezero ", $c),)+
-                    "2:",
-                    $(
-                        concat!("tileloadd ", $ta, ", [{", stringify!($a), "} + {line}*1]"),
-                        concat!("tileloadd ", $tb, ", [{b} + {line}*1 + 1024*", $i, "]"),
-                        concat!("tdpbf16ps ", $c, ", ", $ta, ", ", $tb),
-                        concat!("add {", stringify!($a), "}, {a_step}"),
-                    )+
-                    "add {b}, {b_step}",
-                    "dec {steps}",
-                    "jnz 2b",
-                    $(concat!("tilestored [{c} + {line}*1 + 1024*", $i, "], ", $c),)+
-                    $($a = inout(reg) a[$i] => _,)+
-                    b = inout(reg) b => _,
-                    c = in(reg) c,
-                    line = in(reg) 64usize,
-                    steps = inout(reg) steps => _,
-                    a_step = in(reg) a_step,
-                    b_step = in(reg) b_step,
-                    add = in(reg) usize::from(add),
-                    out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
-                    out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
-                    options(nostack),
-                );
-            }
-        }
-    };
+/// Bytes of a row of a tile, and of a tile.
+const ROW: usize = size_of::<Block<f32>>();
+const TILE_LEN: usize = TILE * ROW;
+
+/// Where the operands of one or of two products lie, which share a column.
+struct Operands {
+    a: [*const Block<f32>; 2],
+    b: *const Block<f32>,
+    c: [*mut Block<f32>; 2],
+    /// Their number, and bytes from one to the next.
+    steps: usize,
+    a_step: usize,
+    b_step: usize,
 }
 
-side_by_side!(four: ("tmm0", "tmm4", "tmm5", a0, 0), ("tmm1", "tmm6", "tmm7", a1, 1),
-    ("tmm2", "tmm4", "tmm5", a2, 2), ("tmm3", "tmm6", "tmm7", a3, 3));
-side_by_side!(two: ("tmm0", "tmm4", "tmm5", a0, 0), ("tmm1", "tmm6", "tmm7", a1, 1));
-side_by_side!(one: ("tmm0", "tmm4", "tmm5", a0, 0));
+/// One product.
+///
+/// # Safety
+/// The tiles are configured, and the operands point to tiles, the sums to such that may be written.
+#[inline(always)]
+unsafe fn one(operands: Operands, add: bool) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        asm!(
+            "tilezero tmm0",
+            "test {add}, {add}",
+            "jz 2f",
+            "tileloadd tmm0, [{c} + {row}*1]",
+            "2:",
+            "tileloadd tmm4, [{a} + {row}*1]",
+            "tileloadd tmm6, [{b} + {row}*1]",
+            "tdpbf16ps tmm0, tmm4, tmm6",
+            "add {a}, {a_step}",
+            "add {b}, {b_step}",
+            "dec {steps}",
+            "jnz 2b",
+            "tilestored [{c} + {row}*1], tmm0",
+            a = inout(reg) operands.a[0] => _,
+            b = inout(reg) operands.b => _,
+            c = in(reg) operands.c[0],
+            row = in(reg) ROW,
+            steps = inout(reg) operands.steps => _,
+            a_step = in(reg) operands.a_step,
+            b_step = in(reg) operands.b_step,
+            add = in(reg) usize::from(add),
+            out("tmm0") _, out("tmm4") _, out("tmm6") _,
+            options(nostack),
+        );
+    }
+}
+
+/// The products of two rows with one column.
+///
+/// # Safety
+/// As for [`one`].
+#[inline(always)]
+unsafe fn two(operands: Operands, add: bool) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        asm!(
+            "tilezero tmm0",
+            "tilezero tmm1",
+            "test {add}, {add}",
+            "jz 2f",
+            "tileloadd tmm0, [{c0} + {row}*1]",
+            "tileloadd tmm1, [{c1} + {row}*1]",
+            "2:",
+            "tileloadd tmm4, [{a0} + {row}*1]",
+            "tileloadd tmm6, [{b} + {row}*1]",
+            "tileloadd tmm5, [{a1} + {row}*1]",
+            "tdpbf16ps tmm0, tmm4, tmm6",
+            "tdpbf16ps tmm1, tmm5, tmm6",
+            "add {a0}, {a_step}",
+            "add {a1}, {a_step}",
+            "add {b}, {b_step}",
+            "dec {steps}",
+            "jnz 2b",
+            "tilestored [{c0} + {row}*1], tmm0",
+            "tilestored [{c1} + {row}*1], tmm1",
+            a0 = inout(reg) operands.a[0] => _,
+            a1 = inout(reg) operands.a[1] => _,
+            b = inout(reg) operands.b => _,
+            c0 = in(reg) operands.c[0],
+            c1 = in(reg) operands.c[1],
+            row = in(reg) ROW,
+            steps = inout(reg) operands.steps => _,
+            a_step = in(reg) operands.a_step,
+            b_step = in(reg) operands.b_step,
+            add = in(reg) usize::from(add),
+            out("tmm0") _, out("tmm1") _, out("tmm4") _, out("tmm5") _, out("tmm6") _,
+            options(nostack),
+        );
+    }
+}
+
+/// The products of two rows with two columns, the second of which lies `apart` bytes behind the
+/// first, as its sums lie `sums_apart` bytes behind those of the first.
+///
+/// # Safety
+/// As for [`one`].
+#[inline(always)]
+unsafe fn four(operands: Operands, apart: usize, sums_apart: usize) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        asm!(
+            "tilezero tmm0",
+            "tilezero tmm1",
+            "tilezero tmm2",
+            "tilezero tmm3",
+            "2:",
+            "tileloadd tmm4, [{a0} + {row}*1]",
+            "tileloadd tmm6, [{b0} + {row}*1]",
+            "tileloadd tmm5, [{a1} + {row}*1]",
+            "tileloadd tmm7, [{b1} + {row}*1]",
+            "tdpbf16ps tmm0, tmm4, tmm6",
+            "tdpbf16ps tmm1, tmm5, tmm6",
+            "tdpbf16ps tmm2, tmm4, tmm7",
+            "tdpbf16ps tmm3, tmm5, tmm7",
+            "add {a0}, {a_step}",
+            "add {a1}, {a_step}",
+            "add {b0}, {b_step}",
+            "add {b1}, {b_step}",
+            "dec {steps}",
+            "jnz 2b",
+            "tilestored [{c0} + {row}*1], tmm0",
+            "tilestored [{c1} + {row}*1], tmm1",
+            "add {c0}, {sums_apart}",
+            "add {c1}, {sums_apart}",
+            "tilestored [{c0} + {row}*1], tmm2",
+            "tilestored [{c1} + {row}*1], tmm3",
+            a0 = inout(reg) operands.a[0] => _,
+            a1 = inout(reg) operands.a[1] => _,
+            b0 = inout(reg) operands.b => _,
+            b1 = inout(reg) operands.b.byte_add(apart) => _,
+            c0 = inout(reg) operands.c[0] => _,
+            c1 = inout(reg) operands.c[1] => _,
+            sums_apart = in(reg) sums_apart,
+            row = in(reg) ROW,
+            steps = inout(reg) operands.steps => _,
+            a_step = in(reg) operands.a_step,
+            b_step = in(reg) operands.b_step,
+            out("tmm0") _, out("tmm1") _, out("tmm2") _, out("tmm3") _,
+            out("tmm4") _, out("tmm5") _, out("tmm6") _, out("tmm7") _,
+            options(nostack),
+        );
+    }
+}
 
 impl Tiles {
-    /// Writes products to tiles of sums, or adds them.
+    /// Writes the products to tiles of sums `[column][row][irrep]`, or adds them to those, which
+    /// takes one column.
     #[inline(always)]
-    pub fn multiply(&self, factors: Factors, sums: &mut [Block<f32>], add: bool) {
+    pub fn multiply<const G: usize>(&self, factors: Factors, sums: &mut [Block<f32>], add: bool) {
         let Factors {
             a,
-            of_a,
+            rows,
+            a_apart,
             b,
-            of_b,
+            columns,
+            b_apart,
             steps,
         } = factors;
-        let products = sums.len() / TILE;
-        assert!(steps > 0 && a.len() >= steps * of_a * TILE && b.len() >= steps * of_b * TILE);
-        assert!(sums.len() == products * TILE && (products <= of_b || products % of_b == 0));
-        let together = match (products, of_b) {
-            (n, m) if n % 4 == 0 && m % 4 == 0 => 4,
-            (n, m) if n % 2 == 0 && m % 2 == 0 => 2,
-            _ => 1,
-        };
-        let tile_len = size_of::<[Block<f32>; TILE]>();
-        let lengths = [steps, of_a * tile_len, of_b * tile_len];
-        for first in (0..products).step_by(together) {
-            // factors past the last product are loaded by none
-            let a: [_; 4] = std::array::from_fn(|i| &raw const a[(first + i) % of_a * TILE]);
-            let b = &raw const b[first % of_b * TILE];
-            let c = &raw mut sums[first * TILE];
-            // SAFETY: the tiles are configured while `self` is there. By the first assertion a and
-            // b hold the factors of all steps. As many factors of b as are taken together lie in a
-            // row, since that number divides theirs, and as many tiles of sums.
-            unsafe {
-                match together {
-                    4 => four(a, b, c, lengths, add),
-                    2 => two(a, b, c, lengths, add),
-                    _ => one(a, b, c, lengths, add),
+        let last = |n: usize, apart: [usize; 2]| (n - 1) * apart[0] + (steps - 1) * apart[1] + G;
+        assert!(steps > 0 && rows > 0 && columns > 0 && (columns == 1 || !add));
+        assert!(a.len() >= last(rows, a_apart) * TILE && b.len() >= last(columns, b_apart) * TILE);
+        assert!(sums.len() >= columns * rows * G * TILE);
+        let (a, b, c) = (a.as_ptr(), b.as_ptr(), sums.as_mut_ptr());
+        for column in (0..columns).step_by(2) {
+            for row in (0..rows).step_by(2) {
+                let (two_rows, two_columns) = (row + 1 < rows, column + 1 < columns);
+                for irrep in 0..G {
+                    // SAFETY: the tiles are configured while `self` is there, and these are rows
+                    // and columns that the assertions have found to lie in the slices. Where there
+                    // is no second row, its pointers are those of the first.
+                    unsafe {
+                        let at = |column: usize| {
+                            let next = row + usize::from(two_rows);
+                            let first = (column * rows) * G + irrep;
+                            Operands {
+                                a: [row, next].map(|row| a.add((row * a_apart[0] + irrep) * TILE)),
+                                b: b.add((column * b_apart[0] + irrep) * TILE),
+                                c: [row, next].map(|row| c.add((first + row * G) * TILE)),
+                                steps,
+                                a_step: a_apart[1] * TILE_LEN,
+                                b_step: b_apart[1] * TILE_LEN,
+                            }
+                        };
+                        match (two_rows, two_columns) {
+                            (true, true) => {
+                                four(at(column), b_apart[0] * TILE_LEN, rows * G * TILE_LEN)
+                            }
+                            (true, false) => two(at(column), add),
+                            (false, true) => {
+                                one(at(column), add);
+                                one(at(column + 1), add);
+                            }
+                            (false, false) => one(at(column), add),
+                        }
+                    }
                 }
             }
         }
@@ -221,21 +332,22 @@ macro_rules! packed_by {
 }
 
 packed_by! {
-    /// Rows of `[block][row]`, `step` apart, whose words are pairs of blocks, to factors `[tile of
-    /// rows][step][irrep]`.
-    pack_rows(x: &[Block<f32>], step: usize, rows: usize, to: &mut [Block<f32>]);
-    /// Weights `[group][block]` that rows of panels meet: `[step][G blocks][irrep]`.
-    pack_weights(w: &[Block<f32>], width: usize, to: &mut [Block<f32>]);
-    /// Weights of folds that rows of output gradients meet, `[step][irrep]`; `at` is the group of
-    /// each column.
+    /// `[block][row]`, whose words are pairs of blocks, to tiles `[16 rows][step][irrep]`, the first
+    /// of which lie `apart` blocks apart.
+    pack_rows(x: &[Block<f32>], rows: usize, apart: usize, to: &mut [Block<f32>]);
+    /// One step of weights `[group][block]` that rows of folds meet, to tiles `[G blocks][irrep]`;
+    /// `at` is the block of folds that each of the first 2 G stands for.
+    pack_weights(w: &[Block<f32>], width: usize, at: [Option<usize>; 8], to: &mut [Block<f32>]);
+    /// Weights of folds that rows of output gradients meet, to tiles `[step][irrep]`; `at` is the
+    /// group of each column.
     pack_transposed(w: &[Block<f32>], width: usize, at: [Option<usize>; TILE], to: &mut [Block<f32>]);
-    /// Folds `[fold][row]`, whose words are pairs of rows, to factors `[step][irrep]`.
+    /// Folds `[fold][row]`, whose words are pairs of rows, to tiles `[step][irrep]`.
     pack_pairs(x: &[Block<f32>], rows: usize, to: &mut [Block<f32>]);
-    /// Output gradients `[block][row]`, whose words are pairs of rows, one to a column, to factors
+    /// Output gradients `[block][row]`, whose words are pairs of rows, one to a column, to tiles
     /// `[step][G blocks][irrep]`.
     pack_across(dy: &[Block<f32>], rows: usize, to: &mut [Block<f32>]);
-    /// Sums `[G blocks][irrep]` to rows `[row][block]`.
-    unpack_rows(sums: &[Block<f32>], rows: usize, to: &mut [Block<f32>]);
+    /// Sums `[G blocks][16 rows][irrep]` to rows `[row][block]`.
+    unpack_rows(sums: &[Block<f32>], tiles: usize, rows: usize, to: &mut [Block<f32>]);
     /// Sums `[irrep]` to rows `[block][row]`.
     unpack_columns(sums: &[Block<f32>], rows: usize, to: &mut [Block<f32>]);
     /// Adds sums `[G blocks][irrep]`, whose rows are output fields, to gradients `[group][block]`;
@@ -283,7 +395,7 @@ mod packing {
     fn words(a: &Block<f32>, b: &Block<f32>) -> __m512i {
         let both = _mm512_cvtne2ps_pbh(pulp::cast(*b), pulp::cast(*a));
         // SAFETY: 512 bits, of which every pattern is one of theirs.
-        let both = unsafe { std::mem::transmute::<_, __m512i>(both) };
+        let both = unsafe { std::mem::transmute::<__m512bh, __m512i>(both) };
         _mm512_permutexvar_epi16(pulp::cast(WORDS), both)
     }
 
@@ -309,59 +421,46 @@ mod packing {
     #[target_feature(enable = "avx512f,avx512bw,avx512bf16")]
     pub fn pack_rows<const G: usize>(
         x: &[Block<f32>],
-        step: usize,
         rows: usize,
+        apart: usize,
         to: &mut [Block<f32>],
     ) {
-        let steps = (x.len() / step).div_ceil(2 * G);
-        for (chunk, x) in x.chunks(2 * G * step).enumerate() {
+        for (step, x) in x.chunks(2 * G * rows).enumerate() {
             for row in 0..rows {
                 let mut v = [_mm512_setzero_si512(); G];
-                for (v, pair) in v.iter_mut().zip(x.chunks(2 * step)) {
-                    *v = words(&pair[row], pair.get(step + row).unwrap_or(&NONE));
+                for (v, pair) in v.iter_mut().zip(x.chunks(2 * rows)) {
+                    *v = words(&pair[row], pair.get(rows + row).unwrap_or(&NONE));
                 }
-                let tile = (row / TILE * steps + chunk) * G;
+                let at = row / TILE * apart + step * G * TILE + row % TILE;
                 for (r, v) in transpose(v).into_iter().enumerate() {
-                    to[(tile + r) * TILE + row % TILE] = pulp::cast(v);
+                    to[at + r * TILE] = pulp::cast(v);
                 }
             }
         }
     }
 
     #[target_feature(enable = "avx512f,avx512bw,avx512bf16")]
-    pub fn pack_weights<const G: usize>(w: &[Block<f32>], width: usize, to: &mut [Block<f32>]) {
+    pub fn pack_weights<const G: usize>(
+        w: &[Block<f32>],
+        width: usize,
+        at: [Option<usize>; 8],
+        to: &mut [Block<f32>],
+    ) {
         let per_block = LANES / G;
-        let tiles = width.div_ceil(G);
-        for (chunk, w) in w.chunks(2 * LANES * width).enumerate() {
-            for (pair, w) in w.chunks(2 * per_block * width).enumerate() {
-                let (a, b) = w.split_at(per_block * width);
-                for q in 0..per_block {
-                    for t in 0..tiles {
-                        let mut v = [_mm512_setzero_si512(); G];
-                        for (j, v) in v.iter_mut().enumerate().take(width - t * G) {
-                            let at = q * width + t * G + j;
-                            *v = words(&a[at], b.get(at).unwrap_or(&NONE));
-                        }
-                        let tile = (chunk * tiles + t) * G;
-                        for (r, v) in transpose(v).into_iter().enumerate() {
-                            to[(tile + r) * TILE + q * G + pair] = pulp::cast(v);
-                        }
+        let block = |b: usize, q: usize, v: usize| match at[b] {
+            Some(block) => &w[(block * per_block + q) * width + v],
+            None => &NONE,
+        };
+        for pair in 0..G {
+            for q in 0..per_block {
+                for first in (0..width).step_by(G) {
+                    let mut v = [_mm512_setzero_si512(); G];
+                    for (v, i) in v.iter_mut().zip(first..width) {
+                        *v = words(block(2 * pair, q, i), block(2 * pair + 1, q, i));
                     }
-                }
-            }
-        }
-        zero_rest::<G>(w.len() / width, tiles, to);
-    }
-
-    /// Zeros for the pairs of blocks that the last step of weights lacks.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512bw,avx512bf16")]
-    fn zero_rest<const G: usize>(groups: usize, tiles: usize, to: &mut [Block<f32>]) {
-        let pairs = (groups * G / LANES).div_ceil(2);
-        for pair in pairs..pairs.next_multiple_of(G) {
-            for tile in pair / G * tiles * G..(pair / G + 1) * tiles * G {
-                for q in 0..LANES / G {
-                    to[tile * TILE + q * G + pair % G] = NONE;
+                    for (r, v) in transpose(v).into_iter().enumerate() {
+                        to[(first + r) * TILE + q * G + pair] = pulp::cast(v);
+                    }
                 }
             }
         }
@@ -426,12 +525,18 @@ mod packing {
     }
 
     #[target_feature(enable = "avx512f,avx512bw,avx512bf16")]
-    pub fn unpack_rows<const G: usize>(sums: &[Block<f32>], rows: usize, to: &mut [Block<f32>]) {
+    pub fn unpack_rows<const G: usize>(
+        sums: &[Block<f32>],
+        tiles: usize,
+        rows: usize,
+        to: &mut [Block<f32>],
+    ) {
         let width = to.len() / rows;
-        for (t, sums) in sums.chunks(G * TILE).enumerate() {
+        for (t, sums) in sums.chunks(tiles * G * TILE).enumerate() {
             for row in 0..rows {
+                let sums = &sums[row / TILE * G * TILE..];
                 let to = &mut to[row * width..][..width][t * G..];
-                for (v, to) in of_irreps::<G>(sums, row).into_iter().zip(to) {
+                for (v, to) in of_irreps::<G>(sums, row % TILE).into_iter().zip(to) {
                     *to = pulp::cast(v);
                 }
             }

@@ -245,3 +245,21 @@ fn an_update_without_clipping_is_seen() {
     let [_, there] = on_both(&unclipped, &network());
     assert!(deviation(&there.arrays[1], &here.arrays[1]) > 100.0 * TOLERANCE);
 }
+
+#[test]
+fn half_precision_is_refused() {
+    let half = NetworkSettings {
+        half: equivariant::Half::available().is_some(),
+        ..network()
+    };
+    let policy = rollout(&half).0;
+    let made = Ppo::on_device(settings(), &policy, device());
+    match half.half {
+        true => {
+            let error = made.map(|_| ()).unwrap_err().to_string();
+            assert!(error.contains("half") && error.contains("GPU"), "{error}");
+        }
+        // no such policy can be made here
+        false => assert!(made.is_ok()),
+    }
+}
