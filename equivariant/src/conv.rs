@@ -14,4 +14,5 @@ pub(crate) mod pass;
 pub(crate) mod passes;
 pub(crate) mod pieces;
 pub(crate) mod pool;
+pub(crate) mod sizes;
 pub(crate) mod weights;

@@ -7,7 +7,7 @@ use crate::conv::load::{Buffers, Loader, MOST};
 use crate::conv::maps::{Cursor, Maps, MapsMut};
 use crate::conv::pass::Backward;
 use crate::conv::pieces::Pieces;
-use crate::half;
+use crate::conv::sizes;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -23,7 +23,7 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let images = if staged { 0 } else { 2 * conv.group(samples) };
     let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
     let line = patches.lines().map_or(0, of_lines);
-    let half = half::backward_blocks(conv) * LANES;
+    let half = sizes::backward_blocks(conv) * LANES;
     Buffers::<f32>::scratch_len(conv) + half + images * patches.staged() + line
 }
 
@@ -130,6 +130,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         buffers: &mut Buffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
+        const { assert!(P::ROWS <= MOST) };
         let (patches, pixels) = (&self.conv.patches, loader.pixels);
         if let Some(gradient) = gradient.as_deref_mut() {
             gradient.fill(T::ZERO);

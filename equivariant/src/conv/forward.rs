@@ -5,7 +5,7 @@ use crate::conv::geometry::Conv;
 use crate::conv::maps::{Cursor, Maps};
 use crate::conv::pass::Forward;
 use crate::conv::pieces::Pieces;
-use crate::half;
+use crate::conv::sizes;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -21,7 +21,7 @@ const IN_PLACE: usize = 2 * ROWS;
 pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.folded() + weights.width();
-    let half = half::forward_blocks(conv);
+    let half = sizes::forward_blocks(conv);
     let rest = weights.blocks() + half + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
@@ -134,6 +134,7 @@ impl<T: Real, L: Lanes<T>, P: Product<T, L>, const G: usize> Panels<'_, T, L, P,
     /// Runs over staged images, of which `first` is that of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
+        const { assert!(P::ROWS <= MOST_ROWS) };
         let pixels = self.windows.len();
         let rows = images * pixels;
         let mut cursor = Cursor::new(pixels);

@@ -33,6 +33,7 @@ pub trait Passes: Real {
 
 impl Passes for f32 {
     fn forward(pass: Forward<f32>) {
+        #[cfg(target_arch = "x86_64")]
         if let Some(half) = pass.conv.half {
             return half.forward(pass);
         }
@@ -41,6 +42,7 @@ impl Passes for f32 {
     }
 
     fn backward(pass: Backward<f32>) {
+        #[cfg(target_arch = "x86_64")]
         if let Some(half) = pass.conv.half {
             return half.backward(pass);
         }

@@ -19,12 +19,7 @@ use std::arch::x86_64::{
 };
 use std::marker::PhantomData;
 
-use crate::simd::lanes::{Block, LANES};
-
-/// Rows of a tile, and blocks that hold it.
-pub(crate) const TILE: usize = 16;
-/// Rows of which a tile holds the words, two to a word.
-pub(crate) const PAIRS: usize = 2 * TILE;
+use crate::simd::lanes::{Block, LANES, TILE};
 
 /// Blocks of zeros, where there are none.
 const NONE: Block<f32> = [0.0; LANES];

@@ -5,12 +5,13 @@ use pulp::x86::V4;
 use crate::conv::backward::{Gathered, Products};
 use crate::conv::geometry::Conv;
 use crate::conv::half::gather::Gather;
-use crate::conv::half::{Instructions, Sizes};
-use crate::conv::load::{Buffers, MOST};
+use crate::conv::load::Buffers;
 use crate::conv::pass::Backward;
 use crate::conv::pieces::Pieces;
-use crate::simd::amx::{Amx, Factors, PAIRS, TILE, Tiles};
-use crate::simd::lanes::{Block, LANES, Lanes};
+use crate::conv::sizes::{BACKWARD, Sizes};
+use crate::half::Half;
+use crate::simd::amx::{Amx, Factors, Tiles};
+use crate::simd::lanes::{Block, LANES, Lanes, PAIRS, TILE};
 
 /// The products of a backward pass.
 pub(super) struct BackwardProducts<'a, const G: usize> {
@@ -36,8 +37,8 @@ pub(super) struct BackwardProducts<'a, const G: usize> {
 }
 
 impl<'a, const G: usize> BackwardProducts<'a, G> {
-    pub fn new(on: Instructions, pass: &Backward<'a, f32>, pieces: &mut Pieces<'a, f32>) -> Self {
-        let Instructions { simd, amx } = on;
+    pub fn new(on: Half, pass: &Backward<'a, f32>, pieces: &mut Pieces<'a, f32>) -> Self {
+        let Half { simd, amx } = on;
         let conv = pass.conv;
         let sizes = Sizes::new(conv);
         let w = pass.dx.is_some().then(|| {
@@ -55,19 +56,19 @@ impl<'a, const G: usize> BackwardProducts<'a, G> {
             on: amx.tiles(),
             sizes,
             rows: 0,
-            dy: pieces.zeros(MOST * sizes.steps_of_output * G),
-            across: pieces.take(MOST / PAIRS * TILE * sizes.tiles),
-            x: pieces.take(MOST / PAIRS * TILE * G),
+            dy: pieces.zeros(BACKWARD * sizes.steps_of_output * G),
+            across: pieces.take(BACKWARD / PAIRS * TILE * sizes.tiles),
+            x: pieces.take(BACKWARD / PAIRS * TILE * G),
             w,
             dw: pieces.take(TILE * sizes.gathers * sizes.tiles),
             adds: false,
-            dx: pieces.take(MOST * G),
+            dx: pieces.take(BACKWARD * G),
         }
     }
 }
 
 impl<const G: usize> Products<f32, V4> for BackwardProducts<'_, G> {
-    const ROWS: usize = MOST;
+    const ROWS: usize = BACKWARD;
 
     #[inline(always)]
     fn load(&mut self, dy: &[Block<f32>], rows: usize) {

@@ -5,10 +5,10 @@ use pulp::x86::V4;
 use crate::conv::forward::Product;
 use crate::conv::geometry::Conv;
 use crate::conv::half::gather::Gather;
-use crate::conv::half::{FORWARD, Sizes};
 use crate::conv::pieces::Pieces;
-use crate::simd::amx::{Amx, Factors, TILE, Tiles};
-use crate::simd::lanes::Block;
+use crate::conv::sizes::{FORWARD, Sizes};
+use crate::simd::amx::{Amx, Factors, Tiles};
+use crate::simd::lanes::{Block, TILE};
 use crate::simd::patches::Patches;
 
 /// The product of a forward pass.

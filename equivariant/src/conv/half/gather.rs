@@ -1,7 +1,6 @@
 //! Which folds a step of a product is of.
 
-use crate::simd::amx::TILE;
-use crate::simd::lanes::LANES;
+use crate::simd::lanes::{LANES, TILE};
 use crate::simd::patches::Patches;
 
 /// One orbit of taps of one block of channels.

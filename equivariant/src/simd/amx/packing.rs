@@ -3,8 +3,8 @@
 
 use std::arch::x86_64::{__m512i, _mm512_permutex2var_epi32, _mm512_setzero_si512};
 
-use crate::simd::amx::{NONE, PAIRS, TILE, words};
-use crate::simd::lanes::{Block, LANES};
+use crate::simd::amx::{NONE, words};
+use crate::simd::lanes::{Block, LANES, PAIRS, TILE};
 
 /// For each bit, which lanes the two halves of a transposition take from two registers.
 const SWAPS: [[[i32; LANES]; 2]; 4] = {
