@@ -171,7 +171,7 @@ fn the_processor() -> Finding {
     let name = processor().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let sets = instructions().join(", ");
-    let half = match equivariant::Half::available() {
+    let half = match rl::Half::available() {
         Some(_) => "; half precision",
         None => "",
     };

@@ -98,16 +98,17 @@ def peers(name, patience):
         if way == "torch.compile" and patience[0] <= 0:
             print(f"{name}: torch.compile left out, it had its {PATIENCE} s", file=sys.stderr)
             continue
+        started = time.perf_counter()
         try:
-            started, runner = time.perf_counter(), make()
+            runner = make()
             for threads in [1, 2]:
                 for task in TASKS:
                     runner(task, threads)
-            if way == "torch.compile":
-                patience[0] -= time.perf_counter() - started
             yield way, runner
         except Exception as error:  # a compiler may be missing, or refuse this Python
             print(f"{name}: {way} does not run: {type(error).__name__}: {error}", file=sys.stderr)
+        if way == "torch.compile":
+            patience[0] -= time.perf_counter() - started
 
 
 def steerable_runner(fields, pooled, x):

@@ -12,7 +12,8 @@ use crate::simd::amx::Amx;
 /// Layers in half precision ([`R2Conv::in_half`](crate::R2Conv::in_half)) round what the products
 /// of convolutions read to bfloat16, which keeps eight bits of a number: folds of patches, weights
 /// and output gradients. Maps, parameters, gradients and the sums of the products stay in single
-/// precision, as do first layers of trivial channels under D2. Rounding commutes with signs, so
+/// precision. So do, of trivial channels under D2, forward passes, and backward passes that are not
+/// asked for the gradient of the input: a network's first layer. Rounding commutes with signs, so
 /// equivariance is as exact as without.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]

@@ -31,6 +31,13 @@ pub enum RlError {
          the processor, or leave it out"
     )]
     OnProcessorAlone,
+    /// A network in half precision on a GPU.
+    #[cfg(feature = "wgpu")]
+    #[error(
+        "half = true: a GPU computes in single precision; train on the processor, or set `half` to \
+         false in the settings of the network"
+    )]
+    HalfOnDevice,
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \

@@ -129,6 +129,7 @@ mod stage;
 mod symmetry_loss;
 mod trunk;
 
+pub use equivariant::Half;
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 

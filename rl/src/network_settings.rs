@@ -150,9 +150,10 @@ impl NetworkSettings {
         self.group.regular(self.copies(fields))
     }
 
-    /// What convolutions in half precision run on, if they are to.
+    /// What convolutions in half precision run on, if there are some and they are to.
     pub(crate) fn on_half(&self) -> Result<Option<Half>, RlError> {
-        let asked = self.half.then(|| Half::available().ok_or(RlError::NoHalf));
+        let asked = self.half && self.encoder != Encoder::Blind;
+        let asked = asked.then(|| Half::available().ok_or(RlError::NoHalf));
         asked.transpose()
     }
 

@@ -64,8 +64,9 @@ impl Ppo {
     /// the other.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
-    /// [`SymmetryLoss`](crate::SymmetryLoss).
+    /// Those of [`Ppo::new`], [`RlError::OnProcessorAlone`] for a
+    /// [`SymmetryLoss`](crate::SymmetryLoss), and [`RlError::HalfOnDevice`] for a network in half
+    /// precision.
     #[cfg(feature = "wgpu")]
     pub fn on_device(
         settings: PpoSettings,
@@ -76,11 +77,7 @@ impl Ppo {
             return Err(RlError::OnProcessorAlone);
         }
         if policy.network().settings().half {
-            return Err(RlError::Setting {
-                name: "half",
-                value: 1.0,
-                expected: "false on a GPU, which computes in single precision",
-            });
+            return Err(RlError::HalfOnDevice);
         }
         let engine = Engine::Device(Box::new(device::Device::new(device)));
         Self::on(settings, policy, engine)

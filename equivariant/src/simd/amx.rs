@@ -17,6 +17,7 @@ use std::arch::asm;
 use std::arch::x86_64::{
     __cpuid_count, __m512bh, __m512i, _mm512_cvtne2ps_pbh, _mm512_permutexvar_epi16, _xgetbv,
 };
+use std::cell::Cell;
 use std::marker::PhantomData;
 
 use crate::simd::lanes::{Block, LANES, TILE};
@@ -30,14 +31,17 @@ pub(crate) struct Amx(());
 
 impl Amx {
     pub fn new() -> Option<Amx> {
-        let bf16 = is_x86_feature_detected!("avx512bf16") && is_x86_feature_detected!("avx512bw");
+        let bf16 = is_x86_feature_detected!("avx512f")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512bf16");
         // bits 22 and 24: AMX-BF16 and AMX-TILE
         let has = bf16 && __cpuid_count(7, 0).edx >> 22 & 0b101 == 0b101;
         (has && may_use_tiles()).then_some(Amx(()))
     }
 
-    /// Configures the tiles of this thread, of which there may be one owner at a time.
+    /// Configures the tiles of this thread, which have one owner at a time.
     pub fn tiles(self) -> Tiles {
+        OWNED.with(|owned| assert!(!owned.replace(true), "the tiles have an owner"));
         let mut config = Config([0; 64]);
         config.0[0] = 1;
         for tile in 0..8 {
@@ -49,6 +53,11 @@ impl Amx {
         unsafe { asm!("ldtilecfg [{}]", in(reg) &config, options(nostack, readonly)) };
         Tiles(PhantomData)
     }
+}
+
+thread_local! {
+    /// Whether the tiles of this thread have an owner.
+    static OWNED: Cell<bool> = const { Cell::new(false) };
 }
 
 /// What configures the tiles.
@@ -91,6 +100,7 @@ impl Drop for Tiles {
     fn drop(&mut self) {
         // SAFETY: who made them proved that the instruction may run.
         unsafe { asm!("tilerelease", options(nostack, nomem)) };
+        OWNED.with(|owned| owned.set(false));
     }
 }
 
@@ -257,9 +267,17 @@ unsafe fn four(operands: Operands, apart: usize, sums_apart: usize) {
     }
 }
 
+/// Tiles up to the last that so many rows or columns take, in all steps; none if there are more
+/// than a number holds.
+fn reach<const G: usize>(n: usize, steps: usize, [apart, step]: [usize; 2]) -> Option<usize> {
+    let last = (n - 1).checked_mul(apart)?;
+    last.checked_add((steps - 1).checked_mul(step)?)?
+        .checked_add(G)
+}
+
 impl Tiles {
-    /// Writes the products to tiles of sums `[column][row][irrep]`, or adds them to those, which
-    /// takes one column.
+    /// Writes the products to tiles of sums `[column][row][irrep]`, or adds them to those. Several
+    /// columns take an even number of rows, and do not add.
     #[inline(always)]
     pub fn multiply<const G: usize>(&self, factors: Factors, sums: &mut [Block<f32>], add: bool) {
         let Factors {
@@ -271,10 +289,11 @@ impl Tiles {
             b_apart,
             steps,
         } = factors;
-        let last = |n: usize, apart: [usize; 2]| (n - 1) * apart[0] + (steps - 1) * apart[1] + G;
-        assert!(steps > 0 && rows > 0 && columns > 0 && (columns == 1 || !add));
-        assert!(a.len() >= last(rows, a_apart) * TILE && b.len() >= last(columns, b_apart) * TILE);
-        assert!(sums.len() >= columns * rows * G * TILE);
+        assert!(steps > 0 && rows > 0 && columns > 0);
+        assert!(columns == 1 || (rows.is_multiple_of(2) && !add));
+        assert!(reach::<G>(rows, steps, a_apart).is_some_and(|tiles| tiles <= a.len() / TILE));
+        assert!(reach::<G>(columns, steps, b_apart).is_some_and(|tiles| tiles <= b.len() / TILE));
+        assert!(sums.len() / TILE / G / rows >= columns);
         let (a, b, c) = (a.as_ptr(), b.as_ptr(), sums.as_mut_ptr());
         for column in (0..columns).step_by(2) {
             for row in (0..rows).step_by(2) {
@@ -301,11 +320,7 @@ impl Tiles {
                                 four(at(column), b_apart[0] * TILE_LEN, rows * G * TILE_LEN)
                             }
                             (true, false) => two(at(column), add),
-                            (false, true) => {
-                                one(at(column), add);
-                                one(at(column + 1), add);
-                            }
-                            (false, false) => one(at(column), add),
+                            (false, _) => one(at(column), add),
                         }
                     }
                 }

@@ -1,6 +1,8 @@
 //! How operands are packed into tiles, and sums brought back: safe functions of processors that have
 //! AVX512-BF16.
 
+#![forbid(unsafe_code)]
+
 use std::arch::x86_64::{__m512i, _mm512_permutex2var_epi32, _mm512_setzero_si512};
 
 use crate::simd::amx::{NONE, words};
