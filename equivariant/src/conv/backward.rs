@@ -29,7 +29,7 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
 
 /// The products of a backward pass.
 pub(crate) trait Products<T: Real, L: Lanes<T>> {
-    /// Output pixels that it takes at a time, at most [`MOST`](crate::conv::load::MOST).
+    /// Output pixels that it takes at a time, at most [`MOST`].
     const ROWS: usize;
 
     /// The output gradient of some rows, `[block][row]`.

@@ -33,7 +33,7 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
 
 /// The products of folded patches with the weights.
 pub(crate) trait Product<T, L> {
-    /// Rows that it takes at a time, at most [`MOST_ROWS`](crate::conv::finish::MOST_ROWS).
+    /// Rows that it takes at a time, at most [`MOST_ROWS`].
     const ROWS: usize;
 
     /// Folds what ROWS windows see.
