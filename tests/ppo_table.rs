@@ -83,6 +83,7 @@ fn states(cell: &str, value: &Value) -> bool {
     match (cell.parse::<f64>(), value.as_f64()) {
         (Ok(stated), Some(value)) => stated == value,
         _ if value.is_null() => cell == "none",
+        _ if value.is_boolean() => cell == value.to_string(),
         _ => value.as_str().or(variant) == Some(cell.replace(' ', "_").as_str()),
     }
 }
@@ -102,7 +103,7 @@ fn every_value_is_that_of_the_presets() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 22);
+    assert_eq!(seen, 23);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
     assert!(!states(
         "reuse",
