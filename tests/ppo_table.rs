@@ -83,7 +83,7 @@ fn states(cell: &str, value: &Value) -> bool {
     match (cell.parse::<f64>(), value.as_f64()) {
         (Ok(stated), Some(value)) => stated == value,
         _ if value.is_null() => cell == "none",
-        _ if value.is_boolean() => cell == value.to_string(),
+        _ if value.is_boolean() => cell.parse() == Ok(value == &Value::Bool(true)),
         _ => value.as_str().or(variant) == Some(cell.replace(' ', "_").as_str()),
     }
 }
