@@ -106,6 +106,10 @@ fn every_value_is_that_of_the_presets() {
     assert_eq!(seen, 23);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
     assert!(!states(
+        "true",
+        &setting(&CoversSettings::default(), "half")
+    ));
+    assert!(!states(
         "reuse",
         &setting(&CoversSettings::default(), "handover")
     ));

@@ -270,11 +270,11 @@ impl<T: Scalar> Sight<T> {
         vector: Shape,
     ) -> Result<Option<Self>, RlError> {
         let (group, top_fields) = (settings.group, settings.top_fields);
-        let Some(encoder) =
-            settings
-                .encoder
-                .layers(group, spec.image, top_fields, settings.on_half()?)?
-        else {
+        let half = settings.on_half()?;
+        let encoder = settings
+            .encoder
+            .layers(group, spec.image, top_fields, half)?;
+        let Some(encoder) = encoder else {
             return Ok(None);
         };
         let concat = Concat::new(encoder.out_shape(), vector)?;
