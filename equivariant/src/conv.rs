@@ -8,6 +8,7 @@ pub(crate) mod forward;
 pub(crate) mod geometry;
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod half;
+pub(crate) mod line;
 pub(crate) mod load;
 pub(crate) mod maps;
 pub(crate) mod pass;

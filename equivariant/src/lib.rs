@@ -85,6 +85,7 @@ pub use layers::units::unit_sums;
 pub use real::Real;
 pub use scratch::Scratch;
 pub use shape::Shape;
+pub use simd::pixels::level;
 pub use steerable::dense::{Dense, Projection};
 pub use steerable::hadamard::hadamard;
 pub use symmetry::{FieldType, Group};

@@ -8,4 +8,5 @@ pub(crate) mod join;
 pub(crate) mod lanes;
 pub(crate) mod lines;
 pub(crate) mod patches;
+pub(crate) mod pixels;
 pub(crate) mod tiles;

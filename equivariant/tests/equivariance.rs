@@ -88,6 +88,45 @@ fn the_reference_network_is_equivariant() {
     }
 }
 
+/// Lines of output that are whole tiles of pixels, with a rest and shorter, of every number of
+/// channels that has code of its own and of others.
+#[test]
+fn first_layers_are_exact_under_d2() {
+    for channels in [1, 3, 4, 6, 7] {
+        for (window, sides) in [([4, 2, 1], [6, 16, 22, 26]), ([3, 1, 1], [3, 8, 11, 13])] {
+            for [height, width] in sides.map(|side| [6, side]) {
+                let to = Group::D2.regular(5);
+                let conv = conv(Group::D2.trivial(channels), to, window, [height, width]);
+                let layer: &dyn Layer<f32> = conv.as_ref();
+                let error = equivariance_error(layer, &params(layer, 1), 3, &mut rng(2));
+                assert_eq!(error, 0.0, "{layer}");
+            }
+        }
+    }
+}
+
+/// Odd and even windows, more rows than a tile has and a rest.
+#[test]
+fn convolutions_are_exactly_equivariant() {
+    for group in Group::ALL {
+        for (window, size) in [
+            ([4, 2, 1], 16),
+            ([3, 1, 1], 7),
+            ([3, 2, 1], 7),
+            ([5, 1, 0], 9),
+        ] {
+            let regular = group.regular(3);
+            let first = conv(group.trivial(3), regular, window, [size; 2]);
+            let relu = boxed(Relu::new(first.out_shape()));
+            let side = first.out_shape().height;
+            let second = conv(regular, regular, [3, 1, 1], [side; 2]);
+            let net = Sequential::<f32>::new(vec![first, relu, second]).unwrap();
+            let error = equivariance_error(&net, &params(&net, 1), 3, &mut rng(5));
+            assert_eq!(error, 0.0, "{window:?} of {group}");
+        }
+    }
+}
+
 fn identity_between(in_shape: Shape, out_shape: Shape) -> f64 {
     let copy = |x: &[f64], y: &mut [f64]| y.copy_from_slice(x);
     equivariance_error_of(in_shape, out_shape, copy, 3, &mut rng(0))

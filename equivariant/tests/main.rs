@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod bytes;
 mod chunks;
 mod common;
 mod equivariance;

@@ -125,6 +125,7 @@ mod replay;
 mod require;
 mod rollout;
 mod sac;
+mod sight_pass;
 mod stage;
 mod symmetry_loss;
 mod trunk;

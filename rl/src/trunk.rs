@@ -11,6 +11,7 @@ use symmetry::irrep_order;
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
+use crate::sight_pass::SightPass;
 use crate::stage::Stage;
 
 /// The shared part of a network, with the settings and the spec of all of it.
@@ -52,7 +53,7 @@ pub struct Parts<'a, T> {
 /// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
-    image: Option<Stage<T>>,
+    image: Option<SightPass<T>>,
     vector: Stage<T>,
     pool: Stage<T>,
 }
@@ -143,22 +144,19 @@ impl<T: Scalar> Trunk<T> {
     pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
         let sight = self.sight.as_ref();
         TrunkPass {
-            image: sight.map(|sight| Stage::new(&sight.encoder, capacity)),
+            image: sight.map(|sight| SightPass::new(&sight.encoder, capacity)),
             vector: Stage::new(&self.vector, capacity),
             pool: Stage::new(&self.pool, capacity),
         }
     }
 
-    /// Writes sample `slot`: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector `[D]`, put
-    /// into irrep-major order.
+    /// Writes sample `slot`: pixels `[H, W, C]`, which the encoder reads as numbers in [-0.5, 0.5],
+    /// and the vector `[D]`, put into irrep-major order.
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
-        if let Some(stage) = &mut pass.image {
-            let pixels = &mut stage.x[slot * image.len()..(slot + 1) * image.len()];
-            for (x, &byte) in pixels.iter_mut().zip(image) {
-                *x = level(byte);
-            }
+        if let Some(sight) = &mut pass.image {
+            sight.pictures[slot * image.len()..(slot + 1) * image.len()].copy_from_slice(image);
         }
         let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
         for (x, &i) in components.iter_mut().zip(&self.vector_order) {
@@ -186,12 +184,11 @@ impl<T: Scalar> Trunk<T> {
             .forward(&self.vector, &params[self.vector_params()], n);
         let out = &mut pass.pool.x[..n * self.out_type().dim()];
         match (&self.sight, &mut pass.image) {
-            (Some(sight), Some(stage)) => {
-                stage.forward(&sight.encoder, &params[self.encoder()], n);
-                let image = n * sight.encoder.out_shape().len();
-                sight
-                    .concat
-                    .forward(&stage.y[..image], &pass.vector.y[..vector], out);
+            (Some(sight), Some(image)) => {
+                image.forward(&sight.encoder, &params[self.encoder()], n);
+                let len = n * sight.encoder.out_shape().len();
+                let vector = &pass.vector.y[..vector];
+                sight.concat.forward(&image.y[..len], vector, out);
             }
             _ => out.copy_from_slice(&pass.vector.y[..vector]),
         }
@@ -200,8 +197,8 @@ impl<T: Scalar> Trunk<T> {
     /// Sums of what each unit puts out for the samples in slots 0..n.
     pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
         let mut sums = match (&self.sight, &pass.image) {
-            (Some(sight), Some(stage)) => {
-                stage.unit_sums(&sight.encoder, &params[self.encoder()], n)
+            (Some(sight), Some(image)) => {
+                image.unit_sums(&sight.encoder, &params[self.encoder()], n)
             }
             _ => Vec::new(),
         };
@@ -233,11 +230,11 @@ impl<T: Scalar> Trunk<T> {
         let sum = &pass.pool.dx[..n * self.out_type().dim()];
         let d_vector = &mut pass.vector.dy[..vector];
         match (&self.sight, &mut pass.image) {
-            (Some(sight), Some(stage)) => {
-                let image = n * sight.encoder.out_shape().len();
-                sight.concat.backward(sum, &mut stage.dy[..image], d_vector);
-                let own = (params, self.encoder());
-                stage.backward(&sight.encoder, own, n, dparams, false);
+            (Some(sight), Some(image)) => {
+                let len = n * sight.encoder.out_shape().len();
+                sight.concat.backward(sum, &mut image.dy[..len], d_vector);
+                let own = self.encoder();
+                image.backward(&sight.encoder, &params[own.clone()], n, &mut dparams[own]);
             }
             _ => d_vector.copy_from_slice(sum),
         }
@@ -280,11 +277,6 @@ impl<T: Scalar> Sight<T> {
         let concat = Concat::new(encoder.out_shape(), vector)?;
         Ok(Some(Self { encoder, concat }))
     }
-}
-
-/// What a byte of a picture becomes, in [-0.5, 0.5].
-fn level<T: Scalar>(byte: u8) -> T {
-    T::from_f64(f64::from(byte)) * T::from_f64(1.0 / 255.0) - T::from_f64(0.5)
 }
 
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::conv::geometry::Conv;
 use crate::conv::load::{Buffers, Loader, MOST};
-use crate::conv::maps::{Cursor, Maps, MapsMut};
+use crate::conv::maps::{Cursor, Input, MapsMut};
 use crate::conv::pass::Backward;
 use crate::conv::pieces::Pieces;
 use crate::conv::sizes;
@@ -65,12 +65,12 @@ impl<'a, T: Real> Backward<'a, T> {
         let mut buffers = Buffers::new(&mut self, &mut pieces, P::ROWS);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let (together, own, own_gradient) = match self.x {
-            Maps::Channels(_) => {
+            Input::Channels(_) | Input::Bytes(_) => {
                 let together = conv.group(self.samples);
                 let len = patches.staged() * together;
                 (together, pieces.flat_zeros(len), pieces.take_flat(len))
             }
-            Maps::Staged(..) => (self.samples.max(1), Default::default(), Default::default()),
+            Input::Staged(_) => (self.samples.max(1), Default::default(), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);

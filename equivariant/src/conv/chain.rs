@@ -9,7 +9,7 @@ use std::ops::Range;
 
 use crate::backward_pass::BackwardPass;
 use crate::conv::geometry::Conv;
-use crate::conv::maps::{Maps, MapsMut};
+use crate::conv::maps::{Input, Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes::{self, Passes};
 use crate::conv::pieces::Pieces;
@@ -44,11 +44,12 @@ struct Link {
 }
 
 impl Chain {
-    /// The longest chain at the front of some layers, with their number, if it fuses anything.
+    /// The longest chain at the front of some layers, with their number; none where they do not
+    /// begin with a convolution.
     pub fn take<'a>(layers: impl Iterator<Item = Option<Fusible<'a>>>) -> Option<(Chain, usize)> {
         let mut chain = Chain { links: Vec::new() };
         let taken = layers.take_while(|layer| chain.accept(*layer)).count();
-        (taken > 1).then_some((chain, taken))
+        (taken > 0).then_some((chain, taken))
     }
 
     /// Takes a layer that fits behind the last; says whether it does.
@@ -131,12 +132,17 @@ impl Chain {
         largest.max().unwrap_or(0)
     }
 
-    pub fn forward<T: Passes>(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        let samples = x.len() / self.in_shape().len();
+    /// Writes what the chain makes of so many samples, which are not staged.
+    pub fn forward<T: Passes>(
+        &self,
+        params: &[T],
+        (samples, mut x): (usize, Input<T>),
+        y: &mut [T],
+        scratch: &mut [T],
+    ) {
         let mut pieces = Pieces::new(scratch);
         let mut kept = Pieces::new(pieces.take_flat(self.kept(samples)));
         let scratch = pieces.rest();
-        let mut x = Maps::Channels(x);
         for (i, pair) in self.links.windows(2).enumerate() {
             let own = pair[0].keep(samples, &mut kept);
             let staged = kept.take_flat(self.staged(i + 1, samples));
@@ -145,15 +151,16 @@ impl Chain {
             images.for_each(|image| patches.clear_border(image));
             let y = MapsMut::Staged(patches, staged);
             pair[0].forward(params, (samples, x), (y, own), scratch);
-            x = Maps::Staged(patches, staged);
+            x = Input::Staged(staged);
         }
         let own = self.last().keep(samples, &mut kept);
         let y = MapsMut::Channels(y);
         self.last().forward(params, (samples, x), (y, own), scratch);
     }
 
-    pub fn backward<T: Passes>(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / self.in_shape().len();
+    /// Adds and writes gradients for the same samples: `x` is what the pass would hold, or stands
+    /// for it.
+    pub fn backward<T: Passes>(&self, (samples, x): (usize, Input<T>), pass: BackwardPass<T>) {
         let mut pieces = Pieces::new(pass.scratch);
         let mut kept = &*pieces.take_flat(self.kept(samples));
         let mut output_gradient = pieces.take_flat(self.largest(samples));
@@ -183,13 +190,10 @@ impl Chain {
                 dy = Maps::Staged(&pool.patches, output_gradient);
             }
             let (x, dx) = match i {
-                0 => (Maps::Channels(pass.x), dx.take().map(MapsMut::Channels)),
+                0 => (x, dx.take().map(MapsMut::Channels)),
                 _ => {
                     let dx = &mut input_gradient[..staged.len()];
-                    (
-                        Maps::Staged(patches, staged),
-                        Some(MapsMut::Staged(patches, dx)),
-                    )
+                    (Input::Staged(staged), Some(MapsMut::Staged(patches, dx)))
                 }
             };
             T::backward(Backward {
@@ -230,7 +234,7 @@ impl Link {
     fn forward<T: Passes>(
         &self,
         params: &[T],
-        (samples, x): (usize, Maps<T>),
+        (samples, x): (usize, Input<T>),
         (y, kept): (MapsMut<T>, Kept<T>),
         scratch: &mut [T],
     ) {
@@ -251,7 +255,7 @@ impl Link {
     fn convolve<T: Passes>(
         &self,
         params: &[T],
-        (samples, x): (usize, Maps<T>),
+        (samples, x): (usize, Input<T>),
         (y, masks): (MapsMut<T>, &mut [T]),
         scratch: &mut [T],
     ) {

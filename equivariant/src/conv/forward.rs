@@ -2,7 +2,7 @@
 
 use crate::conv::finish::{Finish, MOST_ROWS};
 use crate::conv::geometry::Conv;
-use crate::conv::maps::{Cursor, Maps};
+use crate::conv::maps::{Cursor, Input};
 use crate::conv::pass::Forward;
 use crate::conv::pieces::Pieces;
 use crate::conv::sizes;
@@ -104,11 +104,11 @@ impl<'a, T: Real> Forward<'a, T> {
             sums: pieces.take(P::ROWS * weights.width()),
         };
         let (together, own) = match self.x {
-            Maps::Channels(_) => {
+            Input::Channels(_) | Input::Bytes(_) => {
                 let together = conv.group(self.samples);
                 (together, pieces.flat_zeros(patches.staged() * together))
             }
-            Maps::Staged(..) => (self.samples.max(1), Default::default()),
+            Input::Staged(_) => (self.samples.max(1), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);

@@ -11,7 +11,6 @@ use pulp::NullaryFnOnce;
 
 use crate::conv::half::backward::BackwardProducts;
 use crate::conv::half::forward::ForwardProduct;
-use crate::conv::maps::Maps;
 use crate::conv::pass::{Backward, Forward};
 use crate::half::Half;
 use crate::order::with_order;
@@ -37,8 +36,8 @@ impl NullaryFnOnce for Work<Forward<'_, f32>> {
     #[inline(always)]
     fn call(self) {
         let Work { on, pass } = self;
-        if let (Some(lines), Maps::Channels(x)) = (pass.conv.patches.lines(), pass.x) {
-            return pass.run_lines(on.simd, lines, x);
+        if let Some(lines) = pass.conv.patches.lines() {
+            return pass.run_lines(on.simd, lines);
         }
         with_order!(
             G = pass.conv.weights.order(),
@@ -55,9 +54,8 @@ impl NullaryFnOnce for Work<Backward<'_, f32>> {
     #[inline(always)]
     fn call(self) {
         let Work { on, pass } = self;
-        let lines = pass.conv.patches.lines();
-        if let (Some(lines), Maps::Channels(x), None) = (lines, pass.x, &pass.dx) {
-            return pass.run_lines(on.simd, lines, x);
+        if let (Some(lines), None) = (pass.conv.patches.lines(), &pass.dx) {
+            return pass.run_lines(on.simd, lines);
         }
         with_order!(
             G = pass.conv.weights.order(),

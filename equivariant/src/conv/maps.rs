@@ -4,6 +4,18 @@ use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::patches::Patches;
 
+/// What a convolution sees of some samples.
+#[derive(Clone, Copy)]
+pub(crate) enum Input<'a, T> {
+    /// `[N, H, W, C]`, irrep-major channels.
+    Channels(&'a [T]),
+    /// Pictures `[N, H, W, C]` of trivial channels, as bytes that stand for their
+    /// [`level`](crate::level)s.
+    Bytes(&'a [u8]),
+    /// Staged for this convolution.
+    Staged(&'a [T]),
+}
+
 /// Feature maps of some samples.
 #[derive(Clone, Copy)]
 pub(crate) enum Maps<'a, T> {
@@ -19,7 +31,7 @@ pub(crate) enum MapsMut<'a, T> {
     Staged(&'a Patches, &'a mut [T]),
 }
 
-impl<T: Real> Maps<'_, T> {
+impl<T: Real> Input<'_, T> {
     /// Some of the images, staged; `own` has room for them in case they are not.
     #[inline(always)]
     pub fn stage<'b, L: Lanes<T>>(
@@ -29,17 +41,23 @@ impl<T: Real> Maps<'_, T> {
         (first, images): (usize, usize),
         own: &'b mut [T],
     ) -> &'b [T] {
-        let staged = patches.staged();
+        let (staged, len) = (patches.staged(), patches.image().len());
         match self {
-            Maps::Channels(x) => {
-                let len = patches.image().len();
+            Input::Channels(x) => {
                 for i in 0..images {
                     let x = &x[(first + i) * len..][..len];
                     patches.stage(lanes, x, &mut own[i * staged..][..staged]);
                 }
                 own
             }
-            Maps::Staged(_, x) => &x[first * staged..][..images * staged],
+            Input::Bytes(x) => {
+                for i in 0..images {
+                    let x = &x[(first + i) * len..][..len];
+                    patches.stage_bytes(lanes, x, &mut own[i * staged..][..staged]);
+                }
+                own
+            }
+            Input::Staged(x) => &x[first * staged..][..images * staged],
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::conv::geometry::Conv;
-use crate::conv::maps::{Maps, MapsMut};
+use crate::conv::maps::{Input, Maps, MapsMut};
 use crate::real::Real;
 use crate::simd::lanes::LANES;
 
@@ -12,7 +12,7 @@ pub struct Forward<'a, T> {
     pub(crate) conv: &'a Conv,
     pub(crate) samples: usize,
     pub(crate) params: &'a [T],
-    pub(crate) x: Maps<'a, T>,
+    pub(crate) x: Input<'a, T>,
     pub(crate) to: Output<'a, T>,
     pub(crate) scratch: &'a mut [T],
 }
@@ -32,7 +32,7 @@ pub(crate) struct Output<'a, T> {
 pub struct Backward<'a, T> {
     pub(crate) conv: &'a Conv,
     pub(crate) samples: usize,
-    pub(crate) x: Maps<'a, T>,
+    pub(crate) x: Input<'a, T>,
     pub(crate) dy: Maps<'a, T>,
     pub(crate) dx: Option<MapsMut<'a, T>>,
     /// Which values the ReLU of the forward pass let through; none for no ReLU.

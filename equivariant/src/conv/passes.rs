@@ -3,7 +3,6 @@
 
 use crate::chunks::in_one_of_many_chunks;
 use crate::conv::geometry::Conv;
-use crate::conv::maps::Maps;
 use crate::conv::pass::{Backward, Forward};
 use crate::conv::pool::{Pooling, Unpooling};
 use crate::conv::{backward, forward};
@@ -107,8 +106,8 @@ impl<T: Passes> Forward<'_, T> {
 impl<T: Real> WithLanes<T> for Forward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        if let (Some(lines), Maps::Channels(x)) = (self.conv.patches.lines(), self.x) {
-            return self.run_lines(lanes, lines, x);
+        if let Some(lines) = self.conv.patches.lines() {
+            return self.run_lines(lanes, lines);
         }
         with_order!(
             G = self.conv.weights.order(),
@@ -120,9 +119,8 @@ impl<T: Real> WithLanes<T> for Forward<'_, T> {
 impl<T: Real> WithLanes<T> for Backward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        let lines = self.conv.patches.lines();
-        if let (Some(lines), Maps::Channels(x), None) = (lines, self.x, &self.dx) {
-            return self.run_lines(lanes, lines, x);
+        if let (Some(lines), None) = (self.conv.patches.lines(), &self.dx) {
+            return self.run_lines(lanes, lines);
         }
         with_order!(
             G = self.conv.weights.order(),

@@ -4,6 +4,7 @@ use std::fmt;
 
 use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Chain;
+use crate::conv::maps::Input;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
 use crate::shape::Shape;
@@ -32,11 +33,13 @@ impl Signature for Chain {
 
 impl<T: Scalar> Layer<T> for Chain {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        Chain::forward(self, params, x, y, scratch);
+        let samples = x.len() / Signature::in_shape(self).len();
+        Chain::forward(self, params, (samples, Input::Channels(x)), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
-        Chain::backward(self, pass);
+        let samples = pass.x.len() / Signature::in_shape(self).len();
+        Chain::backward(self, (samples, Input::Channels(pass.x)), pass);
     }
 }
 

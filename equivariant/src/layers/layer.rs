@@ -91,18 +91,10 @@ pub trait Layer<T: Scalar>: Signature {
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples.
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut Scratch<T>) {
-        let (samples, num_params) = (samples(self, x.len()), self.num_params());
-        let out_len = samples * self.out_shape().len();
-        let slices = [
-            ("params", params.len(), num_params),
-            ("y", y.len(), out_len),
-        ];
-        check(self, slices);
-        scratch.set_filled(0, 0);
-        self.run_forward(params, x, y, front(self, samples, scratch));
-        if self.keeps_scratch() {
-            scratch.set_filled(samples, self.mark());
-        }
+        let samples = samples(self, x.len());
+        check_forward(self, samples, [params.len(), y.len()]);
+        self.run_forward(params, x, y, empty(self, samples, scratch));
+        fill(self, samples, scratch);
     }
 
     /// Adds the gradient in the parameters to `dparams` and, where asked for, writes that in the
@@ -129,23 +121,11 @@ pub trait Layer<T: Scalar>: Signature {
         dparams: &mut [T],
         scratch: &mut Scratch<T>,
     ) {
-        let (samples, num_params) = (samples(self, x.len()), self.num_params());
-        let out_len = samples * self.out_shape().len();
+        let samples = samples(self, x.len());
         let dx_len = dx.as_ref().map_or(x.len(), |dx| dx.len());
-        let slices = [
-            ("params", params.len(), num_params),
-            ("y", y.len(), out_len),
-            ("dy", dy.len(), out_len),
-            ("dx", dx_len, x.len()),
-            ("dparams", dparams.len(), num_params),
-        ];
-        check(self, slices);
-        if self.keeps_scratch() {
-            check_filled(self, samples, scratch.filled_by());
-        } else {
-            // another layer may have left something here, which this pass writes over
-            scratch.set_filled(0, 0);
-        }
+        let lens = [params.len(), y.len(), dy.len(), dparams.len()];
+        check_backward(self, samples, lens);
+        check(self, [("dx", dx_len, x.len())]);
         self.run_backward(BackwardPass {
             params,
             x,
@@ -153,7 +133,7 @@ pub trait Layer<T: Scalar>: Signature {
             dy,
             dx,
             dparams,
-            scratch: front(self, samples, scratch),
+            scratch: filled(self, samples, scratch),
         });
     }
 
@@ -232,7 +212,7 @@ pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
 }
 
 /// The number of samples in `x` of this length.
-fn samples(layer: &(impl Signature + ?Sized), x: usize) -> usize {
+pub(crate) fn samples(layer: &(impl Signature + ?Sized), x: usize) -> usize {
     let each = layer.in_shape().len();
     assert!(
         x.is_multiple_of(each),
@@ -252,6 +232,69 @@ fn check<const N: usize>(
             "{layer}: got {slice} of {got} values, expected {expected}, as its shapes and x say"
         );
     }
+}
+
+/// Refuses parameters and an output of wrong lengths.
+pub(crate) fn check_forward(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    [params, y]: [usize; 2],
+) {
+    let out_len = samples * layer.out_shape().len();
+    let slices = [("params", params, layer.num_params()), ("y", y, out_len)];
+    check(layer, slices);
+}
+
+/// Refuses parameters, an output and their gradients of wrong lengths.
+pub(crate) fn check_backward(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    [params, y, dy, dparams]: [usize; 4],
+) {
+    check_forward(layer, samples, [params, y]);
+    let out_len = samples * layer.out_shape().len();
+    let slices = [
+        ("dy", dy, out_len),
+        ("dparams", dparams, layer.num_params()),
+    ];
+    check(layer, slices);
+}
+
+/// The scratch that a forward pass of so many samples writes.
+pub(crate) fn empty<'a, T: Scalar>(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    scratch: &'a mut Scratch<T>,
+) -> &'a mut [T] {
+    scratch.set_filled(0, 0);
+    front(layer, samples, scratch)
+}
+
+/// Notes what a forward pass has left in the scratch.
+pub(crate) fn fill<T: Scalar>(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    scratch: &mut Scratch<T>,
+) {
+    if layer.keeps_scratch() {
+        scratch.set_filled(samples, layer.mark());
+    }
+}
+
+/// The scratch that a backward pass of so many samples uses: as the forward pass left it, where the
+/// layer keeps it.
+pub(crate) fn filled<'a, T: Scalar>(
+    layer: &(impl Signature + ?Sized),
+    samples: usize,
+    scratch: &'a mut Scratch<T>,
+) -> &'a mut [T] {
+    if layer.keeps_scratch() {
+        check_filled(layer, samples, scratch.filled_by());
+    } else {
+        // another layer may have left something here, which this pass writes over
+        scratch.set_filled(0, 0);
+    }
+    front(layer, samples, scratch)
 }
 
 /// Refuses a scratch that `forward` of this layer did not leave for these samples.

@@ -8,7 +8,7 @@ use symmetry::FieldType;
 use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Fusible;
 use crate::conv::geometry::Conv;
-use crate::conv::maps::{Maps, MapsMut};
+use crate::conv::maps::{Input, Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
@@ -141,7 +141,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
             conv: &self.conv,
             samples: x.len() / self.in_shape().len(),
             params,
-            x: Maps::Channels(x),
+            x: Input::Channels(x),
             to: Output {
                 lines: 0..self.conv.out.height,
                 y: MapsMut::Channels(y),
@@ -157,7 +157,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
             conv: &self.conv,
             samples: pass.x.len() / self.in_shape().len(),
             params: pass.params,
-            x: Maps::Channels(pass.x),
+            x: Input::Channels(pass.x),
             dy: Maps::Channels(pass.dy),
             masks: None,
             dx: pass.dx.map(MapsMut::Channels),

@@ -7,9 +7,13 @@ use rand::Rng;
 
 use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Chain;
+use crate::conv::maps::Input;
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Signature, mark_of};
+use crate::layers::layer::{
+    Layer, Signature, check_backward, check_forward, empty, fill, filled, mark_of, samples,
+};
 use crate::layers::scalar::Scalar;
+use crate::scratch::Scratch;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 
@@ -96,6 +100,134 @@ impl<T: Scalar> Sequential<T> {
             };
             (layer, self.params[start].start..self.params[end - 1].end)
         })
+    }
+
+    /// Writes what [`forward`](Layer::forward) would for pictures `[N, H, W, C]` whose bytes stand
+    /// for their [`level`](crate::level)s, to the same bits. The levels are made where they are
+    /// read.
+    ///
+    /// # Panics
+    /// As `forward`; and when the first layer is no [`R2Conv`](crate::R2Conv) of trivial channels.
+    pub fn forward_bytes(
+        &self,
+        params: &[T],
+        pictures: &[u8],
+        y: &mut [T],
+        scratch: &mut Scratch<T>,
+    ) {
+        self.check_bytes();
+        let samples = samples(self, pictures.len());
+        check_forward(self, samples, [params.len(), y.len()]);
+        let x = (samples, Input::Bytes(pictures));
+        self.run_from(params, x, y, empty(self, samples, scratch));
+        fill(self, samples, scratch);
+    }
+
+    /// The backward pass of [`forward_bytes`](Sequential::forward_bytes), to the bits of
+    /// [`backward`](Layer::backward); bytes have no gradient.
+    ///
+    /// # Panics
+    /// As both.
+    pub fn backward_bytes(
+        &self,
+        params: &[T],
+        pictures: &[u8],
+        [y, dy]: [&[T]; 2],
+        dparams: &mut [T],
+        scratch: &mut Scratch<T>,
+    ) {
+        self.check_bytes();
+        let samples = samples(self, pictures.len());
+        let lens = [params.len(), y.len(), dy.len(), dparams.len()];
+        check_backward(self, samples, lens);
+        let pass = BackwardPass {
+            params,
+            x: &[],
+            y,
+            dy,
+            dx: None,
+            dparams,
+            scratch: filled(self, samples, scratch),
+        };
+        self.run_back_to((samples, Input::Bytes(pictures)), pass);
+    }
+
+    /// Refuses bytes where no convolution reads them.
+    fn check_bytes(&self) {
+        assert!(
+            self.stages[0].fused.is_some() && self.in_shape().fields.is_trivial(),
+            "{self}: got bytes, which a convolution of trivial channels reads, expected such a \
+             first layer"
+        );
+    }
+
+    /// Runs the stages one after the other; `x` is not staged.
+    fn run_from(
+        &self,
+        params: &[T],
+        (samples, x): (usize, Input<T>),
+        y: &mut [T],
+        scratch: &mut [T],
+    ) {
+        let mut parts = self.parts(samples, scratch);
+        let mut y = Some(y);
+        let mut input = x;
+        for (i, (layer, range)) in self.stages().enumerate() {
+            let scratch = match layer.keeps_scratch() {
+                true => take_whole(&mut parts.kept, layer.scratch_len(samples)),
+                false => &mut parts.shared[..layer.scratch_len(samples)],
+            };
+            let output = match y.take_if(|_| i + 1 == self.stages.len()) {
+                Some(y) => y,
+                None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
+            };
+            match (input, &self.stages[i].fused) {
+                (Input::Channels(x), _) => layer.run_forward(&params[range], x, output, scratch),
+                (x, Some(chain)) => chain.forward(&params[range], (samples, x), output, scratch),
+                (_, None) => unreachable!("bytes are for chains"),
+            }
+            input = Input::Channels(output);
+        }
+    }
+
+    /// Runs them back to `x`, which the pass holds, if it is no bytes.
+    fn run_back_to(&self, (samples, x): (usize, Input<T>), pass: BackwardPass<T>) {
+        let mut parts = self.parts(samples, pass.scratch);
+        let mut dx = pass.dx;
+        let [mut output_gradient, mut input_gradient] = parts.gradients;
+        let mut activations = &*parts.activations;
+        let mut output = pass.y;
+        for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
+            let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
+            let (input, dx) = match i {
+                0 => (pass.x, dx.take()),
+                _ => {
+                    let input = take_back(&mut activations, in_len);
+                    (input, Some(&mut input_gradient[..in_len]))
+                }
+            };
+            let pass = BackwardPass {
+                params: &pass.params[range.clone()],
+                x: input,
+                y: output,
+                dy: match i + 1 == self.stages.len() {
+                    true => pass.dy,
+                    false => &output_gradient[..out_len],
+                },
+                dx,
+                dparams: &mut pass.dparams[range],
+                scratch: match layer.keeps_scratch() {
+                    true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
+                    false => &mut parts.shared[..layer.scratch_len(samples)],
+                },
+            };
+            match (i, x, &self.stages[i].fused) {
+                (0, Input::Bytes(_), Some(chain)) => chain.backward((samples, x), pass),
+                _ => layer.run_backward(pass),
+            }
+            std::mem::swap(&mut output_gradient, &mut input_gradient);
+            output = input;
+        }
     }
 
     /// The parts of the scratch of this many samples.
@@ -197,57 +329,13 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / self.in_shape().len();
-        let mut parts = self.parts(samples, scratch);
-        let mut y = Some(y);
-        let mut input = x;
-        for (i, (layer, range)) in self.stages().enumerate() {
-            let scratch = match layer.keeps_scratch() {
-                true => take_whole(&mut parts.kept, layer.scratch_len(samples)),
-                false => &mut parts.shared[..layer.scratch_len(samples)],
-            };
-            let output = match y.take_if(|_| i + 1 == self.stages.len()) {
-                Some(y) => y,
-                None => take_whole(&mut parts.activations, samples * layer.out_shape().len()),
-            };
-            layer.run_forward(&params[range], input, output, scratch);
-            input = output;
-        }
+        self.run_from(params, (samples, Input::Channels(x)), y, scratch);
     }
 
     fn run_backward(&self, pass: BackwardPass<T>) {
         let samples = pass.x.len() / self.in_shape().len();
-        let mut parts = self.parts(samples, pass.scratch);
-        let mut dx = pass.dx;
-        let [mut output_gradient, mut input_gradient] = parts.gradients;
-        let mut activations = &*parts.activations;
-        let mut output = pass.y;
-        for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
-            let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
-            let (input, dx) = match i {
-                0 => (pass.x, dx.take()),
-                _ => {
-                    let input = take_back(&mut activations, in_len);
-                    (input, Some(&mut input_gradient[..in_len]))
-                }
-            };
-            layer.run_backward(BackwardPass {
-                params: &pass.params[range.clone()],
-                x: input,
-                y: output,
-                dy: match i + 1 == self.stages.len() {
-                    true => pass.dy,
-                    false => &output_gradient[..out_len],
-                },
-                dx,
-                dparams: &mut pass.dparams[range],
-                scratch: match layer.keeps_scratch() {
-                    true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
-                    false => &mut parts.shared[..layer.scratch_len(samples)],
-                },
-            });
-            std::mem::swap(&mut output_gradient, &mut input_gradient);
-            output = input;
-        }
+        let x = Input::Channels(pass.x);
+        self.run_back_to((samples, x), pass);
     }
 }
 

@@ -28,6 +28,8 @@ pub(crate) trait Lanes<T>: Copy {
     const REGISTERS: usize;
 
     fn load(self, block: &Block<T>) -> Self::V;
+    /// Sixteen bytes as numbers.
+    fn bytes(self, bytes: &[u8; LANES]) -> Self::V;
     fn store(self, block: &mut Block<T>, v: Self::V);
     fn splat(self, value: T) -> Self::V;
     /// Group `i` of the block, repeated in all groups.
@@ -115,6 +117,11 @@ impl<T: Real> Lanes<T> for Portable {
     #[inline(always)]
     fn load(self, block: &Block<T>) -> Block<T> {
         *block
+    }
+
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> Block<T> {
+        std::array::from_fn(|lane| T::from_f64(f64::from(bytes[lane])))
     }
 
     #[inline(always)]

@@ -6,6 +6,7 @@ use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::{head, head_mut};
 use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::pixels::Pixel;
 use crate::window::Kernel;
 
 /// Lanes of a group.
@@ -100,10 +101,10 @@ impl Lines {
     /// Folds the rows of one image for a band of lines of windows; padding along x must be zero and
     /// stays so.
     #[inline(always)]
-    pub fn fold<T: Real, L: Lanes<T>>(
+    pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
         &self,
         lanes: L,
-        image: &[T],
+        image: &[P],
         band: Range<usize>,
         lines: &mut [T],
     ) {
@@ -153,10 +154,11 @@ impl Lines {
 
 /// Writes the groups e e o o of two rows.
 #[inline(always)]
-fn fold_rows<T: Real, L: Lanes<T>>(lanes: L, a: &[T], b: &[T], line: &mut [T]) {
+fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line: &mut [T]) {
     let whole = a.len() / LANES * LANES;
     for at in (0..whole).step_by(LANES) {
-        let (a, b) = (lanes.load(head(&a[at..])), lanes.load(head(&b[at..])));
+        let (a, b) = (head(&a[at..]), head(&b[at..]));
+        let (a, b) = (P::numbers(lanes, a), P::numbers(lanes, b));
         let (e, o) = (lanes.add(a, b), lanes.sub(a, b));
         for quarter in 0..4 {
             let block = head_mut(&mut line[4 * at + quarter * LANES..]);
@@ -164,15 +166,17 @@ fn fold_rows<T: Real, L: Lanes<T>>(lanes: L, a: &[T], b: &[T], line: &mut [T]) {
         }
     }
     let rest = line[4 * whole..].as_chunks_mut().0;
-    for ((group, &a), &b) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
+    for ((group, a), b) in rest.iter_mut().zip(&a[whole..]).zip(&b[whole..]) {
+        let (a, b) = (a.number(), b.number());
         *group = [a + b, a + b, a - b, a - b];
     }
 }
 
 /// The same where the other row is padding, or where there is none.
 #[inline(always)]
-fn copy_row<T: Real>(row: &[T], odd: bool, sign: T, line: &mut [T]) {
-    for (group, &x) in line.as_chunks_mut().0.iter_mut().zip(row) {
+fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T]) {
+    for (group, x) in line.as_chunks_mut().0.iter_mut().zip(row) {
+        let x = x.number();
         let o = if odd { sign * x } else { T::ZERO };
         *group = [x, x, o, o];
     }

@@ -21,6 +21,7 @@ use crate::shape::Shape;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
+use crate::simd::pixels::Pixel;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
@@ -278,7 +279,7 @@ impl Patches {
             let line = self.image.width * channels;
             let starts = self.pixels.iter().step_by(self.image.width.max(1));
             for (line, &start) in image.chunks_exact(line.max(1)).zip(starts) {
-                replicate::<T, G>(line, &mut staged[start..][..line.len() * G]);
+                replicate::<T, _, G>(line, &mut staged[start..][..line.len() * G]);
             }
             return;
         }
@@ -287,6 +288,21 @@ impl Patches {
         for (i, &to) in self.pixels.iter().enumerate() {
             let from = &image[i * channels..][..channels];
             join.run::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
+        }
+    }
+
+    /// The same from bytes; the channels are trivial.
+    #[inline(always)]
+    pub fn stage_bytes<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[u8], staged: &mut [T]) {
+        if let Some(lines) = &self.lines {
+            return lines.fold(lanes, image, 0..lines.out_height(), staged);
+        }
+        let channels = self.image.fields.dim();
+        for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixels) {
+            with_order!(
+                G = self.image.fields.group().order(),
+                replicate::<T, _, G>(pixel, &mut staged[to..][..channels * G])
+            );
         }
     }
 
@@ -318,9 +334,9 @@ impl Patches {
 }
 
 #[inline(always)]
-fn replicate<T: Real, const G: usize>(channels: &[T], groups: &mut [T]) {
-    for (group, &x) in groups.as_chunks_mut::<G>().0.iter_mut().zip(channels) {
-        *group = [x; G];
+fn replicate<T: Real, P: Pixel<T>, const G: usize>(channels: &[P], groups: &mut [T]) {
+    for (group, x) in groups.as_chunks_mut::<G>().0.iter_mut().zip(channels) {
+        *group = [x.number(); G];
     }
 }
 

@@ -5,7 +5,7 @@ use std::arch::x86_64::{__m256, __m512, _CMP_GT_OQ, _CMP_UNORD_Q};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, cast};
 
-use crate::simd::lanes::{Block, Lanes, WithLanes};
+use crate::simd::lanes::{Block, LANES, Lanes, WithLanes};
 
 /// Work with AVX-512 or with AVX2 and FMA.
 pub(super) struct On<S, W> {
@@ -29,6 +29,12 @@ impl Lanes<f32> for V4 {
     #[inline(always)]
     fn load(self, block: &Block<f32>) -> __m512 {
         cast(*block)
+    }
+
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> __m512 {
+        let whole = self.avx512f._mm512_cvtepu8_epi32(cast(*bytes));
+        self.avx512f._mm512_cvtepi32_ps(whole)
     }
 
     #[inline(always)]
@@ -125,6 +131,17 @@ impl Lanes<f32> for V3 {
     #[inline(always)]
     fn load(self, block: &Block<f32>) -> Self::V {
         cast(*block)
+    }
+
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> Self::V {
+        let bytes: [u64; 2] = cast(*bytes);
+        let low = self.avx2._mm256_cvtepu8_epi32(cast([bytes[0], 0]));
+        let high = self.avx2._mm256_cvtepu8_epi32(cast([bytes[1], 0]));
+        [
+            self.avx._mm256_cvtepi32_ps(low),
+            self.avx._mm256_cvtepi32_ps(high),
+        ]
     }
 
     #[inline(always)]

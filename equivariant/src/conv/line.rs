@@ -1,0 +1,323 @@
+//! The products of a line of output pixels of a first layer.
+
+use symmetry::D2;
+
+use crate::real::Real;
+use crate::simd::columns::Columns;
+use crate::simd::gather::narrow;
+use crate::simd::join::head;
+use crate::simd::lanes::{Block, LANES, Lanes};
+use crate::simd::lines::{G, Lines};
+use crate::simd::patches::{Orbit, Patches};
+use crate::simd::tiles::load_all;
+use crate::window::Kernel;
+
+/// Output pixels of a tile of a forward pass.
+pub(crate) const TILE: usize = 8;
+/// Numbers of channels for which the sums of two windows have code of their own, which is a few per
+/// cent faster: RGB, and RGB of two frames.
+const RGB: usize = 3;
+const TWO_RGB: usize = 6;
+/// Any other number of channels.
+const ANY: usize = 0;
+/// Columns that TILE windows see, of which neighbours share two.
+const COLUMNS: usize = 2 * TILE + 2;
+
+/// The products of a line of output.
+#[derive(Clone, Copy)]
+pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
+    lanes: L,
+    patches: &'a Patches,
+    channels: usize,
+    /// Blocks of an output pixel.
+    width: usize,
+    /// From the window of an output pixel to the next.
+    step: usize,
+    /// The signs of the lanes under a flip of x.
+    signs: L::V,
+    /// Whether the windows are those of [`halving_tiles`](Line::halving_tiles).
+    halves: bool,
+}
+
+impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
+    #[inline(always)]
+    pub fn new(lanes: L, patches: &'a Patches, width: usize) -> Self {
+        let fields = patches.image().fields;
+        let irreps = fields.group().irreps();
+        let mut signs = [T::ZERO; LANES];
+        for (lane, sign) in signs.iter_mut().enumerate() {
+            *sign = T::from_f64(irreps[lane % irreps.len()].sign(D2::FlipX).into());
+        }
+        let Kernel { size, stride, .. } = patches.kernel();
+        Line {
+            lanes,
+            patches,
+            channels: fields.dim(),
+            halves: size == 4 && stride == 2,
+            width,
+            step: patches.kernel().stride * fields.dim() * G,
+            signs: lanes.load(&signs),
+        }
+    }
+
+    /// Where the window of an output pixel starts.
+    pub fn start(&self, lines: &Lines, ox: usize) -> usize {
+        lines.shift() + ox * self.step
+    }
+
+    /// The sums `[pixel][block]` of the first `rows` of TILE pixels.
+    #[inline(always)]
+    pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
+        // the last pixels of a line add in the order of the others: a mirror makes them the first
+        let halves = L::REGISTERS >= 8 && self.halves;
+        match self.channels {
+            RGB if halves => self.halving_tiles::<RGB>(x, w, sums, rows),
+            TWO_RGB if halves => self.halving_tiles::<TWO_RGB>(x, w, sums, rows),
+            _ if halves => self.halving_tiles::<ANY>(x, w, sums, rows),
+            _ => self.tiles(x, w, sums, rows),
+        }
+    }
+
+    #[inline(always)]
+    fn tiles(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
+        let mut first = 0;
+        while first < self.width {
+            first += match (L::REGISTERS, rows, self.width - first) {
+                (32.., TILE, 2..) => self.pixels::<4, 2>(x, w, first, rows, sums),
+                (32.., TILE, _) => self.pixels::<TILE, 1>(x, w, first, rows, sums),
+                (8..32, TILE, _) => self.pixels::<2, 1>(x, w, first, rows, sums),
+                _ => self.pixels::<1, 1>(x, w, first, rows, sums),
+            };
+        }
+    }
+
+    /// V blocks of some pixels, R pixels at a time.
+    #[inline(always)]
+    fn pixels<const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        rows: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        for row in (0..rows).step_by(R) {
+            self.tile::<R, V>(x, w, first, row, sums);
+        }
+        V
+    }
+
+    /// The same for 4 x 4 windows of stride 2, two of which see every column, and C
+    /// channels.
+    #[inline(always)]
+    fn halving_tiles<const C: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        sums: &mut [Block<T>],
+        rows: usize,
+    ) {
+        let mut first = 0;
+        while first < self.width {
+            first += match (L::REGISTERS, rows, self.width - first) {
+                (32.., TILE, 2..) => self.halving_pixels::<C, 4, 2>(x, w, first, rows, sums),
+                (32.., TILE, _) => self.halving_pixels::<C, TILE, 1>(x, w, first, rows, sums),
+                (8..32, TILE, _) => self.halving_pixels::<C, 2, 1>(x, w, first, rows, sums),
+                _ => self.halving_pixels::<C, 1, 1>(x, w, first, rows, sums),
+            };
+        }
+    }
+
+    /// V blocks of some pixels, R pixels at a time.
+    #[inline(always)]
+    fn halving_pixels<const C: usize, const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        rows: usize,
+        sums: &mut [Block<T>],
+    ) -> usize {
+        for row in (0..rows).step_by(R) {
+            self.halving_tile::<C, R, V>(x, w, first, row, sums);
+        }
+        V
+    }
+
+    /// The sums of R pixels and V blocks.
+    #[inline(always)]
+    fn tile<const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) {
+        let lanes = self.lanes;
+        let mut a = [[lanes.splat(T::ZERO); V]; R];
+        let (mut b, mut middle) = (a, a);
+        for orbit in &self.patches.orbits {
+            let w = &w[orbit.first * (LANES / G) * self.width..][..self.channels * self.width];
+            let left = self.columns::<R>(x, row, orbit.taps[0]);
+            match orbit.taps.get(1) {
+                Some(&tap) => {
+                    let right = self.columns::<R>(x, row, tap);
+                    for c in 0..self.channels {
+                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        for r in 0..R {
+                            let (left, right) = (lanes.quad(&left[r][c]), lanes.quad(&right[r][c]));
+                            for v in 0..V {
+                                a[r][v] = lanes.mul_add(left, w[v], a[r][v]);
+                                b[r][v] = lanes.mul_add(right, w[v], b[r][v]);
+                            }
+                        }
+                    }
+                }
+                None => {
+                    for c in 0..self.channels {
+                        let w: [L::V; V] = load_all(lanes, head(&w[c * self.width + first..]));
+                        for r in 0..R {
+                            let x = lanes.quad(&left[r][c]);
+                            for v in 0..V {
+                                middle[r][v] = lanes.mul_add(x, w[v], middle[r][v]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        self.combine([a, b], Some(middle), first, row, sums);
+    }
+
+    /// The same where two windows see every column: it is loaded once for both.
+    #[inline(always)]
+    fn halving_tile<const C: usize, const R: usize, const V: usize>(
+        &self,
+        x: &[T],
+        w: &[Block<T>],
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) {
+        let lanes = self.lanes;
+        let mut a = [[lanes.splat(T::ZERO); V]; R];
+        let mut b = a;
+        // the orbits of a line are that of the outer columns of a window and that of the inner ones
+        for [outer, inner] in self.patches.orbits.as_chunks().0 {
+            let of = |orbit: &Orbit| &w[orbit.first * (LANES / G) * self.width + first..];
+            let (outer_w, inner_w) = (of(outer), of(inner));
+            let x: &[[T; G]] = x[row * self.step + outer.taps[0]..].as_chunks().0;
+            let channels = if C == ANY { self.channels } else { C };
+            let mut columns: [&[[T; G]]; COLUMNS] = [&[]; COLUMNS];
+            for (i, column) in columns[..2 * R + 2].iter_mut().enumerate() {
+                *column = &x[i * channels..][..channels];
+            }
+            for c in 0..channels {
+                let outer: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
+                let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
+                let mut left = [lanes.quad(&columns[0][c]), lanes.quad(&columns[1][c])];
+                for r in 0..R {
+                    let right = [
+                        lanes.quad(&columns[2 * r + 2][c]),
+                        lanes.quad(&columns[2 * r + 3][c]),
+                    ];
+                    for v in 0..V {
+                        a[r][v] = lanes.mul_add(left[0], outer[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[1], outer[v], b[r][v]);
+                        a[r][v] = lanes.mul_add(left[1], inner[v], a[r][v]);
+                        b[r][v] = lanes.mul_add(right[0], inner[v], b[r][v]);
+                    }
+                    left = right;
+                }
+            }
+        }
+        self.combine([a, b], None, first, row, sums);
+    }
+
+    /// Writes the sums over both halves of the windows and their middle column, if they have one.
+    #[inline(always)]
+    fn combine<const R: usize, const V: usize>(
+        &self,
+        [a, b]: [[[L::V; V]; R]; 2],
+        middle: Option<[[L::V; V]; R]>,
+        first: usize,
+        row: usize,
+        sums: &mut [Block<T>],
+    ) {
+        for r in 0..R {
+            for v in 0..V {
+                let mut sum = self.lanes.mul_add(b[r][v], self.signs, a[r][v]);
+                if let Some(middle) = middle {
+                    sum = self.lanes.add(sum, middle[r][v]);
+                }
+                let to = &mut sums[(row + r) * self.width + first + v];
+                self.lanes.store(to, sum);
+            }
+        }
+    }
+
+    /// The channels that R neighbouring windows see through a tap.
+    #[inline(always)]
+    fn columns<'x, const R: usize>(&self, x: &'x [T], row: usize, tap: usize) -> [&'x [[T; G]]; R] {
+        let mut columns: [&[[T; G]]; R] = [&[]; R];
+        for (r, column) in columns.iter_mut().enumerate() {
+            let at = (row + r) * self.step + tap;
+            *column = &x[at..].as_chunks().0[..self.channels];
+        }
+        columns
+    }
+
+    /// Adds x^T dy of neighbouring pixels, for every column of the lines by itself: dy
+    /// `[block][pixel]`, dw `[column][block]`.
+    #[inline(always)]
+    pub fn weights(&self, lines: &Lines, x: &[T], dy: &[Block<T>], dw: &mut [Block<T>]) {
+        let columns = lines.columns() / lines.each();
+        for i in 0..lines.each() {
+            let x = &x[lines.offset(i)..];
+            let dw = &mut dw[i * columns * self.width..][..columns * self.width];
+            let mut first = 0;
+            while first < self.width {
+                let tile = Columns {
+                    lanes: self.lanes,
+                    width: self.width,
+                    step: self.step,
+                    x,
+                    dy,
+                    first,
+                };
+                first += match (L::REGISTERS, self.width - first) {
+                    (32.., 2..) => tile.all::<6, 2>(columns, dw),
+                    (32.., _) => tile.all::<12, 1>(columns, dw),
+                    (8..32, _) => tile.all::<6, 1>(columns, dw),
+                    _ => tile.all::<4, 1>(columns, dw),
+                };
+            }
+        }
+    }
+
+    /// Adds up what both halves of the windows say of the weights they share.
+    #[inline(always)]
+    pub fn fold(&self, lines: &Lines, columns: &[Block<T>], dw: &mut [Block<T>]) {
+        let lanes = self.lanes;
+        let len = self.channels * self.width;
+        for orbit in &self.patches.orbits {
+            let dw = &mut dw[orbit.first * (LANES / G) * self.width..][..len];
+            for (x, coefficients) in halves(lines, orbit).zip(&orbit.coefficients) {
+                let c = lanes.load(&narrow(coefficients));
+                for (d, part) in dw.iter_mut().zip(&columns[x * len..][..len]) {
+                    lanes.store(d, lanes.mul_add(lanes.load(part), c, lanes.load(d)));
+                }
+            }
+        }
+    }
+}
+
+/// The columns of the lines that an orbit meets.
+fn halves(lines: &Lines, orbit: &Orbit) -> impl Iterator<Item = usize> {
+    let [y, x] = orbit.start;
+    let k = lines.size();
+    [y * k + x, y * k + k - 1 - x]
+        .into_iter()
+        .take(orbit.taps.len())
+}

@@ -1,0 +1,159 @@
+//! Pictures of bytes give what their levels give.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use equivariant::{
+    Half, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
+    Signature, level,
+};
+use symmetry::Group;
+
+use crate::common::{normal, params, scratch, unwritten};
+
+const SAMPLES: usize = 3;
+
+/// Sides with a rest behind whole registers, and windows of all kinds that first layers tell apart.
+fn convolutions() -> Vec<R2Conv> {
+    let mut convolutions = Vec::new();
+    for group in Group::ALL {
+        for channels in [1, 3, 4, 6] {
+            for [size, stride, padding] in [[4, 2, 1], [3, 1, 1], [5, 1, 0]] {
+                let kernel = Kernel::new(size, stride, padding);
+                let (from, to) = (group.trivial(channels), group.regular(5));
+                convolutions.push(R2Conv::new(from, to, kernel, [20, 24]).unwrap());
+            }
+        }
+    }
+    convolutions
+}
+
+/// A convolution alone, with a ReLU, and with a pooling.
+fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
+    let out = conv.out_shape();
+    let halved = Kernel::new(2, 2, 0);
+    let layers = || -> Vec<Box<dyn Layer<T>>> {
+        vec![
+            Box::new(conv.clone()),
+            Box::new(Relu::new(out).unwrap()),
+            Box::new(MaxPool::new(out, halved).unwrap()),
+        ]
+    };
+    let network = |len| Sequential::new(layers().into_iter().take(len).collect());
+    (1..=3).map(|len| network(len).unwrap()).collect()
+}
+
+fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
+    let bytes = (0..samples * layer.in_shape().len()).map(|i| (i * 37 + i / 251) as u8);
+    bytes.collect()
+}
+
+/// Output and gradient in the parameters.
+fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
+    let (params, mut scratch) = (params(network, 1), scratch(network, SAMPLES));
+    let mut y = unwritten(SAMPLES * network.out_shape().len());
+    network.forward_bytes(&params, pictures, &mut y, &mut scratch);
+    let dy = normal::<T>(y.len(), 3);
+    let mut dparams = vec![T::ZERO; params.len()];
+    network.backward_bytes(&params, pictures, [&y, &dy], &mut dparams, &mut scratch);
+    [y, dparams]
+}
+
+fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
+    let (params, mut scratch) = (params(network, 1), scratch(network, SAMPLES));
+    let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
+    let mut y = unwritten(SAMPLES * network.out_shape().len());
+    network.forward(&params, &x, &mut y, &mut scratch);
+    let dy = normal::<T>(y.len(), 3);
+    let mut dparams = vec![T::ZERO; params.len()];
+    network.backward(&params, &x, &y, &dy, None, &mut dparams, &mut scratch);
+    [y, dparams]
+}
+
+fn assert_same<T: Scalar>(conv: &R2Conv) {
+    for network in networks::<T>(conv) {
+        let pictures = pictures(&network, SAMPLES);
+        let found = of_bytes(&network, &pictures);
+        assert!(found == of_levels(&network, &pictures), "{network}");
+        let largest = |values: &[T]| values.iter().fold(0.0, |m: f64, v| m.max(v.to_f64().abs()));
+        assert!(
+            found.iter().all(|values| largest(values) > 0.1),
+            "{network}"
+        );
+        let mut others = pictures;
+        let middle = others.len() / 2;
+        others[middle] ^= 128;
+        assert!(found != of_bytes(&network, &others), "{network}: blind");
+    }
+}
+
+#[test]
+fn bytes_give_the_bits_of_their_levels() {
+    for conv in convolutions() {
+        assert_same::<f64>(&conv);
+        let sets = InstructionSet::ALL.into_iter();
+        for set in sets.filter(|set| set.is_available()) {
+            assert_same::<f32>(&conv.clone().at_most(set));
+        }
+        if let Some(half) = Half::available() {
+            assert_same::<f32>(&conv.in_half(half));
+        }
+    }
+}
+
+#[test]
+fn levels_are_centred_and_reach_half() {
+    assert_eq!((level::<f64>(0), level::<f64>(255)), (-0.5, 0.5));
+    assert_eq!((level::<f32>(0), level::<f32>(255)), (-0.5, 0.5));
+    assert!((0..255).all(|byte| level::<f32>(byte) < level(byte + 1)));
+}
+
+/// The message of a panic.
+fn refusal(call: impl FnOnce()) -> String {
+    let panic = catch_unwind(AssertUnwindSafe(call)).unwrap_err();
+    panic.downcast_ref::<String>().unwrap().clone()
+}
+
+#[test]
+fn bytes_that_no_convolution_reads_are_refused() {
+    let (shape, to) = (Shape::vector(Group::D2.trivial(4)), Group::D2.regular(2));
+    let layers: Vec<Box<dyn Layer<f32>>> = vec![Box::new(Linear::new(shape.fields, to).unwrap())];
+    let linear = Sequential::new(layers).unwrap();
+    let regular = R2Conv::new(to, to, Kernel::new(3, 1, 1), [4, 4]).unwrap();
+    let regular = networks::<f32>(&regular).remove(1);
+    for network in [linear, regular] {
+        let bytes = pictures(&network, 1);
+        let mut y = vec![0.0; network.out_shape().len()];
+        let (params, mut scratch) = (params(&network, 1), scratch(&network, 1));
+        let forward = refusal(|| network.forward_bytes(&params, &bytes, &mut y, &mut scratch));
+        assert!(forward.contains("got bytes"), "{forward}");
+        let [y, dy] = [y.clone(), y];
+        let mut dparams = params.clone();
+        let backward = refusal(|| {
+            network.backward_bytes(&params, &bytes, [&y, &dy], &mut dparams, &mut scratch);
+        });
+        assert!(backward.contains("got bytes"), "{backward}");
+    }
+}
+
+#[test]
+fn wrong_lengths_are_refused() {
+    let conv = &convolutions()[0];
+    let network = networks::<f32>(conv).remove(1);
+    let bytes = pictures(&network, 2);
+    let (params, mut scratch) = (params(&network, 1), scratch(&network, 2));
+    let mut y = vec![0.0; 2 * network.out_shape().len()];
+    let short = &bytes[1..];
+    let message = refusal(|| network.forward_bytes(&params, short, &mut y, &mut scratch));
+    assert!(message.contains("expected a multiple of"), "{message}");
+    let one = &bytes[bytes.len() / 2..];
+    let message = refusal(|| network.forward_bytes(&params, one, &mut y, &mut scratch));
+    assert!(message.contains("got y of"), "{message}");
+    network.forward_bytes(&params, &bytes, &mut y, &mut scratch);
+    let half = y.len() / 2;
+    let mut dparams = params.clone();
+    let message = refusal(|| {
+        let outputs = [&y[..half], &y[..half]];
+        network.backward_bytes(&params, one, outputs, &mut dparams, &mut scratch);
+    });
+    assert!(message.contains("left for 2 samples"), "{message}");
+}
