@@ -56,7 +56,7 @@ pub struct Adapter {
     /// The most threads of a group.
     pub group_threads: u32,
     /// The fewest and the most threads of a subgroup, which run in lockstep. No kernel relies on
-    /// them.
+    /// their number.
     pub subgroup: [u32; 2],
 }
 

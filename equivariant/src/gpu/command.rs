@@ -1,5 +1,7 @@
 //! Compiled kernels.
 
+use std::collections::hash_map::Entry;
+
 use crate::gpu::device::{Device, locked};
 use crate::gpu::step::Step;
 
@@ -82,20 +84,25 @@ fn layout(device: &wgpu::Device, step: &Step) -> wgpu::BindGroupLayout {
 /// The compiled kernel of a step; equal texts are compiled once.
 fn pipeline(device: &Device, step: &Step, layout: &wgpu::BindGroupLayout) -> wgpu::ComputePipeline {
     let mut pipelines = locked(&device.pipelines);
-    let known = pipelines.entry(step.source.clone());
-    let pipeline = known.or_insert_with(|| compile(&device.device, step, layout));
-    pipeline.clone()
+    let known = pipelines.entry(step.source(device.subgroups()));
+    match known {
+        Entry::Occupied(known) => known.get().clone(),
+        Entry::Vacant(place) => {
+            let pipeline = compile(&device.device, (step.label, place.key()), layout);
+            place.insert(pipeline).clone()
+        }
+    }
 }
 
 fn compile(
     device: &wgpu::Device,
-    step: &Step,
+    (label, source): (&str, &str),
     layout: &wgpu::BindGroupLayout,
 ) -> wgpu::ComputePipeline {
-    let label = Some(step.label);
+    let label = Some(label);
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label,
-        source: wgpu::ShaderSource::Wgsl(step.source.as_str().into()),
+        source: wgpu::ShaderSource::Wgsl(source.into()),
     });
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label,

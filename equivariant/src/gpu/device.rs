@@ -16,6 +16,8 @@ pub struct Device {
     /// Compiled kernels by their text.
     pub(crate) pipelines: Arc<Mutex<HashMap<String, wgpu::ComputePipeline>>>,
     fault: Fault,
+    /// Whether kernels use operations on subgroups.
+    subgroups: bool,
 }
 
 /// The first thing that went wrong, if anything did.
@@ -46,6 +48,7 @@ impl Device {
         let described = describe(adapter);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
+            required_features: adapter.features() & wgpu::Features::SUBGROUP,
             required_limits: adapter.limits(),
             ..Default::default()
         };
@@ -61,12 +64,26 @@ impl Device {
             queue,
             pipelines: Arc::default(),
             fault,
+            subgroups: adapter.features().contains(wgpu::Features::SUBGROUP),
         })
     }
 
     /// The adapter.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
+    }
+
+    /// Whether the kernels that are compiled from here on use operations on subgroups of threads:
+    /// they do where the adapter has them.
+    pub fn subgroups(&self) -> bool {
+        self.subgroups
+    }
+
+    /// The same device, whose kernels use no such operations, for comparing. Sums are added in
+    /// another order then.
+    pub fn without_subgroups(mut self) -> Device {
+        self.subgroups = false;
+        self
     }
 
     /// Gives the device up, as a driver does that is reset: whatever is asked of it from here on is

@@ -95,14 +95,47 @@ impl Rows {
     }
 }
 
+/// How a kernel combines the values of the threads of a group.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Combine {
+    Sum,
+    Largest,
+}
+
+/// A function that combines values of type `element`.
+#[derive(Clone, Copy, Debug)]
+struct Reduction {
+    name: &'static str,
+    element: &'static str,
+    combine: Combine,
+}
+
 /// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
 #[derive(Clone, Debug)]
 pub struct Step {
     pub(crate) label: &'static str,
-    pub(crate) source: String,
+    source: String,
+    reductions: Vec<Reduction>,
     /// Buffers, and whether the kernel writes them.
     pub(crate) buffers: Vec<(Slot, bool)>,
     pub(crate) work: Work,
+}
+
+impl Reduction {
+    fn text(self, subgroups: bool) -> String {
+        let text = match subgroups {
+            true => include_str!("wgsl/reduce_in_subgroups.wgsl"),
+            false => include_str!("wgsl/reduce.wgsl"),
+        };
+        let (combined, of_subgroup) = match self.combine {
+            Combine::Sum => ("a + b", "subgroupAdd"),
+            Combine::Largest => ("max(a, b)", "subgroupMax"),
+        };
+        let text = text.replace("NAME", self.name);
+        let text = text.replace("TYPE", self.element);
+        let text = text.replace("COMBINED", combined);
+        text.replace("OF_SUBGROUP", of_subgroup)
+    }
 }
 
 impl Step {
@@ -119,6 +152,7 @@ impl Step {
         Step {
             label,
             source: [include_str!("wgsl/common.wgsl"), group].concat(),
+            reductions: Vec::new(),
             buffers: Vec::new(),
             work,
         }
@@ -145,16 +179,37 @@ impl Step {
         self.text(&format!("const {name}: f32 = {:?};", value as f32))
     }
 
-    /// Adds the sum over the threads of a group: `summed(value, thread)`.
+    /// Adds the sum over the threads of a group: `summed(value, place)`.
     pub fn sums(self) -> Step {
-        self.reduction("summed", "f32", "a + b")
+        self.reduction("summed", "f32", Combine::Sum)
     }
 
-    /// Adds `name(value, thread)`, which combines the values a and b of the threads of a group.
-    pub(crate) fn reduction(self, name: &str, element: &str, combined: &str) -> Step {
-        let text = include_str!("wgsl/reduce.wgsl").replace("NAME", name);
-        let text = text.replace("TYPE", element);
-        self.text(&text.replace("COMBINED", combined))
+    /// Adds `name(value, place)`, which combines the values of the threads of a group.
+    pub(crate) fn reduction(
+        mut self,
+        name: &'static str,
+        element: &'static str,
+        combine: Combine,
+    ) -> Step {
+        self.reductions.push(Reduction {
+            name,
+            element,
+            combine,
+        });
+        self
+    }
+
+    /// The whole text of the kernel, with operations on subgroups or without.
+    pub(crate) fn source(&self, subgroups: bool) -> String {
+        let place = match subgroups {
+            true => include_str!("wgsl/place_in_subgroups.wgsl"),
+            false => include_str!("wgsl/place.wgsl"),
+        };
+        let mut source = [&self.source, place].concat();
+        for reduction in &self.reductions {
+            source.push_str(&reduction.text(subgroups));
+        }
+        source
     }
 
     /// Adds a buffer that is read, as an array of `element`.

@@ -1,11 +1,11 @@
 //! Every layer on the device against the processor's.
 
-use equivariant::gpu::Network;
-use equivariant::{Group, Layer, Relu, Sequential, equivariance_error, equivariance_error_of};
+use equivariant::gpu::{Device, Network};
+use equivariant::{Group, Layer, Relu, Sequential, equivariance_error_of};
 
 use crate::common::{
-    boxed, conv, inexact_layers_of, largest, largest_deviation, largest_magnitude, layers, normal,
-    params, rng, run,
+    boxed, conv, exact_layers_of, inexact_layers_of, largest, largest_deviation, largest_magnitude,
+    layers, normal, params, rng, run,
 };
 use crate::device;
 
@@ -15,7 +15,11 @@ const TOLERANCE: f64 = 1e-4;
 
 /// A network for up to five samples with these parameters.
 fn network(layer: &dyn Layer<f32>, params: &[f32]) -> Network {
-    let mut network = Network::new(device(), layer, 5).unwrap();
+    network_on(device(), layer, params)
+}
+
+fn network_on(device: &Device, layer: &dyn Layer<f32>, params: &[f32]) -> Network {
+    let mut network = Network::new(device, layer, 5).unwrap();
     network.set_params(params);
     network
 }
@@ -29,21 +33,43 @@ fn deviation(got: &[f32], expected: &[f32]) -> f64 {
 #[test]
 fn outputs_and_gradients_are_those_of_the_processor() {
     for (name, layer) in layers::<f32>() {
-        let layer = layer.as_ref();
-        let params = params(layer, 1);
-        let x = normal(SAMPLES * layer.in_shape().len(), 2);
-        let dy = normal(SAMPLES * layer.out_shape().len(), 3);
-        let [y, dx, dparams] = run(layer, &params, &x, &dy);
-        let mut network = network(layer, &params);
-        let output = network.forward(&x).unwrap();
-        let error = deviation(&output, &y);
-        assert!(error < TOLERANCE, "{name}: error {error} in the output");
-        let gradients = network.backward(&dy).unwrap();
-        let error = deviation(&gradients.input, &dx);
-        assert!(error < TOLERANCE, "{name}: error {error} in the input");
-        let error = deviation(&gradients.params, &dparams);
-        assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
+        assert_alike(device(), &name, layer.as_ref());
     }
+}
+
+/// Statistics and expected positions combine the values of a group of threads.
+#[test]
+fn they_are_so_without_operations_on_subgroups() {
+    let plain = device().clone().without_subgroups();
+    assert!(!plain.subgroups());
+    let combining = |name: &str| {
+        ["norm of", "soft-argmax"]
+            .iter()
+            .any(|of| name.contains(of))
+    };
+    let layers = layers::<f32>().into_iter();
+    let layers: Vec<_> = layers.filter(|(name, _)| combining(name)).collect();
+    assert_eq!(layers.len(), 35);
+    for (name, layer) in layers {
+        assert_alike(&plain, &name, layer.as_ref());
+    }
+}
+
+/// Compares outputs and gradients with the processor's.
+fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) {
+    let params = params(layer, 1);
+    let x = normal(SAMPLES * layer.in_shape().len(), 2);
+    let dy = normal(SAMPLES * layer.out_shape().len(), 3);
+    let [y, dx, dparams] = run(layer, &params, &x, &dy);
+    let mut network = network_on(device, layer, &params);
+    let output = network.forward(&x).unwrap();
+    let error = deviation(&output, &y);
+    assert!(error < TOLERANCE, "{name}: error {error} in the output");
+    let gradients = network.backward(&dy).unwrap();
+    let error = deviation(&gradients.input, &dx);
+    assert!(error < TOLERANCE, "{name}: error {error} in the input");
+    let error = deviation(&gradients.params, &dparams);
+    assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
 }
 
 /// The equivariance error of what a device computes with these parameters.
@@ -55,17 +81,16 @@ fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
 
 #[test]
 fn all_layers_are_as_equivariant_as_on_the_processor() {
+    for group in Group::ALL {
+        for (name, layer) in exact_layers_of::<f32>(group) {
+            let error = equivariance_error_on(layer.as_ref(), &[]);
+            assert_eq!(error, 0.0, "{name} of {group}");
+        }
+    }
     for (name, layer) in layers::<f32>() {
-        let layer = layer.as_ref();
-        let params = params(layer, 1);
-        let here = equivariance_error(layer, &params, 3, &mut rng(5));
-        let there = equivariance_error_on(layer, &params);
-        // what is exact to the bit here is so there
-        let allowed = if here == 0.0 { 0.0 } else { 1e-5 };
-        assert!(
-            there <= allowed,
-            "{name}: error {there}, and {here} on the processor"
-        );
+        let params = params(layer.as_ref(), 1);
+        let error = equivariance_error_on(layer.as_ref(), &params);
+        assert!(error <= 1e-5, "{name}: error {error}");
     }
 }
 

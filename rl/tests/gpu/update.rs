@@ -66,9 +66,17 @@ fn after(mut ppo: Ppo, network: &NetworkSettings) -> After {
 }
 
 fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
+    on_processor_and(device(), settings, network)
+}
+
+fn on_processor_and(
+    device: &Device,
+    settings: &PpoSettings,
+    network: &NetworkSettings,
+) -> [After; 2] {
     let policy = rollout(network).0;
     let here = Ppo::new(settings.clone(), &policy).unwrap();
-    let there = Ppo::on_device(settings.clone(), &policy, device()).unwrap();
+    let there = Ppo::on_device(settings.clone(), &policy, device).unwrap();
     [here, there].map(|ppo| after(ppo, network))
 }
 
@@ -114,6 +122,13 @@ fn ten_steps_are_those_of_the_processor() {
             assert_alike(&here, &there, &format!("{group} {critic:?}"));
         }
     }
+}
+
+#[test]
+fn they_are_so_without_operations_on_subgroups() {
+    let plain = device().clone().without_subgroups();
+    let [here, there] = on_processor_and(&plain, &settings(), &network());
+    assert_alike(&here, &there, "without subgroups");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use symmetry::Irrep;
 use crate::gpu::channels::Channels;
 use crate::gpu::kernels::pointwise::{each_field, gradients, permuted_channels};
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{Step, Work};
+use crate::gpu::step::{Combine, Step, Work};
 
 pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
@@ -25,8 +25,8 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
         Work::groups(channels.fields()),
     );
     let step = common(step.constants(sizes))
-        .reduction("largest_of", "Field", "max(a, b)")
-        .reduction("added", "Field", "a + b")
+        .reduction("largest_of", "Field", Combine::Largest)
+        .reduction("added", "Field", Combine::Sum)
         .write("kept", "Field", kept);
     let step = step.write("y", "f32", y.values);
     let step = keypoints

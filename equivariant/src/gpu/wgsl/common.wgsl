@@ -12,12 +12,6 @@ struct Batch {
 
 const THREADS = 64u;
 
-struct Place {
-    @builtin(workgroup_id) group: vec3<u32>,
-    @builtin(num_workgroups) groups: vec3<u32>,
-    @builtin(local_invocation_index) thread: u32,
-}
-
 // Groups fill a plane, since a line of them is limited.
 fn group_of(place: Place) -> u32 {
     return place.group.y * place.groups.x + place.group.x;

@@ -5,7 +5,7 @@
 fn main(place: Place) {
     let group = group_of(place);
     if group < parts() * FIELDS {
-        run(group, place.thread);
+        run(group, place);
     }
 }
 

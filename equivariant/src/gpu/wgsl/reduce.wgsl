@@ -1,15 +1,16 @@
-// Combines the values of a group of threads, in an order that does not depend on subgroups.
+
+// Combines the values of a group of threads.
 
 var<workgroup> shared_NAME: array<TYPE, THREADS>;
 
-fn NAME(value: TYPE, thread: u32) -> TYPE {
-    shared_NAME[thread] = value;
+fn NAME(value: TYPE, place: Place) -> TYPE {
+    shared_NAME[place.thread] = value;
     workgroupBarrier();
     for (var step = THREADS / 2u; step > 0u; step /= 2u) {
-        if thread < step {
-            let a = shared_NAME[thread];
-            let b = shared_NAME[thread + step];
-            shared_NAME[thread] = COMBINED;
+        if place.thread < step {
+            let a = shared_NAME[place.thread];
+            let b = shared_NAME[place.thread + step];
+            shared_NAME[place.thread] = COMBINED;
         }
         workgroupBarrier();
     }

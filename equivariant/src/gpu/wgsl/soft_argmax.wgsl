@@ -15,7 +15,7 @@ fn main(place: Place) {
     for (var i = place.thread; i < PIXELS; i += THREADS) {
         best = max(best, transform(load_x(sample * PIXELS + i, field)));
     }
-    best = largest_of(best, place.thread);
+    best = largest_of(best, place);
     var sum = Field();
     var x = Field();
     var y = Field();
@@ -26,9 +26,9 @@ fn main(place: Place) {
         x += v * at.x;
         y += v * at.y;
     }
-    sum = added(sum, place.thread);
-    x = added(x, place.thread) / sum;
-    y = added(y, place.thread) / sum;
+    sum = added(sum, place);
+    x = added(x, place) / sum;
+    y = added(y, place) / sum;
     if place.thread == 0u {
         kept[4u * group] = best;
         kept[4u * group + 1u] = sum;

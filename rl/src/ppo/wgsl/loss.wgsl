@@ -37,14 +37,14 @@ fn main(place: Place) {
         terms += vec4(-min(surrogate, clipped), error * error, kl, outside);
     }
     let sums = vec4(
-        summed(terms.x, thread),
-        summed(terms.y, thread),
-        summed(terms.z, thread),
-        summed(terms.w, thread),
+        summed(terms.x, place),
+        summed(terms.y, place),
+        summed(terms.z, place),
+        summed(terms.w, place),
     );
     var entropy = 0.0;
     for (var j = 0u; j < ACTION; j++) {
-        let total = summed(d_log_std[j], thread);
+        let total = summed(d_log_std[j], place);
         entropy += params[LOG_STD + component[j]] + HALF_LN_TAU + 0.5;
         if thread == 0u {
             gradient[LOG_STD + component[j]] = total;

@@ -2,7 +2,7 @@
 
 @compute @workgroup_size(THREADS)
 fn main(place: Place) {
-    let norm = sqrt(summed(squares[place.thread], place.thread));
+    let norm = sqrt(summed(squares[place.thread], place));
     if place.thread == 0u && log[0] == RUNNING {
         let row = ROW * (batch.index + 1u);
         log[row + 6u] = norm;

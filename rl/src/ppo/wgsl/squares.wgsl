@@ -6,7 +6,7 @@ fn main(place: Place) {
     for (var i = index_of(place); i < PARAMS; i += GROUPS * THREADS) {
         sum += gradient[i] * gradient[i];
     }
-    let total = summed(sum, place.thread);
+    let total = summed(sum, place);
     if place.thread == 0u {
         squares[group_of(place)] = total;
     }
