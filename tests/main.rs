@@ -29,6 +29,7 @@ mod table1;
 #[cfg(feature = "tui")]
 mod terminal;
 mod trials;
+mod unsafe_code;
 mod variants;
 mod watch;
 

@@ -8,9 +8,14 @@ const LEAST: usize = 500;
 /// Longest line of prose, in characters. Tables, code, links and pictures may be longer.
 const COLUMNS: usize = 100;
 
-/// All Markdown files of the repository, which are the same in a package but for the folders that
-/// it leaves out.
+/// All Markdown files of the repository.
 pub fn pages() -> Vec<PathBuf> {
+    files(".md")
+}
+
+/// All files of the repository with this ending, which are the same in a package but for the
+/// folders that it leaves out.
+pub fn files(ending: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
     let mut open = vec![PathBuf::from(env!("CARGO_MANIFEST_DIR"))];
     while let Some(folder) = open.pop() {
@@ -22,7 +27,7 @@ pub fn pages() -> Vec<PathBuf> {
                 let ours =
                     !name.starts_with('.') && !["target", "runs", "shared"].contains(&&name[..]);
                 open.extend(ours.then_some(path));
-            } else if name.ends_with(".md") {
+            } else if name.ends_with(ending) {
                 found.push(path);
             }
         }

@@ -46,8 +46,9 @@ impl<T: Real> Forward<'_, T> {
         let sums = pieces.take(TILE * weights.width());
         let own = pieces.flat_zeros(lines.staged());
         let line = Line::new(lanes, patches, weights.width());
+        let len = patches.image().len();
         for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
-            let x = &x[image * patches.image().len()..][..patches.image().len()];
+            let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..conv.out.width).step_by(TILE) {
                 let rows = TILE.min(conv.out.width - first);
@@ -79,8 +80,9 @@ impl<T: Real> Backward<'_, T> {
         let columns = pieces.zeros(lines.columns() * width);
         let own = pieces.flat_zeros(lines.staged());
         let line = Line::new(lanes, patches, width);
+        let len = patches.image().len();
         for (image, oy) in lines_of(self.samples, 0..conv.out.height) {
-            let x = &x[image * patches.image().len()..][..patches.image().len()];
+            let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
             for first in (0..conv.out.width).step_by(MOST) {
                 let count = MOST.min(conv.out.width - first);

@@ -20,6 +20,8 @@ pub(crate) const G: usize = 4;
 #[derive(Clone, Debug)]
 pub(crate) struct Lines {
     image: Shape,
+    /// Of the image: it is asked for at every line.
+    channels: usize,
     kernel: Kernel,
     out_height: usize,
     /// The length of a line with its padding.
@@ -30,6 +32,7 @@ impl Lines {
     pub fn new(image: Shape, kernel: Kernel, out_height: usize, len: usize) -> Lines {
         Lines {
             image,
+            channels: image.fields.dim(),
             kernel,
             out_height,
             len,
@@ -48,7 +51,7 @@ impl Lines {
 
     /// What a window sees of its lines: taps and channels.
     pub fn columns(&self) -> usize {
-        self.each() * self.size() * self.image.fields.dim()
+        self.each() * self.size() * self.channels
     }
 
     /// The length of the lines of one line of windows, in whole blocks.
@@ -76,7 +79,7 @@ impl Lines {
     }
 
     fn row_len(&self) -> usize {
-        self.image.width * self.image.fields.dim()
+        self.image.width * self.channels
     }
 
     /// The row of the image that a tap sees, unless it is padding.
@@ -87,14 +90,14 @@ impl Lines {
 
     /// Where the part of a line that is not padding starts.
     fn start(&self, oy: usize, i: usize) -> usize {
-        let padding = 4 * self.kernel.padding * self.image.fields.dim();
+        let padding = 4 * self.kernel.padding * self.channels;
         self.shift() + self.first(oy) + self.offset(i) + padding
     }
 
     /// What brings the first pixel to a cache line: a store that straddles two of them takes twice
     /// the time.
     pub fn shift(&self) -> usize {
-        let padding = 4 * self.kernel.padding * self.image.fields.dim();
+        let padding = 4 * self.kernel.padding * self.channels;
         padding.next_multiple_of(LANES) - padding
     }
 
