@@ -9,9 +9,9 @@
 //! multiplied by the blocks of parameters, and, in the backward pass, unfolded. All numbers of a
 //! field, one for each irrep, are a vector of WGSL, and products of matrices of such vectors
 //! multiply number by number. Kernels are text in `wgsl/`, to which the layer's sizes are added as
-//! constants. Products have a fixed order of sums. Sums over the threads of a group use operations on
-//! subgroups where the adapter has them, and an order of their own elsewhere; an adapter gives the
-//! same bits each time.
+//! constants. Products have a fixed order of sums. Sums over the threads of a group use operations
+//! on subgroups where the adapter has them, and an order of their own elsewhere; an adapter gives
+//! the same bits each time.
 
 mod adapter;
 mod channels;

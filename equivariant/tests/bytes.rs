@@ -3,14 +3,15 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
-    Half, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
-    Signature, level,
+    FieldNorm, Half, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar,
+    Sequential, Shape, Signature, Statistics, level,
 };
 use symmetry::Group;
 
 use crate::common::{normal, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
+const SAME: Kernel = Kernel::new(3, 1, 1);
 
 /// Sides with a rest behind whole registers, and windows of all kinds that first layers tell apart.
 fn convolutions() -> Vec<R2Conv> {
@@ -27,7 +28,8 @@ fn convolutions() -> Vec<R2Conv> {
     convolutions
 }
 
-/// A convolution alone, with a ReLU, and with a pooling.
+/// A convolution alone, with a ReLU, with a pooling, and with others in the same chain and behind
+/// it.
 fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     let out = conv.out_shape();
     let halved = Kernel::new(2, 2, 0);
@@ -38,8 +40,16 @@ fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
             Box::new(MaxPool::new(out, halved).unwrap()),
         ]
     };
-    let network = |len| Sequential::new(layers().into_iter().take(len).collect());
-    (1..=3).map(|len| network(len).unwrap()).collect()
+    let first = |len| -> Vec<_> { layers().into_iter().take(len).collect() };
+    let next = || R2Conv::new(out.fields, out.fields, SAME, [out.height, out.width]).unwrap();
+    let mut deep = first(2);
+    deep.push(Box::new(next()));
+    deep.push(Box::new(FieldNorm::new(out, Statistics::Sample).unwrap()));
+    deep.push(Box::new(next()));
+    let networks = [first(1), first(2), first(3), deep].into_iter();
+    networks
+        .map(|layers| Sequential::new(layers).unwrap())
+        .collect()
 }
 
 fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
@@ -49,8 +59,9 @@ fn pictures(layer: &impl Signature, samples: usize) -> Vec<u8> {
 
 /// Output and gradient in the parameters.
 fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
-    let (params, mut scratch) = (params(network, 1), scratch(network, SAMPLES));
-    let mut y = unwritten(SAMPLES * network.out_shape().len());
+    let samples = pictures.len() / network.in_shape().len();
+    let (params, mut scratch) = (params(network, 1), scratch(network, samples));
+    let mut y = unwritten(samples * network.out_shape().len());
     network.forward_bytes(&params, pictures, &mut y, &mut scratch);
     let dy = normal::<T>(y.len(), 3);
     let mut dparams = vec![T::ZERO; params.len()];
@@ -59,9 +70,10 @@ fn of_bytes<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] 
 }
 
 fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2] {
-    let (params, mut scratch) = (params(network, 1), scratch(network, SAMPLES));
+    let samples = pictures.len() / network.in_shape().len();
+    let (params, mut scratch) = (params(network, 1), scratch(network, samples));
     let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
-    let mut y = unwritten(SAMPLES * network.out_shape().len());
+    let mut y = unwritten(samples * network.out_shape().len());
     network.forward(&params, &x, &mut y, &mut scratch);
     let dy = normal::<T>(y.len(), 3);
     let mut dparams = vec![T::ZERO; params.len()];
@@ -69,11 +81,18 @@ fn of_levels<T: Scalar>(network: &Sequential<T>, pictures: &[u8]) -> [Vec<T>; 2]
     [y, dparams]
 }
 
+/// The bits of numbers in double precision, which tell all numbers of either precision apart.
+fn bits<T: Scalar>(values: &[Vec<T>; 2]) -> Vec<u64> {
+    let values = values.iter().flatten();
+    values.map(|v| v.to_f64().to_bits()).collect()
+}
+
 fn assert_same<T: Scalar>(conv: &R2Conv) {
     for network in networks::<T>(conv) {
         let pictures = pictures(&network, SAMPLES);
         let found = of_bytes(&network, &pictures);
-        assert!(found == of_levels(&network, &pictures), "{network}");
+        let levels = of_levels(&network, &pictures);
+        assert!(bits(&found) == bits(&levels), "{network}");
         let largest = |values: &[T]| values.iter().fold(0.0, |m: f64, v| m.max(v.to_f64().abs()));
         assert!(
             found.iter().all(|values| largest(values) > 0.1),
@@ -97,6 +116,26 @@ fn bytes_give_the_bits_of_their_levels() {
         if let Some(half) = Half::available() {
             assert_same::<f32>(&conv.in_half(half));
         }
+    }
+}
+
+/// A single picture of this size is computed in two halves where a thread may be free.
+#[test]
+fn two_threads_give_the_bits_of_one() {
+    let halving = Kernel::new(4, 2, 1);
+    let (from, to) = (Group::D2.trivial(6), Group::D2.regular(8));
+    let conv = R2Conv::new(from, to, halving, [64, 64]).unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build();
+    for network in networks::<f32>(&conv) {
+        let picture = pictures(&network, 1);
+        let found = pool
+            .as_ref()
+            .unwrap()
+            .install(|| of_bytes(&network, &picture));
+        assert!(
+            bits(&found) == bits(&of_levels(&network, &picture)),
+            "{network}"
+        );
     }
 }
 
@@ -144,7 +183,7 @@ fn wrong_lengths_are_refused() {
     let mut y = vec![0.0; 2 * network.out_shape().len()];
     let short = &bytes[1..];
     let message = refusal(|| network.forward_bytes(&params, short, &mut y, &mut scratch));
-    assert!(message.contains("expected a multiple of"), "{message}");
+    assert!(message.contains("got pictures of"), "{message}");
     let one = &bytes[bytes.len() / 2..];
     let message = refusal(|| network.forward_bytes(&params, one, &mut y, &mut scratch));
     assert!(message.contains("got y of"), "{message}");

@@ -1,11 +1,11 @@
 //! f(g x) = g f(x) for every layer, and a checker that can fail.
 
 use equivariant::{
-    FieldType, Group, Layer, Relu, Scalar, Sequential, Shape, Signature, equivariance_error,
-    equivariance_error_of,
+    FieldType, Group, InstructionSet, Layer, R2Conv, Relu, Scalar, Sequential, Shape, Signature,
+    equivariance_error, equivariance_error_of,
 };
 
-use crate::common::{boxed, concat, conv, exact_layers_of, layers, params, rng};
+use crate::common::{boxed, concat, conv, exact_layers_of, kernel, layers, params, rng};
 
 fn worst<T: Scalar>(tolerance: f64) {
     for (name, layer) in layers::<T>() {
@@ -88,18 +88,25 @@ fn the_reference_network_is_equivariant() {
     }
 }
 
+fn assert_exact<T: Scalar>(layer: &dyn Layer<T>) {
+    let error = equivariance_error(layer, &params(layer, 1), 3, &mut rng(2));
+    assert_eq!(error, 0.0, "{layer}");
+}
+
 /// Lines of output that are whole tiles of pixels, with a rest and shorter, of every number of
 /// channels that has code of its own and of others.
 #[test]
 fn first_layers_are_exact_under_d2() {
     for channels in [1, 3, 4, 6, 7] {
         for (window, sides) in [([4, 2, 1], [6, 16, 22, 26]), ([3, 1, 1], [3, 8, 11, 13])] {
-            for [height, width] in sides.map(|side| [6, side]) {
-                let to = Group::D2.regular(5);
-                let conv = conv(Group::D2.trivial(channels), to, window, [height, width]);
-                let layer: &dyn Layer<f32> = conv.as_ref();
-                let error = equivariance_error(layer, &params(layer, 1), 3, &mut rng(2));
-                assert_eq!(error, 0.0, "{layer}");
+            for side in sides {
+                let (from, to) = (Group::D2.trivial(channels), Group::D2.regular(5));
+                let conv = R2Conv::new(from, to, kernel(window), [6, side]).unwrap();
+                let sets = InstructionSet::ALL.into_iter();
+                for set in sets.filter(|set| set.is_available()) {
+                    assert_exact::<f32>(&conv.clone().at_most(set));
+                }
+                assert_exact::<f64>(&conv);
             }
         }
     }

@@ -109,7 +109,7 @@ impl Chain {
     }
 
     /// Values that the forward pass leaves to the backward pass.
-    fn kept(&self, samples: usize) -> usize {
+    pub fn kept(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
             .map(|(i, link)| self.staged(i, samples) + link.masks(samples) + link.pooled(samples))

@@ -53,7 +53,7 @@ impl<T: Real> Input<'_, T> {
             Input::Bytes(x) => {
                 for i in 0..images {
                     let x = &x[(first + i) * len..][..len];
-                    patches.stage_bytes(lanes, x, &mut own[i * staged..][..staged]);
+                    patches.stage_bytes(x, &mut own[i * staged..][..staged]);
                 }
                 own
             }

@@ -141,8 +141,10 @@ impl Reduction {
 impl Step {
     /// A kernel on fields of this order, 1, 2 or 4.
     ///
-    /// Its text begins with `wgsl/common.wgsl`, which has the batch and a thread's place in it, and
-    /// with `wgsl/group_1.wgsl` or another of these, which has the arithmetic of a field.
+    /// Its text begins with `wgsl/common.wgsl`, which has the batch and what follows from a thread's
+    /// `Place`, and with `wgsl/group_1.wgsl` or another of these, which has the arithmetic of a
+    /// field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), which says by `thread` which
+    /// of the group's threads it is.
     pub fn new(label: &'static str, order: usize, work: Work) -> Step {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
@@ -179,7 +181,8 @@ impl Step {
         self.text(&format!("const {name}: f32 = {:?};", value as f32))
     }
 
-    /// Adds the sum over the threads of a group: `summed(value, place)`.
+    /// Adds the sum over the threads of a group: `summed(value, place)`, where `place` is that of
+    /// `main`. All threads of the group must call it.
     pub fn sums(self) -> Step {
         self.reduction("summed", "f32", Combine::Sum)
     }
@@ -199,8 +202,9 @@ impl Step {
         self
     }
 
-    /// The whole text of the kernel, with operations on subgroups or without.
+    /// The whole text of the kernel, which combines values by operations on subgroups or without.
     pub(crate) fn source(&self, subgroups: bool) -> String {
+        let subgroups = subgroups && !self.reductions.is_empty();
         let place = match subgroups {
             true => include_str!("wgsl/place_in_subgroups.wgsl"),
             false => include_str!("wgsl/place.wgsl"),
@@ -228,5 +232,18 @@ impl Step {
         self.text(&format!(
             "@group(0) @binding({binding}) var<storage, {access}> {name}: array<{element}>;"
         ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_kernels_that_combine_values_have_operations_on_subgroups() {
+        let step = || Step::new("some", 4, Work::fixed_groups(1));
+        let has = |step: Step, subgroups| step.source(subgroups).contains("subgroup");
+        assert!(has(step().sums(), true) && !has(step().sums(), false));
+        assert!(!has(step(), true) && !has(step(), false));
     }
 }

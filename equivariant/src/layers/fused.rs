@@ -27,7 +27,7 @@ impl Signature for Chain {
     }
 
     fn keeps_scratch(&self) -> bool {
-        true
+        self.kept(1) > 0
     }
 }
 

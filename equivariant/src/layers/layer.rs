@@ -91,7 +91,7 @@ pub trait Layer<T: Scalar>: Signature {
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples.
     fn forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut Scratch<T>) {
-        let samples = samples(self, x.len());
+        let samples = samples(self, ("x", x.len()));
         check_forward(self, samples, [params.len(), y.len()]);
         self.run_forward(params, x, y, empty(self, samples, scratch));
         fill(self, samples, scratch);
@@ -121,7 +121,7 @@ pub trait Layer<T: Scalar>: Signature {
         dparams: &mut [T],
         scratch: &mut Scratch<T>,
     ) {
-        let samples = samples(self, x.len());
+        let samples = samples(self, ("x", x.len()));
         let dx_len = dx.as_ref().map_or(x.len(), |dx| dx.len());
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
@@ -211,14 +211,14 @@ pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
     }
 }
 
-/// The number of samples in `x` of this length.
-pub(crate) fn samples(layer: &(impl Signature + ?Sized), x: usize) -> usize {
+/// The number of samples in an input of this name and length.
+pub(crate) fn samples(layer: &(impl Signature + ?Sized), (input, len): (&str, usize)) -> usize {
     let each = layer.in_shape().len();
     assert!(
-        x.is_multiple_of(each),
-        "{layer}: got x of {x} values, expected a multiple of {each}"
+        len.is_multiple_of(each),
+        "{layer}: got {input} of {len} values, expected a multiple of {each}"
     );
-    x / each
+    len / each
 }
 
 /// Refuses slices that do not have the length that the shapes and the samples in `x` ask for.

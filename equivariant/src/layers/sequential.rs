@@ -20,8 +20,8 @@ use crate::simd::lanes::LANES;
 /// A chain of layers, itself a layer.
 ///
 /// Convolutions, ReLUs and max-poolings that follow one another run fused, which changes no value
-/// but by rounding. Its parameters are those of its layers in order. `forward` leaves every activation in
-/// `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same
+/// but by rounding. Its parameters are those of its layers in order. `forward` leaves every
+/// activation in `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same
 /// samples filled.
 pub struct Sequential<T> {
     layers: Vec<Box<dyn Layer<T>>>,
@@ -33,6 +33,7 @@ pub struct Sequential<T> {
 /// Layers that run as one.
 struct Stage {
     layers: Range<usize>,
+    /// Of the layers, if they begin with a convolution.
     fused: Option<Chain>,
 }
 
@@ -116,7 +117,7 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, pictures.len());
+        let samples = samples(self, ("pictures", pictures.len()));
         check_forward(self, samples, [params.len(), y.len()]);
         let x = (samples, Input::Bytes(pictures));
         self.run_from(params, x, y, empty(self, samples, scratch));
@@ -127,7 +128,7 @@ impl<T: Scalar> Sequential<T> {
     /// [`backward`](Layer::backward); bytes have no gradient.
     ///
     /// # Panics
-    /// As both.
+    /// As `forward_bytes` and `backward`.
     pub fn backward_bytes(
         &self,
         params: &[T],
@@ -137,7 +138,7 @@ impl<T: Scalar> Sequential<T> {
         scratch: &mut Scratch<T>,
     ) {
         self.check_bytes();
-        let samples = samples(self, pictures.len());
+        let samples = samples(self, ("pictures", pictures.len()));
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
         let pass = BackwardPass {

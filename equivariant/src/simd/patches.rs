@@ -291,18 +291,18 @@ impl Patches {
         }
     }
 
-    /// The same from bytes; the channels are trivial.
+    /// The same from the bytes of trivial channels, where they are not folded into lines.
     #[inline(always)]
-    pub fn stage_bytes<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[u8], staged: &mut [T]) {
-        if let Some(lines) = &self.lines {
-            return lines.fold(lanes, image, 0..lines.out_height(), staged);
-        }
+    pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
+        let order = self.image.fields.group().order();
+        with_order!(G = order, self.replicate_pixels::<T, G>(image, staged));
+    }
+
+    #[inline(always)]
+    fn replicate_pixels<T: Real, const G: usize>(&self, image: &[u8], staged: &mut [T]) {
         let channels = self.image.fields.dim();
         for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixels) {
-            with_order!(
-                G = self.image.fields.group().order(),
-                replicate::<T, _, G>(pixel, &mut staged[to..][..channels * G])
-            );
+            replicate::<T, _, G>(pixel, &mut staged[to..][..channels * G]);
         }
     }
 

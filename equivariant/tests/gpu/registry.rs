@@ -1,11 +1,11 @@
 //! Every layer on the device against the processor's.
 
 use equivariant::gpu::{Device, Network};
-use equivariant::{Group, Layer, Relu, Sequential, equivariance_error_of};
+use equivariant::{Group, Layer, Relu, Sequential, equivariance_error, equivariance_error_of};
 
 use crate::common::{
-    boxed, conv, exact_layers_of, inexact_layers_of, largest, largest_deviation, largest_magnitude,
-    layers, normal, params, rng, run,
+    boxed, conv, inexact_layers_of, largest, largest_deviation, largest_magnitude, layers, normal,
+    params, rng, run,
 };
 use crate::device;
 
@@ -37,26 +37,31 @@ fn outputs_and_gradients_are_those_of_the_processor() {
     }
 }
 
-/// Statistics and expected positions combine the values of a group of threads.
+/// Whether a layer of this name combines the values of a group of threads, as statistics and
+/// expected positions do.
+fn combines(name: &str) -> bool {
+    ["norm of", "soft-argmax"]
+        .iter()
+        .any(|of| name.contains(of))
+}
+
 #[test]
 fn they_are_so_without_operations_on_subgroups() {
     let plain = device().clone().without_subgroups();
-    assert!(!plain.subgroups());
-    let combining = |name: &str| {
-        ["norm of", "soft-argmax"]
-            .iter()
-            .any(|of| name.contains(of))
-    };
     let layers = layers::<f32>().into_iter();
-    let layers: Vec<_> = layers.filter(|(name, _)| combining(name)).collect();
+    let layers: Vec<_> = layers.filter(|(name, _)| combines(name)).collect();
     assert_eq!(layers.len(), 35);
+    let mut differ = false;
     for (name, layer) in layers {
-        assert_alike(&plain, &name, layer.as_ref());
+        let with = assert_alike(device(), &name, layer.as_ref());
+        differ |= with != assert_alike(&plain, &name, layer.as_ref());
     }
+    // another order of sums shows that the operations run where the adapter has them
+    assert_eq!((differ, plain.subgroups()), (device().subgroups(), false));
 }
 
-/// Compares outputs and gradients with the processor's.
-fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) {
+/// Compares outputs and gradients with the processor's; returns them.
+fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) -> [Vec<f32>; 3] {
     let params = params(layer, 1);
     let x = normal(SAMPLES * layer.in_shape().len(), 2);
     let dy = normal(SAMPLES * layer.out_shape().len(), 3);
@@ -70,6 +75,7 @@ fn assert_alike(device: &Device, name: &str, layer: &dyn Layer<f32>) {
     assert!(error < TOLERANCE, "{name}: error {error} in the input");
     let error = deviation(&gradients.params, &dparams);
     assert!(error < TOLERANCE, "{name}: error {error} in the parameters");
+    [output, gradients.input, gradients.params]
 }
 
 /// The equivariance error of what a device computes with these parameters.
@@ -81,16 +87,18 @@ fn equivariance_error_on(layer: &dyn Layer<f32>, params: &[f32]) -> f64 {
 
 #[test]
 fn all_layers_are_as_equivariant_as_on_the_processor() {
-    for group in Group::ALL {
-        for (name, layer) in exact_layers_of::<f32>(group) {
-            let error = equivariance_error_on(layer.as_ref(), &[]);
-            assert_eq!(error, 0.0, "{name} of {group}");
-        }
-    }
     for (name, layer) in layers::<f32>() {
-        let params = params(layer.as_ref(), 1);
-        let error = equivariance_error_on(layer.as_ref(), &params);
-        assert!(error <= 1e-5, "{name}: error {error}");
+        let layer = layer.as_ref();
+        let params = params(layer, 1);
+        let here = equivariance_error(layer, &params, 3, &mut rng(5));
+        let there = equivariance_error_on(layer, &params);
+        // what is exact to the bit here is so there, but for sums over a map in another order
+        let exact = here == 0.0 && !combines(&name);
+        let allowed = if exact { 0.0 } else { 1e-5 };
+        assert!(
+            there <= allowed,
+            "{name}: error {there}, and {here} on the processor"
+        );
     }
 }
 

@@ -1,4 +1,4 @@
-// What every kernel has: the batch, and where a thread stands in it.
+// What every kernel has: the batch, and what follows from a thread's place in it.
 
 struct Batch {
     samples: u32,

@@ -6,7 +6,8 @@ var<workgroup> shared_NAME: array<TYPE, THREADS>;
 
 fn NAME(value: TYPE, place: Place) -> TYPE {
     let own = OF_SUBGROUP(value);
-    if place.lane == 0u {
+    // the first thread of those that run, should a subgroup not be full
+    if place.lane == subgroupMin(place.lane) {
         shared_NAME[place.subgroup] = own;
     }
     workgroupBarrier();
