@@ -14,12 +14,6 @@ use crate::window::Kernel;
 
 /// Output pixels of a tile of a forward pass.
 pub(crate) const TILE: usize = 8;
-/// Numbers of channels for which the sums of two windows have code of their own, which is a few per
-/// cent faster: RGB, and RGB of two frames.
-const RGB: usize = 3;
-const TWO_RGB: usize = 6;
-/// Any other number of channels.
-const ANY: usize = 0;
 /// Columns that TILE windows see, of which neighbours share two.
 const COLUMNS: usize = 2 * TILE + 2;
 
@@ -35,7 +29,7 @@ pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
     step: usize,
     /// The signs of the lanes under a flip of x.
     signs: L::V,
-    /// Whether the windows are those of [`halving_tiles`](Line::halving_tiles).
+    /// Whether windows are 4 x 4 with stride 2.
     halves: bool,
 }
 
@@ -69,48 +63,16 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
     #[inline(always)]
     pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
         // the last pixels of a line add in the order of the others: a mirror makes them the first
-        let halves = L::REGISTERS >= 8 && self.halves;
-        match self.channels {
-            RGB if halves => self.halving_tiles::<RGB>(x, w, sums, rows),
-            TWO_RGB if halves => self.halving_tiles::<TWO_RGB>(x, w, sums, rows),
-            _ if halves => self.halving_tiles::<ANY>(x, w, sums, rows),
-            _ => self.tiles(x, w, sums, rows),
+        if L::REGISTERS >= 8 && self.halves {
+            self.tiles::<true>(x, w, sums, rows);
+        } else {
+            self.tiles::<false>(x, w, sums, rows);
         }
     }
 
+    /// HALVING says that windows are 4 x 4 with stride 2, so two of them see every column.
     #[inline(always)]
-    fn tiles(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
-        let mut first = 0;
-        while first < self.width {
-            first += match (L::REGISTERS, rows, self.width - first) {
-                (32.., TILE, 2..) => self.pixels::<4, 2>(x, w, first, rows, sums),
-                (32.., TILE, _) => self.pixels::<TILE, 1>(x, w, first, rows, sums),
-                (8..32, TILE, _) => self.pixels::<2, 1>(x, w, first, rows, sums),
-                _ => self.pixels::<1, 1>(x, w, first, rows, sums),
-            };
-        }
-    }
-
-    /// V blocks of some pixels, R pixels at a time.
-    #[inline(always)]
-    fn pixels<const R: usize, const V: usize>(
-        &self,
-        x: &[T],
-        w: &[Block<T>],
-        first: usize,
-        rows: usize,
-        sums: &mut [Block<T>],
-    ) -> usize {
-        for row in (0..rows).step_by(R) {
-            self.tile::<R, V>(x, w, first, row, sums);
-        }
-        V
-    }
-
-    /// The same for 4 x 4 windows of stride 2, two of which see every column, and C
-    /// channels.
-    #[inline(always)]
-    fn halving_tiles<const C: usize>(
+    fn tiles<const HALVING: bool>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -120,17 +82,17 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         let mut first = 0;
         while first < self.width {
             first += match (L::REGISTERS, rows, self.width - first) {
-                (32.., TILE, 2..) => self.halving_pixels::<C, 4, 2>(x, w, first, rows, sums),
-                (32.., TILE, _) => self.halving_pixels::<C, TILE, 1>(x, w, first, rows, sums),
-                (8..32, TILE, _) => self.halving_pixels::<C, 2, 1>(x, w, first, rows, sums),
-                _ => self.halving_pixels::<C, 1, 1>(x, w, first, rows, sums),
+                (32.., TILE, 2..) => self.pixels::<HALVING, 4, 2>(x, w, first, rows, sums),
+                (32.., TILE, _) => self.pixels::<HALVING, TILE, 1>(x, w, first, rows, sums),
+                (8..32, TILE, _) => self.pixels::<HALVING, 2, 1>(x, w, first, rows, sums),
+                _ => self.pixels::<HALVING, 1, 1>(x, w, first, rows, sums),
             };
         }
     }
 
     /// V blocks of some pixels, R pixels at a time.
     #[inline(always)]
-    fn halving_pixels<const C: usize, const R: usize, const V: usize>(
+    fn pixels<const HALVING: bool, const R: usize, const V: usize>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -139,7 +101,11 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         sums: &mut [Block<T>],
     ) -> usize {
         for row in (0..rows).step_by(R) {
-            self.halving_tile::<C, R, V>(x, w, first, row, sums);
+            if HALVING {
+                self.halving_tile::<R, V>(x, w, first, row, sums);
+            } else {
+                self.tile::<R, V>(x, w, first, row, sums);
+            }
         }
         V
     }
@@ -192,7 +158,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
 
     /// The same where two windows see every column: it is loaded once for both.
     #[inline(always)]
-    fn halving_tile<const C: usize, const R: usize, const V: usize>(
+    fn halving_tile<const R: usize, const V: usize>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -208,12 +174,11 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
             let of = |orbit: &Orbit| &w[orbit.first * (LANES / G) * self.width + first..];
             let (outer_w, inner_w) = (of(outer), of(inner));
             let x: &[[T; G]] = x[row * self.step + outer.taps[0]..].as_chunks().0;
-            let channels = if C == ANY { self.channels } else { C };
             let mut columns: [&[[T; G]]; COLUMNS] = [&[]; COLUMNS];
             for (i, column) in columns[..2 * R + 2].iter_mut().enumerate() {
-                *column = &x[i * channels..][..channels];
+                *column = &x[i * self.channels..][..self.channels];
             }
-            for c in 0..channels {
+            for c in 0..self.channels {
                 let outer: [L::V; V] = load_all(lanes, head(&outer_w[c * self.width..]));
                 let inner: [L::V; V] = load_all(lanes, head(&inner_w[c * self.width..]));
                 let mut left = [lanes.quad(&columns[0][c]), lanes.quad(&columns[1][c])];
