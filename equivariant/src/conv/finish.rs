@@ -63,7 +63,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         }
     }
 
-    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of those it has.
+    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of those
+    /// it has.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;

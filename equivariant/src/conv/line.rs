@@ -49,7 +49,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
             channels: fields.dim(),
             halves: size == 4 && stride == 2,
             width,
-            step: patches.kernel().stride * fields.dim() * G,
+            step: stride * fields.dim() * G,
             signs: lanes.load(&signs),
         }
     }

@@ -110,17 +110,6 @@ struct Reduction {
     combine: Combine,
 }
 
-/// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
-#[derive(Clone, Debug)]
-pub struct Step {
-    pub(crate) label: &'static str,
-    source: String,
-    reductions: Vec<Reduction>,
-    /// Buffers, and whether the kernel writes them.
-    pub(crate) buffers: Vec<(Slot, bool)>,
-    pub(crate) work: Work,
-}
-
 impl Reduction {
     fn text(self, subgroups: bool) -> String {
         let text = match subgroups {
@@ -136,6 +125,17 @@ impl Reduction {
         let text = text.replace("COMBINED", combined);
         text.replace("OF_SUBGROUP", of_subgroup)
     }
+}
+
+/// A dispatch: the text of its kernel, its buffers in the order of their bindings, and its size.
+#[derive(Clone, Debug)]
+pub struct Step {
+    pub(crate) label: &'static str,
+    source: String,
+    reductions: Vec<Reduction>,
+    /// Buffers, and whether the kernel writes them.
+    pub(crate) buffers: Vec<(Slot, bool)>,
+    pub(crate) work: Work,
 }
 
 impl Step {

@@ -274,15 +274,10 @@ impl Patches {
 
     #[inline(always)]
     fn stage_groups<T: Real, const G: usize>(&self, image: &[T], staged: &mut [T]) {
-        let channels = self.image.fields.dim();
         if self.replicated {
-            let line = self.image.width * channels;
-            let starts = self.pixels.iter().step_by(self.image.width.max(1));
-            for (line, &start) in image.chunks_exact(line.max(1)).zip(starts) {
-                replicate::<T, _, G>(line, &mut staged[start..][..line.len() * G]);
-            }
-            return;
+            return self.replicate::<T, _, G>(image, staged);
         }
+        let channels = self.image.fields.dim();
         let scale = T::from_f64(self.scale());
         let join = Join::new(self.image.fields);
         for (i, &to) in self.pixels.iter().enumerate() {
@@ -295,14 +290,18 @@ impl Patches {
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
         let order = self.image.fields.group().order();
-        with_order!(G = order, self.replicate_pixels::<T, G>(image, staged));
+        with_order!(G = order, self.replicate::<T, _, G>(image, staged));
     }
 
+    /// Writes G copies of every channel.
     #[inline(always)]
-    fn replicate_pixels<T: Real, const G: usize>(&self, image: &[u8], staged: &mut [T]) {
+    fn replicate<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], staged: &mut [T]) {
         let channels = self.image.fields.dim();
         for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixels) {
-            replicate::<T, _, G>(pixel, &mut staged[to..][..channels * G]);
+            let groups = staged[to..][..channels * G].as_chunks_mut().0;
+            for (group, x) in groups.iter_mut().zip(pixel) {
+                *group = [x.number(); G];
+            }
         }
     }
 
@@ -330,13 +329,6 @@ impl Patches {
                 join.undo::<T, G>(scale, from, to);
             }
         }
-    }
-}
-
-#[inline(always)]
-fn replicate<T: Real, P: Pixel<T>, const G: usize>(channels: &[P], groups: &mut [T]) {
-    for (group, x) in groups.as_chunks_mut::<G>().0.iter_mut().zip(channels) {
-        *group = [x.number(); G];
     }
 }
 

@@ -3,10 +3,15 @@
 use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes};
 
+/// What a byte is multiplied with.
+const UNIT: f64 = 1.0 / 255.0;
+/// What is subtracted then.
+const CENTRE: f64 = 0.5;
+
 /// The number that a byte of a picture stands for, in [-0.5, 0.5].
 #[inline(always)]
 pub fn level<T: Real>(byte: u8) -> T {
-    T::from_f64(f64::from(byte)) * T::from_f64(1.0 / 255.0) - T::from_f64(0.5)
+    T::from_f64(f64::from(byte)) * T::from_f64(UNIT) - T::from_f64(CENTRE)
 }
 
 /// A value of a picture.
@@ -39,7 +44,7 @@ impl<T: Real> Pixel<T> for u8 {
 
     #[inline(always)]
     fn numbers<L: Lanes<T>>(lanes: L, pixels: &[u8; LANES]) -> L::V {
-        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(1.0 / 255.0)));
-        lanes.sub(unit, lanes.splat(T::from_f64(0.5)))
+        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(UNIT)));
+        lanes.sub(unit, lanes.splat(T::from_f64(CENTRE)))
     }
 }
