@@ -11,6 +11,7 @@ use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
+use crate::memory;
 use crate::report::ReportOptions;
 use crate::runs::{Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
@@ -122,7 +123,8 @@ pub struct PackOptions {
 pub enum Outcome {
     /// All was done.
     Done,
-    /// Ctrl-C or SIGTERM came; a checkpoint was written, and `covers resume` goes on.
+    /// Ctrl-C, SIGTERM or SIGHUP came, or standard output was closed; a checkpoint was written, and
+    /// `covers resume` goes on.
     Interrupted,
 }
 
@@ -232,31 +234,41 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
     .slurm(&program))
 }
 
-/// Runs to the end, or to a signal, and tells of every step.
+/// Runs to the end, or to a signal, and prints every step. An output that is closed stops the run
+/// as a signal does.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
-    run.stop_at(Stop::on_signals()?);
+    let stop = Stop::on_signals()?;
+    run.stop_at(stop.clone());
     let folder = run.folder().path().display();
-    say(out, &format!("{folder}: {}", run.notice()))?;
+    say_or_stop(out, &format!("{folder}: {}", run.notice()), &stop);
     while let Some(event) = run.advance()? {
         // the scores after the stream stand in the summary
-        let told = match run.is_finished() {
-            true => Ok(()),
-            false => say(out, &event_text(&event)),
-        };
-        // nobody listens any more: keep what was learnt
-        if told.is_err() {
-            run.save()?;
+        if !run.is_finished() {
+            say_or_stop(out, &event_text(&event), &stop);
         }
-        told?;
     }
     conclude(run, json, out)
 }
 
-/// Tells how a run ended that does not advance: with its figures, or, where it was stopped, with a
-/// checkpoint of this moment and how to go on.
+/// Prints a line. Where nobody reads it, nobody watches the run: it stops and keeps what it has.
+fn say_or_stop(out: &mut impl Write, line: &str, stop: &Stop) {
+    if let Err(error) = say(out, line) {
+        warn(&format!("{error}: the run stops"));
+        stop.request();
+    }
+}
+
+/// Prints a line to standard error.
+fn warn(line: &str) {
+    // a terminal that is gone reads nothing, and is no reason to fail
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Prints how a run ended that does not advance: its figures, or, where it was stopped, how to go
+/// on from the checkpoint of this moment, which it writes.
 ///
 /// # Errors
-/// What the run says, or an `out` that cannot be written to.
+/// What the run says, or an `out` that the figures cannot be written to.
 pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let folder = run.folder().path().display().to_string();
     if run.is_finished()
@@ -276,9 +288,11 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
         Some(_) => " --device gpu",
         None => "",
     };
-    let said =
+    let ending =
         format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}{device}");
-    say(out, &said)?;
+    if say(out, &ending).is_err() {
+        warn(&ending);
+    }
     Ok(Outcome::Interrupted)
 }
 
@@ -287,6 +301,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut experiment = folder
         .experiment()?
         .with_threads(options.work.threads.count());
+    memory::check_run(&experiment)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();

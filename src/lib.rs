@@ -44,6 +44,7 @@ mod groupings;
 mod helper;
 mod learners;
 mod manual;
+mod memory;
 mod new_file;
 mod overrides;
 pub mod preset_list;

@@ -137,6 +137,8 @@ pub fn summary_table(summary: &Summary) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use envs::TaskGroup;
     use symmetry::D2;
 
@@ -156,6 +158,7 @@ mod tests {
             return_accuracy: None,
             groups: Vec::new(),
             variants: Vec::new(),
+            tables: BTreeMap::new(),
         };
         assert!(!summary_table(&summary).contains("failures"));
         summary.failures = 3;

@@ -21,6 +21,16 @@ impl Scratch {
         run.summary().unwrap().unwrap()
     }
 
+    /// A run of an older version, whose summary holds no checksums of its tables.
+    fn run_without_checksums(&self, name: &str, experiment: Experiment) {
+        self.run(name, experiment);
+        let path = self.0.join(name).join("summary.json");
+        let text = fs::read_to_string(&path).unwrap();
+        let mut summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+        summary.as_object_mut().unwrap().remove("tables").unwrap();
+        fs::write(path, summary.to_string()).unwrap();
+    }
+
     /// Reports the runs of these names.
     fn report(&self, names: &[&str], more: &[&str]) -> Result<String, CoversError> {
         let folders = names.iter().map(|name| self.0.join(name));
@@ -156,7 +166,7 @@ fn a_report_says_what_the_runs_files_say() {
 #[test]
 fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     let scratch = Scratch::new("files");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.run_without_checksums("cnn-seed0", alone(Method::Cnn, 0));
     let file = |name: &str| scratch.0.join("cnn-seed0").join(name);
     let without = |name: &str| {
         let bytes = fs::read(file(name)).unwrap();
@@ -201,9 +211,36 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
 }
 
 #[test]
+fn tables_that_changed_after_the_end_are_refused() {
+    let scratch = Scratch::new("changed");
+    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    for (name, column, plausible) in [
+        ("metrics.csv", "reward", "300.5"),
+        ("evaluation.csv", "success", "1"),
+        ("timings.csv", "total", "0.5"),
+    ] {
+        let file = scratch.0.join("cnn-seed0").join(name);
+        let table = fs::read_to_string(&file).unwrap();
+        for changed in [
+            with_cell(&table, column, plausible),
+            table[..table.len() - 7].to_owned(),
+        ] {
+            fs::write(&file, changed).unwrap();
+            let refusal = scratch.refusal(&["cnn-seed0"]);
+            assert!(
+                refusal.contains(name) && refusal.contains("was changed"),
+                "{refusal}"
+            );
+        }
+        fs::write(&file, table).unwrap();
+    }
+}
+
+#[test]
 fn what_was_counted_twice_is_refused() {
     let scratch = Scratch::new("twice");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.run_without_checksums("cnn-seed0", alone(Method::Cnn, 0));
     let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
     fs::write(scratch.0.join("cnn-seed0/recognition.csv"), answer).unwrap();
     scratch.report(&["cnn-seed0"], &[]).unwrap();
@@ -225,7 +262,7 @@ fn what_was_counted_twice_is_refused() {
 #[test]
 fn earlier_evaluations_agree_with_the_rollouts_too() {
     let scratch = Scratch::new("earlier");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.run_without_checksums("cnn-seed0", alone(Method::Cnn, 0));
     let file = scratch.0.join("cnn-seed0/evaluation.csv");
     let table = fs::read_to_string(&file).unwrap();
     assert!(table.contains("\n0,0,"), "{table}");

@@ -59,6 +59,9 @@ impl RunData {
     /// a run that is not finished, and for files that do not belong together.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let folder = RunFolder::open(path);
+        if folder.is_finished() {
+            folder.verify_tables()?;
+        }
         let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
         let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;

@@ -1,12 +1,14 @@
 //! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as
 //! safetensors.
 
+use std::collections::BTreeMap;
 use std::fs::{create_dir, create_dir_all};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use rl::EnvSpec;
+use serde::Deserialize;
 
 use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
@@ -16,7 +18,8 @@ use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
 
 use super::checkpoints;
-use super::note::Signed;
+use super::lock::Lock;
+use super::note::{Signed, check_name};
 use super::provenance::Provenance;
 
 /// The file of a run's settings.
@@ -35,6 +38,11 @@ const FILES: [&str; 9] = [
     "timings.csv",
     "units.csv",
 ];
+
+/// CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
+pub(super) fn checksum(table: &[u8]) -> String {
+    format!("{:08x}", crc32fast::hash(table))
+}
 
 /// A folder that one run alone writes to.
 #[derive(Clone, Debug)]
@@ -86,6 +94,17 @@ impl RunFolder {
     pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
         self.disk = disk;
         self
+    }
+
+    /// Takes the right to write to the folder, and returns it with the folder as the holder of that
+    /// right: all its changes fail once another process has taken the run over.
+    ///
+    /// # Errors
+    /// [`CoversError::Locked`], [`CoversError::Write`].
+    pub(super) fn lock(mut self) -> Result<(Self, Lock), CoversError> {
+        let lock = Lock::take(&self.path)?;
+        self.disk = Arc::new(lock.fence(self.disk));
+        Ok((self, lock))
     }
 
     /// The same folder, in which a run may begin even where it holds another, whose files are then
@@ -152,6 +171,36 @@ impl RunFolder {
         self.holds_run() && self.file(SUMMARY).exists()
     }
 
+    /// Checks the tables of a finished run against the checksums in its summary. Summaries of older
+    /// versions have none and pass.
+    ///
+    /// # Errors
+    /// [`CoversError::ChangedTable`], [`CoversError::Read`].
+    pub fn verify_tables(&self) -> Result<(), CoversError> {
+        /// Part of a summary.
+        #[derive(Deserialize)]
+        struct Checksums {
+            #[serde(default)]
+            tables: BTreeMap<String, String>,
+        }
+        let read = |path: &Path| std::fs::read(path).map_err(|error| CoversError::read(path, error));
+        let path = self.file(SUMMARY);
+        let summary: Checksums = serde_json::from_slice(&read(&path)?)
+            .map_err(|error| CoversError::read(&path, error))?;
+        for (name, expected) in summary.tables {
+            let path = self.file(&name);
+            let found = checksum(&read(&path)?);
+            if found != expected {
+                return Err(CoversError::ChangedTable {
+                    path,
+                    found,
+                    expected,
+                });
+            }
+        }
+        Ok(())
+    }
+
     /// Reads the run's settings; where their file is lost, from the newest intact checkpoint.
     ///
     /// # Errors
@@ -194,13 +243,17 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, CoversError> {
-        let found =
-            checkpoints::newest(&self.checkpoints(), |path| learner.load(path, spec, labels))?;
+        let load = |path: &Path| {
+            let (learner, note) = learner.load(path, spec, labels)?;
+            check_name(path, &note)?;
+            Ok(learner)
+        };
+        let found = checkpoints::newest(&self.checkpoints(), load)?;
         let none = || CoversError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.value.0).ok_or_else(none)
+        found.map(|found| found.value).ok_or_else(none)
     }
 
     /// Creates a folder with settings and one checkpoint, which no run works on. Nothing is created

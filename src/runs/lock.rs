@@ -1,18 +1,31 @@
-//! One writer to a run's folder.
+//! One writer to a run's folder, and a file system that stops a writer that lost the folder.
 
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::Path;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use crate::error::CoversError;
+use crate::disk::Disk;
+use crate::error::{CoversError, TakenOver};
 
-/// The file that the writer of a folder holds.
+/// Name of the lock file in a run's folder.
 const LOCK: &str = "lock";
 
-/// The right to write to a folder. The system takes it back when the process ends, however it ends.
+/// Exclusive right to write to a folder. The system releases it when the process ends, however it
+/// ends.
 #[derive(Debug)]
-pub(crate) struct Lock {
+pub(super) struct Lock {
     _file: File,
+    claim: Claim,
+}
+
+/// Text that the holder of a lock left in the lock file.
+#[derive(Clone, Debug)]
+struct Claim {
+    folder: PathBuf,
+    /// Name of this process and a number that no other lock has.
+    owner: String,
 }
 
 impl Lock {
@@ -20,7 +33,7 @@ impl Lock {
     ///
     /// # Errors
     /// [`CoversError::Locked`] names the process that has it; [`CoversError::Write`].
-    pub(crate) fn take(folder: &Path) -> Result<Self, CoversError> {
+    pub fn take(folder: &Path) -> Result<Self, CoversError> {
         let path = folder.join(LOCK);
         let write = |error| CoversError::write(&path, error);
         let mut options = OpenOptions::new();
@@ -36,26 +49,117 @@ impl Lock {
                 });
             }
         }
-        let command: Vec<String> = std::env::args().collect();
-        let name = format!("process {}, `{}`\n", std::process::id(), command.join(" "));
+        let owner = owner();
         file.set_len(0)
             .and_then(|()| file.seek(SeekFrom::Start(0)))
-            .and_then(|_| file.write_all(name.as_bytes()))
+            .and_then(|_| file.write_all(owner.as_bytes()))
             .map_err(write)?;
-        Ok(Self { _file: file })
+        let folder = folder.to_owned();
+        let claim = Claim { folder, owner };
+        Ok(Self { _file: file, claim })
+    }
+
+    /// File system of the holder of this lock, on top of `disk`. It does not hold the lock itself.
+    pub fn fence(&self, disk: Arc<dyn Disk>) -> FencedDisk {
+        let claim = self.claim.clone();
+        FencedDisk { disk, claim }
     }
 }
 
-/// The name that the holder of a lock left.
+impl Claim {
+    /// Checks that no other process has taken the folder over since.
+    ///
+    /// The system's own lock does not tell: a file server that lost a client grants the client's
+    /// lock to another one, and a folder that was moved takes the locked file along.
+    ///
+    /// # Errors
+    /// [`TakenOver`], which [`CoversError::write`] recognises.
+    fn verify(&self) -> io::Result<()> {
+        let there = fs::read_to_string(self.folder.join(LOCK));
+        if there.as_ref().is_ok_and(|owner| *owner == self.owner) {
+            return Ok(());
+        }
+        Err(io::Error::other(TakenOver {
+            folder: self.folder.clone(),
+            holder: there.ok().map(|owner| owner.trim().to_owned()),
+        }))
+    }
+}
+
+/// Text that names this process and differs from that of every other lock.
+fn owner() -> String {
+    let command: Vec<String> = std::env::args().collect();
+    let system = |name: &str| {
+        let text = fs::read_to_string(Path::new("/proc/sys/kernel").join(name));
+        text.map_or_else(|_| "unknown".to_owned(), |text| text.trim().to_owned())
+    };
+    format!(
+        "process {} on {}, `{}`\nboot {}\nclaim {:016x}\n",
+        std::process::id(),
+        system("hostname"),
+        command.join(" "),
+        system("random/boot_id"),
+        RandomState::new().build_hasher().finish()
+    )
+}
+
+/// First line of the text that the holder of a lock left.
 fn holder(file: File) -> String {
-    let mut name = Vec::new();
-    // a holder that has not written its name yet is named all the same
-    let _ = file.take(4096).read_to_end(&mut name);
-    let name = String::from_utf8_lossy(&name).trim().to_owned();
+    let mut owner = Vec::new();
+    // an unreadable text is no reason to hide that the folder is locked
+    let _ = file.take(4096).read_to_end(&mut owner);
+    let owner = String::from_utf8_lossy(&owner);
+    let name = owner.lines().next().unwrap_or_default().trim();
     if name.is_empty() {
         "a process that has just begun".to_owned()
     } else {
-        name
+        name.to_owned()
+    }
+}
+
+/// File system that rejects every change once another process has taken the folder over.
+///
+/// A process can be frozen for longer than its lock lasts, by a suspended machine or a network that
+/// is down. When it continues, another one may have finished the run, and stale rows must not
+/// replace newer ones.
+#[derive(Debug)]
+pub(super) struct FencedDisk {
+    disk: Arc<dyn Disk>,
+    claim: Claim,
+}
+
+impl Disk for FencedDisk {
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.write(path, bytes)
+    }
+
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.append(path, bytes)
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        self.disk.sync(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.remove(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
+        self.disk.create_folder(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        self.disk.sync_folder(path)
     }
 }
 

@@ -1,12 +1,14 @@
 //! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
 //! bytes.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::error::CoversError;
 use crate::evaluation::{Dormancy, Recognition, Score};
 
-use super::folder::RunFolder;
+use super::folder::{RunFolder, checksum};
 use super::progress::{Evaluation, Progress};
 use super::rows::Rows;
 use super::table::Table;
@@ -59,9 +61,23 @@ impl Logs {
 
     /// Brings all rows to the disk.
     pub fn sync(&self) -> Result<(), CoversError> {
-        let tables = [&self.metrics, &self.scores, &self.units, &self.recognition];
-        let mut tables = tables.into_iter().chain([&self.timings]);
-        tables.try_for_each(Table::sync)
+        self.tables().into_iter().try_for_each(Table::sync)
+    }
+
+    /// Checksums of all tables by file name.
+    pub fn checksums(&self) -> BTreeMap<String, String> {
+        let sum = |table: &Table| (table.name(), checksum(table.text()));
+        self.tables().map(sum).into_iter().collect()
+    }
+
+    fn tables(&self) -> [&Table; 5] {
+        [
+            &self.metrics,
+            &self.scores,
+            &self.units,
+            &self.recognition,
+            &self.timings,
+        ]
     }
 
     /// Adds the row of a rollout.

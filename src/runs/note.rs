@@ -3,12 +3,14 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::learners::read_note;
 use crate::schedule::MAX_DECISIONS;
 
+use super::checkpoints::rollouts_of;
 use super::ledger::Ledger;
 use super::rows::Rows;
 
@@ -57,11 +59,13 @@ impl Signed {
     /// Reads a note that stands in the checkpoint at `path`.
     ///
     /// # Errors
-    /// [`CoversError::Read`], also for counts and rows that no run has.
+    /// [`CoversError::Read`], also for counts and rows that no run has, and for a checkpoint under
+    /// another one's name.
     pub fn parse(path: &Path, note: &str) -> Result<Self, CoversError> {
         let signed: Self = serde_json::from_str(note).map_err(|e| CoversError::read(path, e))?;
         let wrong = |what: &str| CoversError::damaged(path, format!("the run's note: {what}"));
         signed.check().map_err(wrong)?;
+        check_name(path, note)?;
         Ok(signed)
     }
 
@@ -77,6 +81,26 @@ impl Signed {
             return Err("its rows are not those of its rollouts");
         }
         Ok(())
+    }
+}
+
+/// Rejects a checkpoint that was given the name of another one: under a higher number it would stay
+/// the newest for ever. Checkpoints without a note of a run pass.
+///
+/// # Errors
+/// [`CoversError::Read`].
+pub(super) fn check_name(path: &Path, note: &str) -> Result<(), CoversError> {
+    let note: Option<Value> = serde_json::from_str(note).ok();
+    let rollouts = note.and_then(|note| note.pointer("/note/ledger/rollouts")?.as_u64());
+    match (rollouts, rollouts_of(path)) {
+        (Some(rollouts), Some(named)) if rollouts != named as u64 => Err(CoversError::damaged(
+            path,
+            format!(
+                "it is the checkpoint after {rollouts} rollouts under the name of the one after \
+                 {named}: give it its own name back, or remove it"
+            ),
+        )),
+        _ => Ok(()),
     }
 }
 

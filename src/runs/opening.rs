@@ -8,6 +8,7 @@ use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Learner};
+use crate::memory;
 use crate::overrides::same;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
@@ -44,7 +45,8 @@ pub(super) fn start(
     folder: RunFolder,
 ) -> Result<Opened, CoversError> {
     experiment.check(&tasks)?;
-    let lock = Lock::take(folder.path())?;
+    memory::check_run(&experiment)?;
+    let (folder, lock) = folder.lock()?;
     if !folder.is_free()? {
         return Err(CoversError::Occupied {
             folder: folder.path().to_owned(),
@@ -100,10 +102,11 @@ pub(super) fn resume(
         let folder = folder.path().to_owned();
         return Err(CoversError::NoRun { folder });
     }
-    let lock = Lock::take(folder.path())?;
+    let (folder, lock) = folder.lock()?;
     let mut experiment = folder.experiment()?.with_device(device)?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
+    memory::check_run(&experiment)?;
     let claim = Claim {
         lock,
         experiment,

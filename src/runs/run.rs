@@ -390,6 +390,7 @@ impl Run {
             return_accuracy: ledger.return_accuracy(),
             groups: by_group(&self.last_scores),
             variants: self.last_scores.clone(),
+            tables: self.logs.checksums(),
         };
         if self.is_finished() {
             summary.write(&self.folder)?;

@@ -32,6 +32,9 @@ const SIGNALLED: usize = 128;
 /// That after Ctrl-C.
 const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
 
+/// That after the terminal closed.
+const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
+
 /// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128
 /// and its number after a signal.
 ///
@@ -232,9 +235,14 @@ impl Wish {
     }
 }
 
-/// Whether a wish to end with this code counts, so long after the last one.
+/// `true` if a wish to end with this code counts, so long after the last one. A terminal that closes
+/// may send SIGHUP twice, which is one wish.
 fn counts(code: u8, since: Option<Duration>) -> bool {
-    code != 0 || since.is_none_or(|since| since >= HELD)
+    match code {
+        0 => since.is_none_or(|since| since >= HELD),
+        HUNG_UP => since.is_none(),
+        _ => true,
+    }
 }
 
 /// The exit code that a key asks for: Ctrl-C comes as a key while a screen is up.
@@ -265,6 +273,7 @@ mod tests {
         let soon = Some(Duration::from_millis(100));
         assert!(counts(0, None) && !counts(0, soon) && counts(0, Some(HELD)));
         assert!(counts(INTERRUPTED, None) && counts(INTERRUPTED, soon));
+        assert!(counts(HUNG_UP, None) && !counts(HUNG_UP, soon));
     }
 
     #[test]
