@@ -36,6 +36,16 @@ pub enum DescriptionError {
         /// What the parser says.
         message: String,
     },
+    /// A template that `xacro` has not expanded: everything that it would add is missing.
+    #[error(
+        "line {line}: {found} is xacro, not URDF: run `xacro FILE > arm.urdf` and read `arm.urdf`"
+    )]
+    Xacro {
+        /// Line of the file (from one).
+        line: usize,
+        /// The element, or the attribute with its value.
+        found: String,
+    },
     /// No links, or more links or shapes than any robot has.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
     Count {

@@ -296,6 +296,74 @@ fn a_file_holds_one_robot_and_nothing_else() {
     Description::from_urdf(&framed).unwrap();
 }
 
+/// Everything that the template would have added is missing from a robot that is read without it.
+#[test]
+fn templates_that_were_not_expanded_are_refused() {
+    let declared = SIX_JOINT.replacen("<robot ", "<robot xmlns:xacro=\"http://ros.org/xacro\" ", 1);
+    let arm = Description::from_urdf(&declared).unwrap();
+    assert_eq!(arm, Description::from_urdf(SIX_JOINT).unwrap());
+    let end = "</robot>";
+    for (old, new, found) in [
+        (
+            end,
+            "<xacro:hand parent=\"tip\"/>\n</robot>",
+            "`<xacro:hand>`",
+        ),
+        (
+            end,
+            "<xacro:if value=\"true\">\n<link name=\"c\"/></xacro:if></robot>",
+            "`<xacro:if>`",
+        ),
+        (
+            end,
+            "<gazebo><xacro:grey/></gazebo></robot>",
+            "`<xacro:grey>`",
+        ),
+        (
+            end,
+            "<x:hand xmlns:x=\"http://www.ros.org/wiki/xacro\"/></robot>",
+            "`<x:hand>`",
+        ),
+        (
+            end,
+            "<include filename=\"hand.xacro\"/></robot>",
+            "`<include>`",
+        ),
+        (end, "<macro name=\"hand\"/></robot>", "`<macro>`"),
+        (
+            "xyz=\"0 0 2\"",
+            "xyz=\"0 0 ${2 * L}\"",
+            "`xyz` of `<axis>`, \"0 0 ${2 * L}\"",
+        ),
+        (
+            "<link name=\"tip\"/>",
+            "<link name=\"$(arg tip)\"/>",
+            "`name` of `<link>`",
+        ),
+        (
+            "<link name=\"tip\"/>",
+            "<link name=\"tip\" xacro:off=\"1\"/>",
+            "`xacro:off` of `<link>`",
+        ),
+    ] {
+        let whole = declared.replacen(old, new, 1);
+        assert_ne!(whole, declared, "{old}");
+        let message = Description::from_urdf(&whole).unwrap_err().to_string();
+        let line = whole[..whole.find(new).unwrap()].matches('\n').count() + 1;
+        let expected = format!("line {line}: {found}");
+        assert!(message.starts_with(&expected), "{expected}: {message}");
+        assert!(message.contains("run `xacro FILE > arm.urdf`"), "{message}");
+    }
+    // nothing but templates, whose robot would have no links
+    let all =
+        "<robot name=\"r\" xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
+    let error = Description::from_urdf(all).unwrap_err();
+    assert!(
+        matches!(error, DescriptionError::Xacro { line: 1, .. }),
+        "{error}"
+    );
+}
+
 #[test]
 fn vectors_hold_three_numbers_and_nothing_else() {
     for (old, new, name) in [
