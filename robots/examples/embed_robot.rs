@@ -31,14 +31,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
     if env::var_os("MJCF").is_some() {
-        let servo = Some(Servo::default());
-        print!(
-            "{}",
-            arm.to_mjcf(&MjcfSettings {
-                servo,
-                ..MjcfSettings::default()
-            })?
-        );
+        let mjcf = arm.to_mjcf(&MjcfSettings {
+            servo: Some(Servo::default()),
+            ..MjcfSettings::default()
+        })?;
+        print!("{}", mjcf.text);
+        for [first, second] in mjcf.excluded {
+            eprintln!("{first} and {second} touch at rest, so they do not collide in this model");
+        }
         return Ok(());
     }
     let chain = Chain::new(&arm, tip)?;

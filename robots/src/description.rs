@@ -176,6 +176,15 @@ impl Description {
         joints.filter(|(_, motion)| motion.is_free())
     }
 
+    /// Position vector of the robot at rest: zero, or the end of a joint's range nearest to zero.
+    pub fn rest(&self) -> Vec<f64> {
+        let nearest = |[low, high]: [f64; 2]| 0_f64.clamp(low, high);
+        let joints = self.free_joints();
+        joints
+            .map(|(_, motion)| motion.range.map_or(0.0, nearest))
+            .collect()
+    }
+
     /// The root's frame in the world; the identity, unless [`Description::placed`] says otherwise.
     pub fn base(&self) -> Pose {
         self.base

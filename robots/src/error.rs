@@ -197,6 +197,17 @@ pub enum DescriptionError {
         /// The file as the URDF names it.
         file: String,
     },
+    /// More links in a row than MuJoCo reads.
+    #[error(
+        "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most {limit} \
+         links in a row: make one link of links that are fixed to each other"
+    )]
+    LongRow {
+        /// The first link that is too far from the root.
+        link: String,
+        /// Links allowed, the root among them.
+        limit: usize,
+    },
     /// A chain that cannot be moved by itself.
     #[error("the way to the link `{tip}` cannot be controlled: {reason}")]
     Chain {
