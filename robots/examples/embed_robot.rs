@@ -63,6 +63,12 @@ fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
 }
 
 fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
+    for of in arm.restrictions() {
+        let (joint, follower) = (&of.joint, &of.follower);
+        println!(
+            "the range of {joint} is smaller than in the file, so that {follower} keeps to its own"
+        );
+    }
     for (joint, position) in chain.joints().iter().zip(posture) {
         let (name, range) = (&joint.name, joint.motion.range);
         println!("joint {name} at {position:.3}, range {range:?}");

@@ -179,6 +179,22 @@ pub enum DescriptionError {
         /// What is wrong.
         reason: &'static str,
     },
+    /// A joint that follows another one out of its own range.
+    #[error(
+        "the joint `{joint}` follows `{followed}` to positions from {} to {}, which its own range, \
+         {} to {}, does not hold: correct `<limit>` or `<mimic>` of `{joint}`",
+        .led[0], .led[1], .range[0], .range[1]
+    )]
+    FollowerRange {
+        /// The joint.
+        joint: String,
+        /// The joint that it follows.
+        followed: String,
+        /// Positions to which the followed joint leads it (radians, metres).
+        led: [f64; 2],
+        /// Its own range.
+        range: [f64; 2],
+    },
     /// A collision shape from a file that cannot be used.
     #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
     Mesh {

@@ -448,3 +448,51 @@ fn links_without_mass_have_as_many_shapes_as_they_like() {
     let falls = [&model, &bare].map(|model| fall(model, &names, &[0.1; 6]));
     assert_eq!(falls[0], falls[1]);
 }
+
+/// The range of a joint that another one follows is what both allow, for frames, chains and MuJoCo
+/// alike.
+#[test]
+fn a_follower_stays_within_its_own_range() {
+    let urdf = SIX_JOINT.replacen("lower=\"-4\" upper=\"4\"", "lower=\"0\" upper=\"0.3\"", 1);
+    let arm = Description::from_urdf(&urdf).unwrap();
+    let [restriction] = arm.restrictions() else {
+        panic!("{:?}", arm.restrictions());
+    };
+    let whole = Description::from_urdf(SIX_JOINT).unwrap();
+    assert!(whole.restrictions().is_empty());
+    let stated = whole.free_joints().find(|(joint, _)| joint.name == "swing");
+    let stated = stated.unwrap().1.range;
+    // it is at 0.2 less half of the other's position
+    let range = [-0.2, 0.4];
+    assert_eq!(
+        (&restriction.joint[..], &restriction.follower[..]),
+        ("swing", "balance")
+    );
+    assert_eq!(restriction.stated, stated);
+    for (end, expected) in restriction.range.iter().zip(range) {
+        assert!((end - expected).abs() < 1e-12, "{restriction:?}");
+    }
+    let chain = Chain::new(&arm, "tip").unwrap();
+    let of_chain = chain.joints().iter().find(|joint| joint.name == "swing");
+    assert_eq!(of_chain.unwrap().motion.range, Some(restriction.range));
+    // servos push both ways, and neither joint leaves its range by more than a limit's softness
+    let settings = MjcfSettings {
+        servo: Some(Servo::default()),
+        ..MjcfSettings::default()
+    };
+    let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
+    let at = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
+    let index = arm
+        .free_joints()
+        .position(|(joint, _)| joint.name == "swing");
+    for side in [0, 1] {
+        let mut data = Data::new(Arc::clone(&model));
+        let mut controls = arm.rest();
+        controls[index.unwrap()] = restriction.range[side];
+        data.set_ctrl(&controls).unwrap();
+        data.step(1500).unwrap();
+        let (swing, balance) = (data.qpos()[at("swing")], data.qpos()[at("balance")]);
+        assert!((swing - restriction.range[side]).abs() < 0.01, "{swing}");
+        assert!((-0.01..0.31).contains(&balance), "{balance}");
+    }
+}

@@ -144,6 +144,32 @@ fn followers_must_follow_a_free_joint() {
     );
 }
 
+/// No position of the joint that it follows keeps it within its own range.
+#[test]
+fn followers_must_be_able_to_stay_within_their_ranges() {
+    all_refused(
+        r#"
+        lower="-4" upper="4"                        | lower="2" upper="4"                      | `balance` follows `swing`; 2 to 4
+        multiplier="-0.5" offset="0.2"              | multiplier="0" offset="5"                | `balance`; from 5 to 5; -4 to 4
+        "#,
+    );
+    let endless = SIX_JOINT.replacen("<mimic joint=\"swing\"", "<mimic joint=\"turn\"", 1);
+    let arm = Description::from_urdf(&endless).unwrap();
+    let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
+    let [low, high] = turn.unwrap().1.range.unwrap();
+    assert!(
+        (low + 7.6).abs() < 1e-12 && (high - 8.4).abs() < 1e-12,
+        "{low} {high}"
+    );
+    let still = SIX_JOINT.replacen("multiplier=\"-0.5\"", "multiplier=\"0\"", 1);
+    assert!(
+        Description::from_urdf(&still)
+            .unwrap()
+            .restrictions()
+            .is_empty()
+    );
+}
+
 #[test]
 fn masses_must_be_those_of_bodies() {
     let wrist =
