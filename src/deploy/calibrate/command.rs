@@ -7,7 +7,7 @@ use std::str::FromStr;
 use clap::Args;
 use envs::Camera;
 use envs::carriers::Arm;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use inpainting::{Ball, Calibration, Offset, Uncertainty};
 use serde_json::{Value, json};
 
@@ -17,6 +17,7 @@ use crate::error::CoversError;
 
 use super::super::faults::Fault;
 use super::super::options::{RigOptions, RobotKind};
+use super::super::plausibility;
 use super::super::rig::{Rig, Trial};
 use super::super::simulated::{SimulatedRig, SimulationSettings};
 use super::file::CalibrationFile;
@@ -156,11 +157,8 @@ impl CalibrateOptions {
 
 /// How far two cameras are apart (mm), and how far they are turned (degrees).
 pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
-    let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
-    let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
-    let angle = angle.min(std::f64::consts::TAU - angle);
-    let place = one.position().distance(other.position());
-    [1e3 * place, angle.to_degrees()]
+    let [place, angle] = plausibility::apart(one, other);
+    [1e3 * place, angle]
 }
 
 /// A distance on the table, for people.
