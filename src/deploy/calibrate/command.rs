@@ -8,7 +8,7 @@ use clap::Args;
 use envs::Camera;
 use envs::carriers::Arm;
 use glam::DVec3;
-use inpainting::{Ball, Calibration, Offset, Uncertainty};
+use inpainting::{Ball, Calibration, Focal, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::cli::say;
@@ -201,6 +201,10 @@ fn object(calibrated: &Calibrated) -> Value {
         "residuals": residuals.collect::<Vec<_>>(),
         "sigma": uncertainty(&found.uncertainty),
         "sigma_of_a_pixel": uncertainty(&found.dilution),
+        "focal_by_the_poses": found.focal.map(|focal| json!({
+            "ratio": focal.ratio,
+            "sigma": focal.sigma,
+        })),
         "moved_mm": moved,
         "turned_degrees": turned,
         "left_out": calibrated.left_out,
@@ -251,6 +255,16 @@ fn text(calibrated: &Calibrated) -> String {
         );
         lines.push(ball);
     }
+    lines.push(match found.focal {
+        Some(Focal { ratio, sigma }) => format!(
+            "that holds for the focal lengths that were given; the poses have them {:+.1} % from \
+             there, give or take {:.1}",
+            1e2 * (ratio - 1.0),
+            1e2 * sigma
+        ),
+        None => "that holds for the focal lengths that were given, which the poses do not tell"
+            .to_owned(),
+    });
     let of = &found.dilution;
     lines.push(format!(
         "a pixel of noise would leave {:.1} mm and {:.2} degrees",
