@@ -224,7 +224,7 @@ fn contacts(arm: &Description, mjcf: &str) -> BTreeSet<[String; 2]> {
 
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 200,
+        cases: 100,
         failure_persistence: None,
         ..ProptestConfig::default()
     })]

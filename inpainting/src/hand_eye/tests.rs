@@ -161,8 +161,8 @@ fn calibration_poses() -> Vec<(DVec3, DQuat)> {
     poses.map(pose).to_vec()
 }
 
-/// Number of 20 draws of a noise of 0.1 pixels with which a focal length is refused that is wrong by
-/// a part.
+/// Number of 20 draws of a noise of 0.1 pixels with which a focal length is refused that is wrong
+/// by a part.
 fn refused(part: f64, offset: Offset) -> usize {
     let truth = plain();
     let mut start = truth;

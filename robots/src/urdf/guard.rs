@@ -1,5 +1,6 @@
 //! What is refused before any parser sees it: parsers of XML recurse, and take long over long
-//! files, and readers of URDF skip what `xacro` would have expanded. `RustyXML`, which `urdf-rs` reads with, panics over some texts that no URDF needs.
+//! files, and readers of URDF skip what `xacro` would have expanded. `RustyXML`, which `urdf-rs`
+//! reads with, panics over some texts that no URDF needs.
 
 use super::scan::{Kind, Piece, Pieces, Tag};
 use crate::error::DescriptionError;

@@ -13,6 +13,8 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
     let free: Vec<usize> = (0..joints.len())
         .filter(|&joint| is_free(&joints[joint]))
         .collect();
+    let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
+    let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
     let mut restrictions = Vec::new();
     for index in 0..joints.len() {
         let follower = &joints[index];
@@ -31,8 +33,8 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
             continue;
         };
         let leader = &joints[free[dof]];
-        let stated = leader.motion.and_then(|motion| motion.range);
-        let whole = stated.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        // others may have made it smaller already
+        let whole = range_of(leader).unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
         let led = ordered(whole.map(|end| follow(end, multiplier, offset)));
         if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
             continue;
@@ -51,7 +53,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         restrictions.push(Restriction {
             joint: leader.name.clone(),
             follower: follower.name.clone(),
-            stated,
+            stated: stated[dof],
             range,
         });
         if let Some(motion) = &mut joints[free[dof]].motion {
