@@ -105,6 +105,20 @@ pub enum CoversError {
         /// Why it was.
         why: String,
     },
+    /// A calibration that cannot be of the rig's camera.
+    #[error(
+        "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
+         Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
+         right, correct what the rig says of its camera"
+    )]
+    OtherCamera {
+        /// Part of the calibration.
+        what: &'static str,
+        /// Its value.
+        value: String,
+        /// What the rig's camera lets expect.
+        expected: String,
+    },
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]
     Threads {
