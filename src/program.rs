@@ -13,6 +13,7 @@ use crate::error::CoversError;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
 use crate::preset_list::PresetsOptions;
+use crate::printable::printable_lines;
 use crate::render::RenderOptions;
 use crate::rerun::RerunOptions;
 use crate::watch::WatchOptions;
@@ -93,6 +94,11 @@ impl Program {
             Subcommands::Man(manual) => manual.run(Self::command(), out).map(|()| 0),
         }
     }
+}
+
+/// What standard error is told of an error, in which no name of a file steers the terminal.
+pub fn error_line(error: &CoversError) -> String {
+    format!("error: {}", printable_lines(&error.to_string()))
 }
 
 #[cfg(test)]

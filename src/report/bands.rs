@@ -159,8 +159,7 @@ mod tests {
             seen: true,
             episodes: 20,
             success: rollouts as f64 / 2.0,
-            success_at_end: 0.0,
-            reward: 0.0,
+            ..ScoreRow::default()
         };
         let name = format!("covers-with-a-name-{number}-seed0");
         RunData {

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use crate::colours::Stroke;
+use crate::printable::printable_lines;
 
 /// The colour of what belongs to no group: that of the text.
 pub const INK: &str = "currentColor";
@@ -251,8 +252,9 @@ fn ticks(end: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Text with the signs of XML and HTML escaped.
+/// Text with the signs of XML and HTML escaped, and control characters, which XML has no place for.
 pub fn escaped(text: &str) -> String {
+    let text = printable_lines(text);
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
     text.replace('>', "&gt;").replace('"', "&quot;")
 }

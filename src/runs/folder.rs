@@ -10,6 +10,7 @@ use rl::EnvSpec;
 
 use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
+use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{Extent, Learner, LearnerSettings};
@@ -194,13 +195,36 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, CoversError> {
-        let found =
-            checkpoints::newest(&self.checkpoints(), |path| learner.load(path, spec, labels))?;
+        self.load_with_policies(learner, spec, labels)
+            .map(|loaded| loaded.0)
+    }
+
+    /// The learner of the newest intact checkpoint, and the own policies of groups; none of a
+    /// packed folder, which has no books.
+    ///
+    /// # Errors
+    /// As [`RunFolder::load_learner`].
+    pub fn load_with_policies(
+        &self,
+        learner: &LearnerSettings,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Box<dyn Learner>, OwnPolicies), CoversError> {
+        let load = |path: &Path| {
+            let (learner, note) = learner.load(path, spec, labels)?;
+            if note.is_empty() {
+                return Ok((learner, OwnPolicies::default()));
+            }
+            let mut signed = Signed::parse(path, &note)?;
+            signed.recount(path)?;
+            Ok((learner, signed.note.ledger.own_policies()))
+        };
+        let found = checkpoints::newest(&self.checkpoints(), load)?;
         let none = || CoversError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.value.0).ok_or_else(none)
+        found.map(|found| found.value).ok_or_else(none)
     }
 
     /// Creates a folder with settings and one checkpoint, which no run works on. Nothing is created

@@ -65,6 +65,17 @@ impl Signed {
         Ok(signed)
     }
 
+    /// Counts what a checkpoint leaves out, from the rows that it keeps.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] for rows that do not say which policy served a group.
+    pub fn recount(&mut self, path: &Path) -> Result<(), CoversError> {
+        let rows = &mut self.note.rows;
+        let wrong = |error| CoversError::damaged(path, format!("the rows of the run: {error}"));
+        self.note.ledger.served = rows.served().map_err(wrong)?;
+        rows.upgrade().map_err(wrong)
+    }
+
     fn check(&self) -> Result<(), &'static str> {
         let (Note { ledger, due, rows }, plan) = (&self.note, &self.experiment.evaluation);
         if !ledger.adds_up() || ledger.decisions > TOO_MANY {
