@@ -15,6 +15,7 @@ const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rou
 const FIRST: Undefined = "nothing was learnt before the group's first visit";
 const NO_RETURN: Undefined = "no group came back";
 const ONE_POLICY: Undefined = "there is one policy for everything";
+const NEVER_ALONE: Undefined = "no rollout was of the group alone, so no policy is its own";
 const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the learner chose";
 const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
 const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
@@ -142,7 +143,7 @@ fn choices<'a>(
     group: &str,
     own: Option<usize>,
 ) -> Result<Vec<(&'a ScoreRow, bool)>, Undefined> {
-    let own = own.ok_or(NOT_MET)?;
+    let own = own.ok_or(NEVER_ALONE)?;
     let rows = run.last_scores().filter(|row| row.group == group);
     rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own)))
         .collect()
@@ -338,7 +339,7 @@ mod tests {
         assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
         assert!(near(Ok(a.success), 0.5));
         run.rollouts[0].group = "c".to_owned();
-        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(NOT_MET));
+        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
     }
 
     #[test]
