@@ -306,7 +306,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let mut learner = folder.load_learner(learner, &spec, &labels)?;
+    let (mut learner, own) = folder.load_with_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let envs = match options.randomised {
         true => with_randomisation(experiment.envs),
@@ -317,7 +317,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
     let scores = pool
-        .install(|| evaluator.all(&mut *learner, rounds))?
+        .install(|| evaluator.all(&mut *learner, &own, rounds))?
         .scores;
     if options.work.json {
         say(out, &serde_json::json!(scores).to_string())

@@ -49,6 +49,7 @@ mod new_file;
 mod overrides;
 pub mod preset_list;
 pub mod presets;
+mod printable;
 pub mod program;
 mod proto;
 pub mod render;

@@ -14,6 +14,7 @@ use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
 use crate::memory;
 use crate::preset_list::PresetsOptions;
+use crate::printable::printable_lines;
 use crate::render::RenderOptions;
 use crate::rerun::RerunOptions;
 use crate::watch::WatchOptions;
@@ -116,6 +117,11 @@ impl Program {
             | Subcommands::Man(_) => false,
         }
     }
+}
+
+/// What standard error is told of an error, in which no name of a file steers the terminal.
+pub fn error_line(error: &CoversError) -> String {
+    format!("error: {}", printable_lines(&error.to_string()))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
+use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{Extent, Learner, LearnerSettings};
@@ -19,7 +20,7 @@ use crate::sheet::Picture;
 
 use super::checkpoints;
 use super::lock::Lock;
-use super::note::{Signed, check_name};
+use super::note::Signed;
 use super::provenance::Provenance;
 
 /// The file of a run's settings.
@@ -243,10 +244,29 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, CoversError> {
+        self.load_with_policies(learner, spec, labels)
+            .map(|loaded| loaded.0)
+    }
+
+    /// The learner of the newest intact checkpoint, and the own policies of groups; none of a
+    /// packed folder, which has no books.
+    ///
+    /// # Errors
+    /// As [`RunFolder::load_learner`].
+    pub fn load_with_policies(
+        &self,
+        learner: &LearnerSettings,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Box<dyn Learner>, OwnPolicies), CoversError> {
         let load = |path: &Path| {
             let (learner, note) = learner.load(path, spec, labels)?;
-            check_name(path, &note)?;
-            Ok(learner)
+            if note.is_empty() {
+                return Ok((learner, OwnPolicies::default()));
+            }
+            let mut signed = Signed::parse(path, &note)?;
+            signed.recount(path)?;
+            Ok((learner, signed.note.ledger.own_policies()))
         };
         let found = checkpoints::newest(&self.checkpoints(), load)?;
         let none = || CoversError::NoCheckpoint {

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
@@ -65,8 +64,29 @@ impl Signed {
         let signed: Self = serde_json::from_str(note).map_err(|e| CoversError::read(path, e))?;
         let wrong = |what: &str| CoversError::damaged(path, format!("the run's note: {what}"));
         signed.check().map_err(wrong)?;
-        check_name(path, note)?;
-        Ok(signed)
+        let rollouts = signed.note.ledger.rollouts;
+        match rollouts_of(path) {
+            // under a higher number it would stay the newest for ever
+            Some(named) if named != rollouts => Err(CoversError::damaged(
+                path,
+                format!(
+                    "it is the checkpoint after {rollouts} rollouts under the name of the one \
+                     after {named}: give it its own name back, or remove it"
+                ),
+            )),
+            _ => Ok(signed),
+        }
+    }
+
+    /// Counts what a checkpoint leaves out, from the rows that it keeps.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] for rows that do not say which policy served a group.
+    pub fn recount(&mut self, path: &Path) -> Result<(), CoversError> {
+        let rows = &mut self.note.rows;
+        let wrong = |error| CoversError::damaged(path, format!("the rows of the run: {error}"));
+        self.note.ledger.served = rows.served().map_err(wrong)?;
+        rows.upgrade().map_err(wrong)
     }
 
     fn check(&self) -> Result<(), &'static str> {
@@ -81,26 +101,6 @@ impl Signed {
             return Err("its rows are not those of its rollouts");
         }
         Ok(())
-    }
-}
-
-/// Rejects a checkpoint that was given the name of another one: under a higher number it would stay
-/// the newest for ever. Checkpoints without a note of a run pass.
-///
-/// # Errors
-/// [`CoversError::Read`].
-pub(super) fn check_name(path: &Path, note: &str) -> Result<(), CoversError> {
-    let note: Option<Value> = serde_json::from_str(note).ok();
-    let rollouts = note.and_then(|note| note.pointer("/note/ledger/rollouts")?.as_u64());
-    match (rollouts, rollouts_of(path)) {
-        (Some(rollouts), Some(named)) if rollouts != named as u64 => Err(CoversError::damaged(
-            path,
-            format!(
-                "it is the checkpoint after {rollouts} rollouts under the name of the one after \
-                 {named}: give it its own name back, or remove it"
-            ),
-        )),
-        _ => Ok(()),
     }
 }
 

@@ -117,7 +117,9 @@ pub(super) fn resume(
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
     let read = |path: &Path| {
         let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
-        Ok((learner, Signed::parse(path, &note)?))
+        let mut signed = Signed::parse(path, &note)?;
+        signed.recount(path)?;
+        Ok((learner, signed))
     };
     let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
         let notice = "there is no checkpoint yet: begun anew".to_owned();

@@ -328,7 +328,13 @@ impl Run {
 
     fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        Scoring::new(&self.pool, learner, evaluator, stop)
+        Scoring::new(
+            &self.pool,
+            learner,
+            evaluator,
+            self.ledger.own_policies(),
+            stop,
+        )
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.
