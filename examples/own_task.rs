@@ -156,7 +156,8 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {
     while let Some(event) = run.advance()? {
-        println!("{}", event_text(&event));
+        // a closed output is no reason to lose what was learnt
+        let _ = writeln!(std::io::stdout(), "{}", event_text(&event));
     }
     if let Some(summary) = run.summary()? {
         println!("\n{}", summary_table(&summary));

@@ -163,6 +163,8 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
+    // before the run's folder is made
+    memory::check_run(&experiment)?;
     #[cfg(feature = "tui")]
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);
@@ -301,7 +303,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut experiment = folder
         .experiment()?
         .with_threads(options.work.threads.count());
-    memory::check_run(&experiment)?;
+    memory::check_environments(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();

@@ -118,8 +118,13 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), 
 /// Name of a file that becomes `path` when it is whole. Each process has names of its own, since two
 /// machines may hold the same folder's lock where a file server does not share locks.
 fn partial_name(path: &Path) -> PathBuf {
-    static PROCESS: LazyLock<u64> = LazyLock::new(|| RandomState::new().build_hasher().finish());
+    static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
     path.with_added_extension(format!("{:016x}.{PARTIAL}", *PROCESS))
+}
+
+/// Random number from the system, not from any seed.
+pub(crate) fn random_number() -> u64 {
+    RandomState::new().build_hasher().finish()
 }
 
 /// Sees whether [`replace`] could write `path`, and leaves everything as it is.

@@ -134,13 +134,13 @@ impl DoctorOptions {
 
 /// What there is, part by part; learning is tried on so many threads, and runs would go to `runs`.
 pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
-    let others = vec![
-        the_memory(),
-        the_disk(runs),
-        the_simulator(),
-        the_pictures(),
-        the_learning(threads),
-    ];
+    let memory = the_memory();
+    // libraries that find no memory end the process
+    let may_draw = memory::check_environments(threads).is_ok();
+    let mut others = vec![memory, the_disk(runs), the_simulator()];
+    if may_draw {
+        others.extend([the_pictures(), the_learning(threads)]);
+    }
     [vec![the_processor()], the_gpus(), others].concat()
 }
 
@@ -183,6 +183,13 @@ fn the_processor() -> Finding {
 }
 
 fn the_memory() -> Finding {
+    if let Err(limit) = memory::check_environments(1) {
+        return Finding::bad(
+            "memory",
+            &limit.to_string(),
+            "raise the limit of this process",
+        );
+    }
     let Some(free) = memory::available() else {
         return Finding::good("memory", "unknown");
     };

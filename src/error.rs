@@ -260,7 +260,8 @@ pub enum CoversError {
     /// Table that was changed after its run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
-         {expected}. `covers resume` on the run's folder restores it from the last checkpoint",
+         {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
+         the last checkpoint",
         path.display()
     )]
     ChangedTable {
@@ -447,16 +448,15 @@ fn hint(nearest: &Option<String>) -> String {
 pub struct TakenOver {
     /// Folder of the run.
     pub folder: PathBuf,
-    /// Text that the other process left in the lock file; `None` if the file is gone.
+    /// Name of the other process; `None` if the file with its name is gone.
     pub holder: Option<String>,
 }
 
 fn taken_over(holder: Option<&str>) -> String {
-    let Some(holder) = holder else {
-        return "was moved, or its lock file was removed, while this process was working".to_owned();
-    };
-    let name = holder.lines().next().unwrap_or_default();
-    format!("was taken over by {name} while this process did not respond")
+    match holder {
+        Some(holder) => format!("was taken over by {holder}"),
+        None => "was moved, or its file `owner` was removed, while this process was working".into(),
+    }
 }
 
 /// What is wrong with a file that could be read.

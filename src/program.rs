@@ -81,7 +81,7 @@ impl Program {
     /// What any part says, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
         if self.renders() {
-            memory::check_rendering()?;
+            memory::check_environments(1)?;
         }
         match &self.subcommand {
             Subcommands::Learner(command) => command.run(out).map(Outcome::exit_code),
@@ -106,12 +106,13 @@ impl Program {
             | Subcommands::Calibrate(_)
             | Subcommands::Render(_)
             | Subcommands::Rerun(_)
-            | Subcommands::Check(_)
-            | Subcommands::Doctor(_) => true,
-            // runs and evaluations check what their threads need
-            Subcommands::Learner(_)
-            | Subcommands::Watch(_)
             | Subcommands::Export(_)
+            | Subcommands::Check(_) => true,
+            Subcommands::Learner(Command::Report(report)) => report.films,
+            // runs and evaluations check what their threads need, and the doctor reports it
+            Subcommands::Learner(_)
+            | Subcommands::Doctor(_)
+            | Subcommands::Watch(_)
             | Subcommands::Presets(_)
             | Subcommands::Completions(_)
             | Subcommands::Man(_) => false,

@@ -22,11 +22,22 @@ use super::checkpoints;
 use super::lock::Lock;
 use super::note::Signed;
 use super::provenance::Provenance;
+use super::table::put_aside;
 
 /// The file of a run's settings.
 const EXPERIMENT: &str = "experiment.json";
 /// The file that a finished run leaves.
 pub(crate) const SUMMARY: &str = "summary.json";
+/// Table of times, the only one that no checkpoint holds.
+pub(super) const TIMINGS: &str = "timings.csv";
+/// Tables of a run.
+const TABLES: [&str; 5] = [
+    "evaluation.csv",
+    "metrics.csv",
+    "recognition.csv",
+    TIMINGS,
+    "units.csv",
+];
 /// The files of a run beside its settings and checkpoints.
 const FILES: [&str; 9] = [
     "contact_sheet.png",
@@ -49,7 +60,10 @@ pub(super) fn checksum(table: &[u8]) -> String {
 #[derive(Clone, Debug)]
 pub struct RunFolder {
     path: PathBuf,
+    /// File system that changes of the folder go through.
     disk: Arc<dyn Disk>,
+    /// File system below the fence of a run; the same where no run has the folder.
+    unfenced: Arc<dyn Disk>,
     overwrite: bool,
 }
 
@@ -84,15 +98,18 @@ impl RunFolder {
 
     /// Names a folder that an earlier run wrote.
     pub fn open(path: &Path) -> Self {
+        let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
         Self {
             path: path.to_owned(),
-            disk: Arc::new(LocalDisk),
+            unfenced: Arc::clone(&disk),
+            disk,
             overwrite: false,
         }
     }
 
     /// The same folder, changed by way of `disk`.
     pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
+        self.unfenced = Arc::clone(&disk);
         self.disk = disk;
         self
     }
@@ -104,7 +121,7 @@ impl RunFolder {
     /// [`CoversError::Locked`], [`CoversError::Write`].
     pub(super) fn lock(mut self) -> Result<(Self, Lock), CoversError> {
         let lock = Lock::take(&self.path)?;
-        self.disk = Arc::new(lock.fence(self.disk));
+        self.disk = Arc::new(lock.fence(Arc::clone(&self.unfenced)));
         Ok((self, lock))
     }
 
@@ -178,28 +195,52 @@ impl RunFolder {
     /// # Errors
     /// [`CoversError::ChangedTable`], [`CoversError::Read`].
     pub fn verify_tables(&self) -> Result<(), CoversError> {
+        TABLES.iter().try_for_each(|name| self.verify_table(name))
+    }
+
+    fn verify_table(&self, name: &str) -> Result<(), CoversError> {
         /// Part of a summary.
         #[derive(Deserialize)]
         struct Checksums {
             #[serde(default)]
             tables: BTreeMap<String, String>,
         }
-        let read = |path: &Path| std::fs::read(path).map_err(|error| CoversError::read(path, error));
         let path = self.file(SUMMARY);
-        let summary: Checksums = serde_json::from_slice(&read(&path)?)
-            .map_err(|error| CoversError::read(&path, error))?;
-        for (name, expected) in summary.tables {
-            let path = self.file(&name);
-            let found = checksum(&read(&path)?);
-            if found != expected {
-                return Err(CoversError::ChangedTable {
-                    path,
-                    found,
-                    expected,
-                });
-            }
+        let summary = std::fs::read(&path).map_err(|error| CoversError::read(&path, error))?;
+        let summary: Checksums =
+            serde_json::from_slice(&summary).map_err(|error| CoversError::read(&path, error))?;
+        let Some(expected) = summary.tables.get(name) else {
+            return Ok(());
+        };
+        let path = self.file(name);
+        let found = match std::fs::read(&path) {
+            Ok(table) => checksum(&table),
+            Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
+            Err(error) => return Err(CoversError::read(&path, error)),
+        };
+        if found == *expected {
+            return Ok(());
         }
-        Ok(())
+        let expected = expected.clone();
+        Err(CoversError::ChangedTable {
+            path,
+            found,
+            expected,
+        })
+    }
+
+    /// Puts the timings of a finished run aside if they were changed: no checkpoint can restore
+    /// them, and times that are unknown are better than times that somebody edited.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`], [`CoversError::Write`].
+    pub(super) fn drop_changed_timings(&self) -> Result<(), CoversError> {
+        let path = self.file(TIMINGS);
+        match self.verify_table(TIMINGS) {
+            Err(CoversError::ChangedTable { .. }) if path.exists() => put_aside(self.disk(), &path),
+            Err(CoversError::ChangedTable { .. }) | Ok(()) => Ok(()),
+            Err(error) => Err(error),
+        }
     }
 
     /// Reads the run's settings; where their file is lost, from the newest intact checkpoint.

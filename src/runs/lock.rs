@@ -1,16 +1,18 @@
 //! One writer to a run's folder, and a file system that stops a writer that lost the folder.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::hash::{BuildHasher, Hasher, RandomState};
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::disk::Disk;
+use crate::disk::{Disk, random_number};
 use crate::error::{CoversError, TakenOver};
 
-/// Name of the lock file in a run's folder.
+/// File of a run's folder that its writer locks. Nobody reads it: some file servers let no other
+/// handle read a locked file.
 const LOCK: &str = "lock";
+/// File that names the process which took the lock last.
+const OWNER: &str = "owner";
 
 /// Exclusive right to write to a folder. The system releases it when the process ends, however it
 /// ends.
@@ -20,11 +22,11 @@ pub(super) struct Lock {
     claim: Claim,
 }
 
-/// Text that the holder of a lock left in the lock file.
+/// Name that the holder of a lock left in the folder.
 #[derive(Clone, Debug)]
 struct Claim {
     folder: PathBuf,
-    /// Name of this process and a number that no other lock has.
+    /// Text that names this process and ends with a random number.
     owner: String,
 }
 
@@ -38,28 +40,28 @@ impl Lock {
         let write = |error| CoversError::write(&path, error);
         let mut options = OpenOptions::new();
         let options = options.read(true).write(true).create(true).truncate(false);
-        let mut file = options.open(&path).map_err(write)?;
+        let file = options.open(&path).map_err(write)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::Error(error)) => return Err(write(error)),
             Err(TryLockError::WouldBlock) => {
                 return Err(CoversError::Locked {
                     folder: folder.to_owned(),
-                    holder: holder(file),
+                    holder: first_line(&fs::read_to_string(folder.join(OWNER)).unwrap_or_default()),
                 });
             }
         }
         let owner = owner();
-        file.set_len(0)
-            .and_then(|()| file.seek(SeekFrom::Start(0)))
-            .and_then(|_| file.write_all(owner.as_bytes()))
-            .map_err(write)?;
+        let path = folder.join(OWNER);
+        let written = fs::write(&path, &owner);
+        written.map_err(|error| CoversError::write(&path, error))?;
         let folder = folder.to_owned();
         let claim = Claim { folder, owner };
         Ok(Self { _file: file, claim })
     }
 
-    /// File system of the holder of this lock, on top of `disk`. It does not hold the lock itself.
+    /// File system of the holder of this lock, on top of `disk`. The lock is released with this
+    /// value, also while the file system is still in use.
     pub fn fence(&self, disk: Arc<dyn Disk>) -> FencedDisk {
         let claim = self.claim.clone();
         FencedDisk { disk, claim }
@@ -75,14 +77,14 @@ impl Claim {
     /// # Errors
     /// [`TakenOver`], which [`CoversError::write`] recognises.
     fn verify(&self) -> io::Result<()> {
-        let there = fs::read_to_string(self.folder.join(LOCK));
-        if there.as_ref().is_ok_and(|owner| *owner == self.owner) {
-            return Ok(());
-        }
-        Err(io::Error::other(TakenOver {
-            folder: self.folder.clone(),
-            holder: there.ok().map(|owner| owner.trim().to_owned()),
-        }))
+        let holder = match fs::read_to_string(self.folder.join(OWNER)) {
+            Ok(owner) if owner == self.owner => return Ok(()),
+            Ok(owner) => Some(first_line(&owner)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(error),
+        };
+        let folder = self.folder.clone();
+        Err(io::Error::other(TakenOver { folder, holder }))
     }
 }
 
@@ -99,21 +101,15 @@ fn owner() -> String {
         system("hostname"),
         command.join(" "),
         system("random/boot_id"),
-        RandomState::new().build_hasher().finish()
+        random_number()
     )
 }
 
-/// First line of the text that the holder of a lock left.
-fn holder(file: File) -> String {
-    let mut owner = Vec::new();
-    // an unreadable text is no reason to hide that the folder is locked
-    let _ = file.take(4096).read_to_end(&mut owner);
-    let owner = String::from_utf8_lossy(&owner);
-    let name = owner.lines().next().unwrap_or_default().trim();
-    if name.is_empty() {
-        "a process that has just begun".to_owned()
-    } else {
-        name.to_owned()
+/// First line of an owner's text, which names the process.
+fn first_line(owner: &str) -> String {
+    match owner.lines().next() {
+        Some(name) => name.to_owned(),
+        None => "a process that has just begun".to_owned(),
     }
 }
 
@@ -140,6 +136,7 @@ impl Disk for FencedDisk {
     }
 
     fn sync(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
         self.disk.sync(path)
     }
 
@@ -159,6 +156,7 @@ impl Disk for FencedDisk {
     }
 
     fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        self.claim.verify()?;
         self.disk.sync_folder(path)
     }
 }

@@ -8,13 +8,11 @@ use serde::Serialize;
 use crate::error::CoversError;
 use crate::evaluation::{Dormancy, Recognition, Score};
 
-use super::folder::{RunFolder, checksum};
+use super::folder::{RunFolder, TIMINGS, checksum};
 use super::progress::{Evaluation, Progress};
 use super::rows::Rows;
 use super::table::Table;
 use super::timings::{Timing, Timings, first_rows};
-
-const TIMINGS: &str = "timings.csv";
 
 /// The files; every row is written before the next rollout.
 pub(super) struct Logs {

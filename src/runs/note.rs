@@ -71,7 +71,7 @@ impl Signed {
                 path,
                 format!(
                     "it is the checkpoint after {rollouts} rollouts under the name of the one \
-                     after {named}: give it its own name back, or remove it"
+                     after {named}"
                 ),
             )),
             _ => Ok(signed),

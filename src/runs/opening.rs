@@ -122,6 +122,12 @@ pub(super) fn resume(
         Ok((learner, signed))
     };
     let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
+        if claim.folder.is_finished() {
+            return Err(CoversError::NoCheckpoint {
+                folder: claim.folder.path().to_owned(),
+                problems: "the run has ended, and its checkpoints were removed".to_owned(),
+            });
+        }
         let notice = "there is no checkpoint yet: begun anew".to_owned();
         return begin(claim, false, notice);
     };

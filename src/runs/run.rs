@@ -126,6 +126,9 @@ impl Run {
         // last: where anything else fails, no rows are cut off
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
+        if folder.is_finished() {
+            folder.drop_changed_timings()?;
+        }
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
         ledger.seconds = logs.timings().seconds;
         let run = Self {

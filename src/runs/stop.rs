@@ -25,11 +25,14 @@ impl Stop {
     pub fn on_signals() -> Result<Self, CoversError> {
         let stop = Self::default();
         let failed = |source| CoversError::Signals { source };
+        // not the request itself, which SIGHUP and a closed output make, too
+        let signalled = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM] {
-            // before the flag's own handler: the first signal must not find the flag set
-            flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop.0))
+            // first: the first signal must not find the flag set by itself
+            flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&signalled))
+                .and_then(|_| flag::register(signal, Arc::clone(&signalled)))
+                .and_then(|_| flag::register(signal, Arc::clone(&stop.0)))
                 .map_err(failed)?;
-            flag::register(signal, Arc::clone(&stop.0)).map_err(failed)?;
         }
         if !hangup_is_ignored() {
             flag::register(SIGHUP, Arc::clone(&stop.0)).map_err(failed)?;

@@ -39,13 +39,12 @@ impl Table {
     /// Makes the file hold exactly the contents. A file that is neither a part of them nor begins
     /// with them is put aside.
     fn restore(&self) -> Result<(), CoversError> {
-        let there = fs::read(&self.path).unwrap_or_default();
-        if !there.starts_with(&self.text) && !self.text.starts_with(&there) {
-            let aside = free_name(&self.path);
-            let moved = self.disk.rename(&self.path, &aside);
-            moved.map_err(|error| CoversError::write(&aside, error))?;
+        let file = fs::read(&self.path).ok();
+        let there = file.as_deref().unwrap_or_default();
+        if !there.starts_with(&self.text) && !self.text.starts_with(there) {
+            put_aside(&*self.disk, &self.path)?;
         }
-        if there != self.text || there.is_empty() {
+        if file.as_ref() != Some(&self.text) {
             self.rewrite()?;
         }
         Ok(())
@@ -114,7 +113,7 @@ impl Table {
             let added = self.disk.append(&self.path, &rows);
             return added.map_err(|error| CoversError::write(&self.path, error));
         }
-        self.rewrite()
+        self.restore()
     }
 
     /// `true` if the file has this length: somebody may have removed or cut it. Other changes are
@@ -130,6 +129,16 @@ impl Table {
     fn refuse(&self, problem: String) -> CoversError {
         CoversError::write(&self.path, Error::other(problem))
     }
+}
+
+/// Gives a file another name.
+///
+/// # Errors
+/// [`CoversError::Write`].
+pub(super) fn put_aside(disk: &dyn Disk, path: &Path) -> Result<(), CoversError> {
+    let aside = free_name(path);
+    let moved = disk.rename(path, &aside);
+    moved.map_err(|error| CoversError::write(&aside, error))
 }
 
 /// The path with the first ending of `old`, `old2` and so on that no file has.

@@ -54,6 +54,7 @@ pub fn work(
         stop,
         out,
         failed: Vec::new(),
+        lost: Vec::new(),
     };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
@@ -66,6 +67,8 @@ struct Worker<'a, W> {
     stop: &'a Stop,
     out: &'a mut W,
     failed: Vec<String>,
+    /// Names of the jobs that other processes took over from this one.
+    lost: Vec<String>,
 }
 
 impl<W: Write> Worker<'_, W> {
@@ -94,9 +97,11 @@ impl<W: Write> Worker<'_, W> {
                 Ok(Fate::Done) => self.say(job, "done"),
                 Ok(Fate::Taken) => taken.push(job),
                 Ok(Fate::Stopped) => return None,
-                // this process was frozen for so long that another one took the run over
+                // Another process took the run over, since this one was frozen or since the file
+                // server does not share locks. To claim it back would stop that process in turn.
                 Err(error @ CoversError::TakenOver(_)) => {
                     self.say(job, &error.to_string());
+                    self.lost.push(job.name.clone());
                     taken.push(job);
                 }
                 Err(error) => {
@@ -133,9 +138,15 @@ impl<W: Write> Worker<'_, W> {
             if folder.is_finished() {
                 match folder.verify_tables() {
                     Ok(()) => return Ok(Fate::Done),
-                    Err(problem) => self.say(job, &format!("{problem}: restoring the tables")),
+                    Err(changed @ CoversError::ChangedTable { .. }) => {
+                        self.say(job, &format!("{changed}: restoring the tables"));
+                    }
+                    Err(error) => return Err(error),
                 }
             }
+        }
+        if self.lost.contains(&job.name) {
+            return Ok(Fate::Taken);
         }
         if self.stop.requested() {
             return Ok(Fate::Stopped);
@@ -172,7 +183,10 @@ impl<W: Write> Worker<'_, W> {
             && !self.stop.requested()
         {
             // a terminal that is gone reads nothing, and is no reason to fail
-            let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
+            let _ = writeln!(
+                std::io::stderr(),
+                "standard output is closed ({error}): stopping"
+            );
             self.stop.request();
         }
     }

@@ -194,7 +194,11 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let message = run.advance().unwrap_err().to_string();
     assert!(message.contains("000002.safetensors"), "{message}");
     assert!(message.contains("No space left"), "{message}");
-    assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
+    assert_eq!(
+        checkpoints(&folder).len(),
+        1,
+        "what is not whole is removed"
+    );
     drop(run);
     let run = Run::resume(&folder, None).unwrap();
     assert_eq!(run.ledger().rollouts, 1);

@@ -63,7 +63,13 @@ fn train_arguments(scratch: &Scratch, experiment: &Experiment) -> [OsString; 5] 
     let config = scratch.0.join("settings.json");
     std::fs::write(&config, serde_json::to_string(experiment).unwrap()).unwrap();
     let folder = scratch.0.join("run").into();
-    ["train".into(), "--config".into(), config.into(), "--folder".into(), folder]
+    [
+        "train".into(),
+        "--config".into(),
+        config.into(),
+        "--folder".into(),
+        folder,
+    ]
 }
 
 /// Sends the signal when the process has printed `moment` and waits for the end.
@@ -85,7 +91,7 @@ fn prepared(name: &str, adapt: impl FnOnce(&mut Experiment)) -> (Scratch, Experi
 /// Resumes and expects what a run that nothing happened to writes.
 fn goes_on(scratch: &Scratch, expected: &Bytes) {
     let folder = scratch.0.join("run");
-    let resumed = Process::start(&["resume", folder.to_str().unwrap(), "--threads", "1"]);
+    let resumed = Process::start(["resume", folder.to_str().unwrap(), "--threads", "1"]);
     // all that it prints, so that it never waits for a reader
     let lines: Vec<String> = resumed.out.lines().map(Result::unwrap).collect();
     assert!(lines[0].contains("goes on after"), "{}", lines[0]);
@@ -169,7 +175,7 @@ fn a_signal_ends_the_scoring_of_a_finished_run() {
     let (scratch, experiment) = prepared("scoring", |e| e.evaluation.rounds = 20);
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
-    let resumed = Process::start(&["resume", folder.to_str().unwrap()]);
+    let resumed = Process::start(["resume", folder.to_str().unwrap()]);
     let said = stop_after("goes on after", resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
     assert!(!folder.join("summary.json").exists());

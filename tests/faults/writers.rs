@@ -43,7 +43,9 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
     let paths = entries.map(|entry| entry.unwrap().path());
     let files = paths.filter(|path| path.is_file());
-    files.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
+    files
+        .map(|path| (path.clone(), fs::read(path).unwrap()))
+        .collect()
 }
 
 /// A file server that lost a client grants the client's lock to another one. Here the lock file is
@@ -110,7 +112,10 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
                 message.contains(file) && message.contains("covers resume"),
                 "{message}"
             );
-            Run::resume(folder.path(), Some(1)).unwrap().summary().unwrap();
+            Run::resume(folder.path(), Some(1))
+                .unwrap()
+                .summary()
+                .unwrap();
             folder.verify_tables().unwrap();
             assert!(fs::read(&path).unwrap() == whole);
         }
