@@ -37,6 +37,9 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = event {
             bar.suspend(|| println!("{}", rollout_line(&progress)));
+            if let Some(warning) = progress.warning {
+                bar.suspend(|| eprintln!("warning: {warning}"));
+            }
             bar.set_position(progress.decisions as u64);
         }
     }
