@@ -174,8 +174,8 @@ impl fmt::Debug for Observations {
 
 /// Refuses the vector of one environment if a component is no number, or far from order 1.
 fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlError> {
-    // NaN compares as false
-    let wrong = row.iter().position(|x| !(x.abs() <= MAX_OBSERVATION));
+    let accepted = |x: &f32| x.abs() <= MAX_OBSERVATION;
+    let wrong = row.iter().position(|x| !accepted(x));
     let Some(component) = wrong else {
         return Ok(());
     };
