@@ -264,7 +264,7 @@ pub enum RlError {
     },
     /// A quantity became infinite or not a number.
     #[error(
-        "{what}{place} is {value}, expected a finite number; check the environment's observations \
+        "{what} is {value}{place}, expected a finite number; check the environment's observations \
          and rewards, then lower the learning rates"
     )]
     NotFinite {
@@ -277,7 +277,7 @@ pub enum RlError {
     },
     /// An observation so large that no network can learn from it.
     #[error(
-        "{what}{place} is {value:e}, expected a number of order 1, at most {limit:e} in \
+        "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
          magnitude; divide it by its unit in the environment"
     )]
     TooLarge {

@@ -51,22 +51,22 @@ fn an_error_names_environment_component_and_step() {
     let spoils: [(Change<Transition>, &str); 4] = [
         (
             |t| t.observations.vectors[3] = f32::NAN,
-            "a component of an observation vector (environment 1, component 1, step 1) is NaN",
+            "a component of an observation vector is NaN (environment 1, component 1, step 1)",
         ),
         (
             |t| t.observations.vectors[4] = -1e30,
-            "a component of an observation vector (environment 2, component 0, step 3) is -1e30",
+            "a component of an observation vector is -1e30 (environment 2, component 0, step 3)",
         ),
         (
             |t| {
                 t.outcomes[2] = Outcome::Truncated;
                 t.final_observations.vectors[5] = f32::INFINITY;
             },
-            "a component of a final observation vector (environment 2, component 1, step 3) is inf",
+            "a component of a final observation vector is inf (environment 2, component 1, step 3)",
         ),
         (
             |t| t.rewards[0] = f32::NEG_INFINITY,
-            "a reward (environment 0, step 3) is -inf",
+            "a reward is -inf (environment 0, step 3)",
         ),
     ];
     for (spoil, expected) in spoils {
@@ -91,7 +91,7 @@ fn an_error_names_environment_component_and_step() {
     wrong.decisions.actions[4] = f32::NAN;
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
     let message = push(&mut buffer, &wrong).unwrap_err().to_string();
-    let expected = "an action (environment 2, component 0) is NaN";
+    let expected = "an action is NaN (environment 2, component 0)";
     assert!(message.starts_with(expected), "{message}");
 }
 
