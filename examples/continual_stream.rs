@@ -42,6 +42,9 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
             if printed.is_err() {
                 stop.request();
             }
+            if let Some(warning) = progress.warning {
+                let _ = bar.suspend(|| writeln!(stderr(), "warning: {warning}"));
+            }
             bar.set_position(progress.decisions as u64);
         }
     }

@@ -3,6 +3,7 @@
 //!
 //! `cargo run --release --example own_task -- --budget short`
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};

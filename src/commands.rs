@@ -1,6 +1,6 @@
 //! The subcommands of `covers` that train, go on, evaluate and pack.
 
-use std::io::Write;
+use std::io::{Write, stderr};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -13,7 +13,7 @@ use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
 use crate::memory;
 use crate::report::ReportOptions;
-use crate::runs::{Run, RunFolder, Stop, thread_pool};
+use crate::runs::{Event, Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
 use crate::tables::{event_text, score_table, summary_table};
@@ -244,6 +244,12 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
     let folder = run.folder().path().display();
     say_or_stop(out, &format!("{folder}: {}", run.notice()), &stop);
     while let Some(event) = run.advance()? {
+        if let Event::Rollout(progress) = &event
+            && let Some(warning) = progress.warning
+        {
+            // the log of the run has it, too
+            let _ = writeln!(stderr(), "warning: {warning}");
+        }
         // the scores after the stream stand in the summary
         if !run.is_finished() {
             say_or_stop(out, &event_text(&event), &stop);

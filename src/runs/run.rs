@@ -47,6 +47,8 @@ pub struct Run {
     last_scores: Vec<Score>,
     /// Rollouts and rounds due in the newest checkpoint.
     saved: Option<(usize, usize)>,
+    /// `true` after a warning of the rewards' scale, which is given once.
+    warned: bool,
     /// Whether an error left the learner in between.
     broken: bool,
     stop: Stop,
@@ -145,6 +147,7 @@ impl Run {
             ledger,
             due,
             last_scores: Vec::new(),
+            warned: false,
             broken: false,
             stop: Stop::default(),
             notice: opened.notice,
@@ -287,6 +290,8 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
+        let warning = turn.rollout.reward_warning();
+        let warning = warning.filter(|_| !self.warned);
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
@@ -294,11 +299,16 @@ impl Run {
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
             turn,
+            warning,
             reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - spent,
         };
         self.logs.write_rollout(&progress)?;
+        if let Some(warning) = warning {
+            self.warned = true;
+            self.log(&format!("warning: {warning}"))?;
+        }
         Ok(progress)
     }
 
