@@ -248,7 +248,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, Co
             && let Some(warning) = progress.warning
         {
             // the log of the run has it, too
-            let _ = writeln!(stderr(), "warning: {warning}");
+            warn(&format!("warning: {warning}"));
         }
         // the scores after the stream stand in the summary
         if !run.is_finished() {
@@ -269,7 +269,7 @@ fn say_or_stop(out: &mut impl Write, line: &str, stop: &Stop) {
 /// Prints a line to standard error.
 fn warn(line: &str) {
     // a terminal that is gone reads nothing, and is no reason to fail
-    let _ = writeln!(std::io::stderr(), "{line}");
+    let _ = writeln!(stderr(), "{line}");
 }
 
 /// Prints how a run ended that does not advance: its figures, or, where it was stopped, how to go
