@@ -129,8 +129,8 @@ impl Description {
         Ok(Mjcf { text, ..sections })
     }
 
-    /// Model of the robot as a part for a scene to include. The scene must count angles in radians and, with
-    /// servos, use an implicit integrator.
+    /// Model of the robot as a part for a scene to include. The scene must count angles in radians
+    /// and, with servos, use an implicit integrator.
     ///
     /// # Errors
     /// As [`Description::to_mjcf`].

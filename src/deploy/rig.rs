@@ -93,7 +93,7 @@ pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Durati
     Ok(taken)
 }
 
-/// The same of a picture that is at most [`OLDEST`].
+/// Copies the newest picture, as [`newest_picture`] does, and refuses one older than [`OLDEST`].
 ///
 /// # Errors
 /// As [`newest_picture`]; [`CoversError::StalePicture`].

@@ -100,7 +100,7 @@ impl SimulatedRig {
         ))
     }
 
-    /// The same, whose arm carries a ball in magenta that `covers calibrate` looks for.
+    /// A rig whose arm carries a ball in magenta that `covers calibrate` looks for.
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].

@@ -92,8 +92,8 @@ impl CalibrateOptions {
         say(out, &simulated)
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
-    /// say of faults is for simulated rigs.
+    /// Finds the camera of a rig of somebody's own; `arm` is what is known of its robot. Options of
+    /// faults are for simulated rigs.
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`].
