@@ -196,10 +196,9 @@ mod tests {
             let keys = strokes(&svg, "line key");
             assert_eq!(keys.len(), methods);
             assert!(are_distinct(keys.iter()), "{keys:?}");
-            // lines have the strokes of their names, the last name first
-            let mut lines = strokes(&svg, "line");
-            lines.extend(strokes(&svg, "line wide"));
-            lines.reverse();
+            // lines have the strokes of their names
+            let mut lines = strokes(&svg, "line wide");
+            lines.extend(strokes(&svg, "line"));
             assert_eq!(lines, keys);
         }
     }
