@@ -15,6 +15,7 @@
 
 mod adapter;
 mod channels;
+mod clock;
 mod command;
 mod device;
 mod error;

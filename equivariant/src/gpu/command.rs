@@ -43,6 +43,11 @@ impl Command {
         }
     }
 
+    /// The name of the step.
+    pub fn label(&self) -> &'static str {
+        self.step.label
+    }
+
     /// Adds a dispatch for so many samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.step.work.count(samples);

@@ -20,6 +20,9 @@ pub struct Device {
     subgroups: bool,
 }
 
+/// Features that are used where an adapter has them.
+const OPTIONAL: wgpu::Features = wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
+
 /// The first thing that went wrong, if anything did.
 type Fault = Arc<Mutex<Option<GpuError>>>;
 
@@ -48,7 +51,7 @@ impl Device {
         let described = describe(adapter);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
-            required_features: adapter.features() & wgpu::Features::SUBGROUP,
+            required_features: adapter.features() & OPTIONAL,
             required_limits: adapter.limits(),
             ..Default::default()
         };
@@ -121,6 +124,24 @@ impl Device {
     pub(crate) fn staging(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         self.allocate("staging", size, usage)
+    }
+
+    /// Waits for all that was started.
+    pub(crate) fn wait(&self) -> Result<(), GpuError> {
+        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        waited.map_err(|error| self.failed(error))?;
+        Ok(())
+    }
+
+    /// The contents of a mapped buffer.
+    pub(crate) fn mapped<T: bytemuck::Pod>(
+        &self,
+        staged: &wgpu::Buffer,
+    ) -> Result<Vec<T>, GpuError> {
+        let view = staged.get_mapped_range(..);
+        let view = view.map_err(|error| self.failed(error))?;
+        Ok(bytemuck::pod_collect_to_vec(&view))
     }
 
     fn allocate(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {

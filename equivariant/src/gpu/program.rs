@@ -1,5 +1,6 @@
 //! A plan on a device: compiled kernels and allocated buffers.
 
+use crate::gpu::clock::Clock;
 use crate::gpu::command::Command;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
@@ -130,22 +131,13 @@ impl Program {
             got <= most,
             "got a batch of {got} samples, expected at most {most}"
         );
-        let [a, b, c, d] = batch.numbers.map(f32::to_bits);
-        let [samples, start, index] = [got, batch.start, batch.index].map(|n| n as u32);
-        let words = [samples, start, index, 0, a, b, c, d];
-        let queue = &self.device.queue;
-        queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(&words));
+        self.write_batch(batch);
         let mut encoder = self.encoder();
         let mut pass = encoder.begin_compute_pass(&Default::default());
-        let (forward, backward) = match passes {
-            Passes::Forward => (&self.forward[..], &[][..]),
-            Passes::Backward => (&[][..], &self.backward[..]),
-            Passes::All => (&self.forward[..], &self.backward[..]),
-        };
-        let commands = forward.iter().chain(backward);
+        let commands = self.commands(passes);
         commands.for_each(|command| command.record(got, &mut pass));
         drop(pass);
-        queue.submit([encoder.finish()]);
+        self.device.queue.submit([encoder.finish()]);
     }
 
     /// Waits for all that was started and reads so many numbers from the front of some buffers.
@@ -168,16 +160,61 @@ impl Program {
             // whether it was mapped is seen below
             staged.map_async(wgpu::MapMode::Read, .., |_| ());
         }
-        let waited = self.device.device.poll(wgpu::PollType::wait_indefinitely());
-        self.device.check()?;
-        waited.map_err(|error| self.device.failed(error))?;
+        self.device.wait()?;
         let mut read = [const { Vec::new() }; N];
         for (read, staged) in read.iter_mut().zip(&staged) {
-            let view = staged.get_mapped_range(..);
-            let view = view.map_err(|error| self.device.failed(error))?;
-            *read = bytemuck::pod_collect_to_vec(&view);
+            *read = self.device.mapped(staged)?;
         }
         Ok(read)
+    }
+
+    /// Runs passes over a batch kernel by kernel and measures each with the device's clock: names
+    /// and seconds in the order of execution. Kernels do not overlap here, so the sum may exceed the
+    /// time of [`submit`](Program::submit).
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] where the adapter has no timestamps, and as [`read`](Program::read).
+    ///
+    /// # Panics
+    /// For more samples than there is memory for.
+    pub fn kernel_times(
+        &self,
+        passes: Passes,
+        batch: Batch,
+    ) -> Result<Vec<(&'static str, f64)>, GpuError> {
+        assert!(
+            batch.samples <= self.samples,
+            "got a batch of {} samples, expected at most {}",
+            batch.samples,
+            self.samples
+        );
+        self.write_batch(batch);
+        let commands: Vec<&Command> = self.commands(passes).collect();
+        let clock = Clock::new(&self.device, commands.len())?;
+        let mut encoder = self.encoder();
+        for (index, command) in commands.iter().enumerate() {
+            let mut pass = encoder.begin_compute_pass(&clock.pass(index));
+            command.record(batch.samples, &mut pass);
+        }
+        let seconds = clock.read(&self.device, encoder)?;
+        Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())
+    }
+
+    fn commands(&self, passes: Passes) -> impl Iterator<Item = &Command> {
+        let (forward, backward) = match passes {
+            Passes::Forward => (&self.forward[..], &[][..]),
+            Passes::Backward => (&[][..], &self.backward[..]),
+            Passes::All => (&self.forward[..], &self.backward[..]),
+        };
+        forward.iter().chain(backward)
+    }
+
+    fn write_batch(&self, batch: Batch) {
+        let [a, b, c, d] = batch.numbers.map(f32::to_bits);
+        let [samples, start, index] = [batch.samples, batch.start, batch.index].map(|n| n as u32);
+        let words = [samples, start, index, 0, a, b, c, d];
+        let queue = &self.device.queue;
+        queue.write_buffer(&self.uniform, 0, bytemuck::cast_slice(&words));
     }
 
     fn encoder(&self) -> wgpu::CommandEncoder {

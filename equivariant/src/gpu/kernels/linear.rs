@@ -12,7 +12,10 @@ use crate::steerable::dense::Dense;
 use crate::window::Kernel;
 
 /// Partial gradients in the parameters at most, each of a part of the output pixels.
-const MOST_SLICES: usize = 64;
+const MOST_SLICES: usize = 256;
+/// Groups of threads of a gradient in the parameters, about: several for each processor of a large
+/// GPU.
+const GROUPS: usize = 1024;
 /// The window of a map that needs no fold.
 const PIXEL: Kernel = Kernel::new(1, 1, 0);
 
@@ -184,16 +187,15 @@ impl<'a> Linear<'a> {
 
     fn weight_gradient(&self, plan: &mut Plan, dy: Slot) -> Vec<Step> {
         let cols = self.output.fields();
-        let slices = self.out_pixels().min(MOST_SLICES);
-        let product = Product {
-            slices,
-            rows_are_neighbours: true,
-            ..self.product(
-                Rows::Fixed(self.folds.entries + 1),
-                cols,
-                Rows::Each(self.out_pixels()),
-            )
-        };
+        let mut product = self.product(
+            Rows::Fixed(self.folds.entries + 1),
+            cols,
+            Rows::Each(self.out_pixels()),
+        );
+        product.rows_are_neighbours = true;
+        let slices = GROUPS.div_ceil(product.tiles()).min(MOST_SLICES);
+        let slices = slices.min(self.out_pixels());
+        product.slices = slices;
         let len = (self.folds.entries + 1) * cols * self.order;
         let step = self.patches(product.step("weight gradient"));
         let step = self.output_gradient(step, dy).text(

@@ -7,7 +7,14 @@ fn main(place: Place) {
         return;
     }
     var sum = 0.0;
-    for (var part = 0u; part < parts(); part++) {
+    var part = 0u;
+    // four at a time, so that loads do not wait for one another
+    for (; part + 4u <= parts(); part += 4u) {
+        let at = part * LEN + index;
+        let next = vec4(partial[at], partial[at + LEN], partial[at + 2u * LEN], partial[at + 3u * LEN]);
+        sum = (((sum + next.x) + next.y) + next.z) + next.w;
+    }
+    for (; part < parts(); part++) {
         sum += partial[part * LEN + index];
     }
     gradient[BASE + index] = sum;

@@ -1,0 +1,100 @@
+//! Passes through networks on a device.
+
+use std::error::Error;
+
+use equivariant::gpu::{Batch, Device, Passes, Plan, Program, Slot};
+use equivariant::{Layer, Signature};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::milliseconds;
+use crate::networks::network;
+
+/// A network's program and a buffer that is written last.
+struct Bench {
+    program: Program,
+    last: Slot,
+    batch: Batch,
+}
+
+impl Bench {
+    fn new(
+        device: &Device,
+        name: &str,
+        passes: Passes,
+        samples: usize,
+    ) -> Result<Bench, Box<dyn Error>> {
+        let (size, fields, pooled): (usize, &[usize], bool) = match name {
+            "reference" => (64, &[8, 16, 32, 32], false),
+            "narrow" => (64, &[4, 8, 16, 16], false),
+            "pooled" => (128, &[8, 16, 32, 32, 32], true),
+            "wide" => (64, &[16, 32, 64, 64], false),
+            _ => return Err(format!("got the network `{name}`").into()),
+        };
+        let network = network(size, fields, pooled, None)?;
+        let mut plan = Plan::new();
+        let x = plan.input(network.in_shape());
+        let y = plan.layer(&network, x)?;
+        let trains = passes == Passes::All;
+        let plan = if trains { plan } else { plan.forward_only() };
+        let program = Program::new(device, &plan, samples)?;
+        let mut params = vec![0.0; network.num_params()];
+        network.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
+        program.write(plan.params(), &plan.placed(&params));
+        let picture = (0..samples * x.shape.len()).map(|i| (i % 251) as f32 / 251.0);
+        program.write(x.values, &picture.collect::<Vec<f32>>());
+        let gradient = y.gradient.filter(|_| trains);
+        if let Some(gradient) = gradient {
+            program.write(gradient, &vec![1.0; samples * y.shape.len()]);
+        }
+        let last = if trains { plan.gradient() } else { y.values };
+        let batch = Batch {
+            samples,
+            ..Batch::default()
+        };
+        Ok(Bench {
+            program,
+            last,
+            batch,
+        })
+    }
+}
+
+/// Milliseconds of a training pass or of a forward pass.
+pub fn time(
+    device: &Device,
+    network: &str,
+    task: &str,
+    batch: usize,
+) -> Result<f64, Box<dyn Error>> {
+    let passes = match task {
+        "training" => Passes::All,
+        "decisions" => Passes::Forward,
+        _ => return Err(format!("got the task `{task}`").into()),
+    };
+    let bench = Bench::new(device, network, passes, batch)?;
+    milliseconds(|runs| {
+        for _ in 0..runs {
+            bench.program.submit(passes, bench.batch);
+        }
+        bench.program.read([(bench.last, 1)])?;
+        Ok(())
+    })
+}
+
+/// Names and microseconds of the kernels of a training pass, after passes that wake the device.
+pub fn kernels(device: &Device, network: &str, batch: usize) -> Result<String, Box<dyn Error>> {
+    let bench = Bench::new(device, network, Passes::All, batch)?;
+    milliseconds(|runs| {
+        for _ in 0..runs {
+            bench.program.submit(Passes::All, bench.batch);
+        }
+        bench.program.read([(bench.last, 1)])?;
+        Ok(())
+    })?;
+    let times = bench.program.kernel_times(Passes::All, bench.batch)?;
+    let times = times.iter();
+    let words =
+        times.map(|(name, seconds)| format!("{} {:.2}", name.replace(' ', "_"), 1e6 * seconds));
+    Ok(words.collect::<Vec<_>>().join(" "))
+}

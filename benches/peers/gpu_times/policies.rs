@@ -1,0 +1,108 @@
+//! Updates and decisions of policies, on a device and on the processor.
+
+use std::error::Error;
+
+use equivariant::gpu::Device;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, Encoder, EnvSpec, NetworkSettings,
+    Observations, OnPolicy, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
+};
+
+use crate::milliseconds;
+use crate::noise::{HORIZON, Noise, spec};
+
+/// Observations on the device at a time, at most.
+const AT_A_TIME: usize = 512;
+
+/// Milliseconds of an update of a policy that is `width` times as wide as the presets'.
+pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut env = Noise::new();
+    let mut policy = ActorCriticPolicy::new(&wide(width), &spec(), 0)?;
+    let mut buffer = RolloutBuffer::new(&spec(), width * HORIZON)?;
+    let mut state = RolloutState::reset(&mut env, &policy)?;
+    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
+    let defaults = PpoSettings::default();
+    let settings = PpoSettings {
+        minibatch: width * defaults.minibatch,
+        // all epochs are run
+        max_kl: 1e9,
+        ..defaults
+    };
+    let mut ppo = match place {
+        "gpu" => Ppo::on_device(settings, &policy, device)?,
+        _ => Ppo::new(settings, &policy)?,
+    };
+    let mut run = move || {
+        milliseconds(|runs| {
+            for _ in 0..runs {
+                ppo.update(&mut policy, &buffer, &mut rng)?;
+            }
+            Ok(())
+        })
+        .map_err(|error| error.to_string())
+    };
+    on(place, &mut run)
+}
+
+/// Milliseconds of the decisions for a batch of observations.
+pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<dyn Error>> {
+    let spec = EnvSpec { num_envs, ..spec() };
+    let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
+    if place == "gpu" {
+        let mut there = DevicePolicy::new(policy, device, num_envs.min(AT_A_TIME))?;
+        return decisions(&mut there, &spec);
+    }
+    on(place, &mut || {
+        decisions(&mut policy, &spec).map_err(|error| error.to_string())
+    })
+}
+
+fn decisions(
+    policy: &mut impl OnPolicy<Memory = ()>,
+    spec: &EnvSpec,
+) -> Result<f64, Box<dyn Error>> {
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut observations = Observations::new(spec);
+    observations.images.fill_with(|| rng.random());
+    let mut out = Decisions::new(spec);
+    let noise = vec![0.0; out.actions.len()];
+    milliseconds(|runs| {
+        let mut runs = 0..runs;
+        let all: Result<(), RlError> =
+            runs.try_for_each(|_| policy.decide(&observations, &mut (), &noise, &mut out));
+        Ok(all?)
+    })
+}
+
+/// Runs on so many threads, or on this one for a GPU.
+fn on(
+    place: &str,
+    run: &mut (dyn FnMut() -> Result<f64, String> + Send),
+) -> Result<f64, Box<dyn Error>> {
+    let threads = if place == "gpu" { 1 } else { place.parse()? };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()?;
+    Ok(pool.install(run)?)
+}
+
+/// The presets' network with so many times its fields.
+fn wide(width: usize) -> NetworkSettings {
+    let defaults = NetworkSettings::default();
+    let encoder = match &defaults.encoder {
+        Encoder::Strided { fields } => Encoder::Strided {
+            fields: fields.iter().map(|n| width * n).collect(),
+        },
+        other => other.clone(),
+    };
+    NetworkSettings {
+        encoder,
+        top_fields: width * defaults.top_fields,
+        vector_fields: width * defaults.vector_fields,
+        actor_fields: width * defaults.actor_fields,
+        ..defaults
+    }
+}

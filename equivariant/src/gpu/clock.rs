@@ -1,0 +1,70 @@
+//! Times of kernels by the device's own clock.
+
+use crate::gpu::device::Device;
+use crate::gpu::error::GpuError;
+
+/// Bytes of a timestamp.
+const BYTES: u64 = 8;
+
+/// Two timestamps for each of some kernels.
+pub(crate) struct Clock {
+    queries: wgpu::QuerySet,
+    count: u32,
+}
+
+impl Clock {
+    /// A clock for so many kernels, or [`GpuError::Failed`] where the adapter has no timestamps.
+    pub fn new(device: &Device, kernels: usize) -> Result<Clock, GpuError> {
+        let features = device.device.features();
+        if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
+            return Err(device.failed("the adapter has no timestamps"));
+        }
+        let count = 2 * kernels as u32;
+        let queries = device.device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("kernel times"),
+            ty: wgpu::QueryType::Timestamp,
+            count,
+        });
+        Ok(Clock { queries, count })
+    }
+
+    /// A pass of one kernel with its timestamps.
+    pub fn pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
+        let first = 2 * kernel as u32;
+        wgpu::ComputePassDescriptor {
+            label: None,
+            timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+                query_set: &self.queries,
+                beginning_of_pass_write_index: Some(first),
+                end_of_pass_write_index: Some(first + 1),
+            }),
+        }
+    }
+
+    /// Runs what was recorded; returns the seconds of each kernel.
+    pub fn read(
+        self,
+        device: &Device,
+        mut encoder: wgpu::CommandEncoder,
+    ) -> Result<Vec<f64>, GpuError> {
+        let size = BYTES * u64::from(self.count);
+        let resolved = device.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("timestamps"),
+            size,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let staged = device.staging(size);
+        encoder.resolve_query_set(&self.queries, 0..self.count, &resolved, 0);
+        encoder.copy_buffer_to_buffer(&resolved, 0, &staged, 0, size);
+        device.queue.submit([encoder.finish()]);
+        staged.map_async(wgpu::MapMode::Read, .., |_| ());
+        device.wait()?;
+        let ticks: Vec<u64> = device.mapped(&staged)?;
+        let seconds = f64::from(device.queue.get_timestamp_period()) * 1e-9;
+        let kernels = ticks.as_chunks::<2>().0.iter();
+        Ok(kernels
+            .map(|[begun, ended]| seconds * ended.saturating_sub(*begun) as f64)
+            .collect())
+    }
+}
