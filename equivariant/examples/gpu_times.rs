@@ -40,7 +40,7 @@ fn main() -> Result<(), GpuError> {
 
 /// Kernels and time of a training step.
 fn step(device: &Device, samples: usize) -> Result<(usize, Duration), GpuError> {
-    let network = network(64, &[8, 16, 32, 32], false, None).unwrap();
+    let network = network(64, &[8, 16, 32, 32], false).unwrap();
     let mut plan = Plan::new();
     let x = plan.input(network.in_shape());
     let y = plan.layer(&network, x)?;

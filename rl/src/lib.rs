@@ -130,7 +130,6 @@ mod stage;
 mod symmetry_loss;
 mod trunk;
 
-pub use equivariant::Half;
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 

@@ -8,7 +8,6 @@ mod buffer;
 mod collection;
 mod common;
 mod equivariance;
-mod half;
 mod horizon;
 mod learning;
 mod memory;
