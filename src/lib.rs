@@ -71,7 +71,7 @@ pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Recognised, Single,
 };
 pub use learners::{
-    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Embedding, Extent,
+    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Extent,
     Handover, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
     OffPolicySettings, Performance, Seconds, Turn,
 };

@@ -9,7 +9,7 @@ use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
 use crate::learners::collection::{
-    CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
+    CollectionSettings, Handover, NewPolicy, shared_settings,
 };
 
 use super::recording::Recording;
@@ -153,10 +153,6 @@ impl CollectionSettings for OffPolicySettings {
 
     fn handover(&self) -> Handover {
         Handover::Reuse
-    }
-
-    fn embedding(&self) -> Embedding {
-        Embedding::Afresh
     }
 
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
