@@ -2,8 +2,8 @@
 
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingSettings,
-    Handover, Learner, NewPolicy, Turn,
+    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingSettings, Handover,
+    Learner, NewPolicy, Turn,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -3,8 +3,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
-    FieldNorm, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar,
-    Sequential, Shape, Signature, Statistics, level,
+    FieldNorm, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential,
+    Shape, Signature, Statistics, level,
 };
 use symmetry::Group;
 

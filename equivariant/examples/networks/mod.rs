@@ -1,8 +1,6 @@
 //! The networks that examples time.
 
-use equivariant::{
-    Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature,
-};
+use equivariant::{Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature};
 
 /// Channels of a picture.
 pub const CHANNELS: usize = 6;
@@ -11,11 +9,7 @@ pub const HALVING: Kernel = Kernel::new(4, 2, 1);
 
 /// Convolutions to so many regular fields of D2, each with a ReLU, on pictures of `size` x `size` x
 /// 6. They halve the picture, or are 3 x 3 and followed by pooling.
-pub fn network(
-    size: usize,
-    fields: &[usize],
-    pooled: bool,
-) -> Result<Sequential<f32>, LayerError> {
+pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
     let kernel = if pooled {
         Kernel::new(3, 1, 1)
     } else {

@@ -6,9 +6,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{
-    CollectionSettings, Handover, NewPolicy, shared_settings,
-};
+use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
 use crate::learners::device::LearningDevice;
 
 use super::training::PpoTraining;

@@ -8,9 +8,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{
-    CollectionSettings, Handover, NewPolicy, shared_settings,
-};
+use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
 
 use super::recording::Recording;
 use super::training::SacTraining;
