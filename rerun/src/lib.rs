@@ -79,7 +79,9 @@ impl Options {
         })?;
         // a closed pipe loses no recording: the file is there
         let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
-        let lines = played.into_iter().chain([format!("{}: {hint}", path.display())]);
+        let lines = played
+            .into_iter()
+            .chain([format!("{}: {hint}", path.display())]);
         for line in lines {
             writeln!(out, "{line}").map_err(|source| CoversError::Write {
                 path: PathBuf::from("standard output"),

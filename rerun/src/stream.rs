@@ -3,8 +3,8 @@
 use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfiguration};
 use re_sdk_types::components::Color;
 
-use covers::colours::rgb;
 use covers::CoversError;
+use covers::colours::rgb;
 use covers::report::{RolloutRow, RunData};
 
 use crate::recording::{ROLLOUTS, Recording, STREAM};

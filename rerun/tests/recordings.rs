@@ -22,7 +22,9 @@ const POLICIES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretraine
 fn rerun(run: &str, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     let arguments = [&["covers-rerun", run, "--out", out.to_str().unwrap()], more].concat();
     let mut printed = Vec::new();
-    Options::try_parse_from(arguments).unwrap().run(&mut printed)?;
+    Options::try_parse_from(arguments)
+        .unwrap()
+        .run(&mut printed)?;
     Ok(String::from_utf8(printed).unwrap())
 }
 
