@@ -112,9 +112,11 @@ rerun: deps
 	$(RECORDING)/venv/bin/python benches/peers/rerun_recording.py \
 	  $(RECORDING)/run $(RECORDING)/run.rrd
 
-# The Python package, in an environment of its own: minutes. It takes Python 3.10 or later with its
-# venv module, and packages from PyPI. A folder of wheels may be named in PIP_FIND_LINKS.
+# The Python package, in an environment of its own: minutes, most of them to compile the program that
+# exports policies. It takes Python 3.10 or later with its venv module, and packages from PyPI. A
+# folder of wheels may be named in PIP_FIND_LINKS.
 VENV := $(abspath $(TARGET))/python
+POLICIES := $(VENV)/policies
 
 python: export CARGO_TARGET_DIR := $(abspath $(TARGET))
 
@@ -122,13 +124,20 @@ python: deps
 	cd python && cargo fmt --check
 	cd python && cargo clippy --release --all-targets --locked -- -D warnings
 	cd python && cargo build --quiet --release --locked --example bytes
+	cargo build --quiet --release --locked --bin covers
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'gymnasium>=1.2' 'numpy>=1.26' 'pytest>=8'
+	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'gymnasium>=1.2' 'numpy>=1.26' 'pytest>=8' \
+	  'onnxruntime>=1.20'
 	$(VENV)/bin/maturin build --quiet --release --locked --auditwheel skip \
 	  --manifest-path python/Cargo.toml --interpreter $(VENV)/bin/python --out $(VENV)/wheels
 	$(VENV)/bin/pip install --quiet --no-deps --force-reinstall $(VENV)/wheels/covers_envs-*.whl
+	rm -rf $(POLICIES)
+	for policy in 0 1 2 3; do \
+	  $(TARGET)/release/covers export assets/pretrained --policy $$policy --out $(POLICIES)/$$policy || \
+	    exit 1; \
+	done
 	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
-	  $(VENV)/bin/pytest --quiet tests
+	  COVERS_POLICIES=$(POLICIES) $(VENV)/bin/pytest --quiet tests
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example continual_stream -- --budget short`
 
-use std::io::{IsTerminal, stderr, stdout};
+use std::io::{IsTerminal, Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -33,10 +33,18 @@ fn learn(options: &StreamOptions) -> Result<Outcome, CoversError> {
     let folder = options.run.output.run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_decisions());
     let mut run = Run::start(experiment, folder)?;
-    run.stop_at(Stop::on_signals()?);
+    let stop = Stop::on_signals()?;
+    run.stop_at(stop.clone());
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = event {
-            bar.suspend(|| println!("{}", rollout_line(&progress)));
+            let printed = bar.suspend(|| writeln!(stdout(), "{}", rollout_line(&progress)));
+            // a closed terminal or pipe ends the run as Ctrl-C does: with a checkpoint
+            if printed.is_err() {
+                stop.request();
+            }
+            if let Some(warning) = progress.warning {
+                let _ = bar.suspend(|| writeln!(stderr(), "warning: {warning}"));
+            }
             bar.set_position(progress.decisions as u64);
         }
     }

@@ -3,6 +3,7 @@
 //!
 //! `cargo run --release --example own_task -- --budget short`
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
@@ -156,7 +157,8 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {
     while let Some(event) = run.advance()? {
-        println!("{}", event_text(&event));
+        // a closed output is no reason to lose what was learnt
+        let _ = writeln!(std::io::stdout(), "{}", event_text(&event));
     }
     if let Some(summary) = run.summary()? {
         println!("\n{}", summary_table(&summary));

@@ -13,6 +13,7 @@ use crate::experiment::Experiment;
 use crate::learners::DeviceChoice;
 use crate::overrides::{self, Override};
 use crate::presets::{Budget, Method};
+use crate::printable::printable_lines;
 use crate::runs::RunFolder;
 
 /// What a number of threads may be.
@@ -207,10 +208,11 @@ pub fn run_name(stem: &str, experiment: &Experiment) -> String {
     format!("{stem}-seed{}", experiment.learner.seed())
 }
 
-/// Prints a line.
+/// Prints a line, in which no name of a file or of a table's cell steers the terminal.
 ///
 /// # Errors
 /// [`CoversError::Write`].
 pub(crate) fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
+    let line = printable_lines(line);
     writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
 }

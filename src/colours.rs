@@ -1,13 +1,46 @@
-//! Colours by number: of groups in the order of a run's schedule, and of methods.
+//! Colours and strokes by number: of groups in the order of a run's schedule, and of methods.
 
 /// Colours that colour-blind people tell apart (Okabe and Ito, "Color Universal Design", 2008), on
 /// a light and on a dark page.
 const COLOURS: [&str; 8] = [
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00",
 ];
-/// The colour of the one with this number.
+
+/// The colour of the one with this number; from the ninth on, colours repeat.
 pub fn colour(number: usize) -> &'static str {
     COLOURS[number % COLOURS.len()]
+}
+
+/// Colour and dash pattern of a line.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Stroke {
+    /// An SVG colour.
+    pub colour: &'static str,
+    /// Lengths of dashes and gaps in turn (pixels), as SVG's `stroke-dasharray` lists them; empty
+    /// for a solid line.
+    pub dashes: String,
+}
+
+impl Stroke {
+    /// A line without gaps.
+    pub fn solid(colour: &'static str) -> Self {
+        Self {
+            colour,
+            dashes: String::new(),
+        }
+    }
+}
+
+/// The stroke of the line with this number. No two numbers share one: the first eight lines are
+/// solid, the next eight dashed, and every later round of colours puts one more dot between the
+/// dashes.
+pub fn stroke(number: usize) -> Stroke {
+    let round = number / COLOURS.len();
+    let dots = round.checked_sub(1);
+    Stroke {
+        colour: colour(number),
+        dashes: dots.map_or_else(String::new, |dots| "8 4".to_owned() + &" 2 4".repeat(dots)),
+    }
 }
 
 /// The same as red, green and blue.
@@ -28,5 +61,14 @@ mod tests {
             let [r, g, b] = rgb(number);
             assert_eq!(format!("#{r:02X}{g:02X}{b:02X}"), colour(number));
         }
+    }
+
+    #[test]
+    fn no_two_strokes_are_equal() {
+        let strokes: Vec<Stroke> = (0..100).map(stroke).collect();
+        assert!(crate::distinct::are_distinct(strokes.iter()));
+        assert_eq!(strokes[7], Stroke::solid("#8C8C00"));
+        let patterns = [8, 16, 24].map(|number| strokes[number].dashes.as_str());
+        assert_eq!(patterns, ["8 4", "8 4 2 4", "8 4 2 4 2 4"]);
     }
 }

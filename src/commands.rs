@@ -1,6 +1,6 @@
 //! The subcommands of `covers` that train, go on, evaluate and pack.
 
-use std::io::Write;
+use std::io::{Write, stderr};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -11,8 +11,9 @@ use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Extent};
+use crate::memory;
 use crate::report::ReportOptions;
-use crate::runs::{Run, RunFolder, Stop, thread_pool};
+use crate::runs::{Event, Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
 use crate::tables::{event_text, score_table, summary_table};
@@ -122,7 +123,8 @@ pub struct PackOptions {
 pub enum Outcome {
     /// All was done.
     Done,
-    /// Ctrl-C or SIGTERM came; a checkpoint was written, and `covers resume` goes on.
+    /// Ctrl-C, SIGTERM or SIGHUP came, or standard output was closed; a checkpoint was written, and
+    /// `covers resume` goes on.
     Interrupted,
 }
 
@@ -161,6 +163,8 @@ impl Command {
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::standard())?;
+    // before the run's folder is made
+    memory::check_run(&experiment)?;
     #[cfg(feature = "tui")]
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);
@@ -232,31 +236,47 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
     .slurm(&program))
 }
 
-/// Runs to the end, or to a signal, and tells of every step.
+/// Runs to the end, or to a signal, and prints every step. An output that is closed stops the run
+/// as a signal does.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
-    run.stop_at(Stop::on_signals()?);
+    let stop = Stop::on_signals()?;
+    run.stop_at(stop.clone());
     let folder = run.folder().path().display();
-    say(out, &format!("{folder}: {}", run.notice()))?;
+    say_or_stop(out, &format!("{folder}: {}", run.notice()), &stop);
     while let Some(event) = run.advance()? {
-        // the scores after the stream stand in the summary
-        let told = match run.is_finished() {
-            true => Ok(()),
-            false => say(out, &event_text(&event)),
-        };
-        // nobody listens any more: keep what was learnt
-        if told.is_err() {
-            run.save()?;
+        if let Event::Rollout(progress) = &event
+            && let Some(warning) = progress.warning
+        {
+            // the log of the run has it, too
+            warn(&format!("warning: {warning}"));
         }
-        told?;
+        // the scores after the stream stand in the summary
+        if !run.is_finished() {
+            say_or_stop(out, &event_text(&event), &stop);
+        }
     }
     conclude(run, json, out)
 }
 
-/// Tells how a run ended that does not advance: with its figures, or, where it was stopped, with a
-/// checkpoint of this moment and how to go on.
+/// Prints a line. Where nobody reads it, nobody watches the run: it stops and keeps what it has.
+fn say_or_stop(out: &mut impl Write, line: &str, stop: &Stop) {
+    if let Err(error) = say(out, line) {
+        warn(&format!("{error}: the run stops"));
+        stop.request();
+    }
+}
+
+/// Prints a line to standard error.
+fn warn(line: &str) {
+    // a terminal that is gone reads nothing, and is no reason to fail
+    let _ = writeln!(stderr(), "{line}");
+}
+
+/// Prints how a run ended that does not advance: its figures, or, where it was stopped, how to go
+/// on from the checkpoint of this moment, which it writes.
 ///
 /// # Errors
-/// What the run says, or an `out` that cannot be written to.
+/// What the run says, or an `out` that the figures cannot be written to.
 pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let folder = run.folder().path().display().to_string();
     if run.is_finished()
@@ -276,9 +296,11 @@ pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outco
         Some(_) => " --device gpu",
         None => "",
     };
-    let said =
+    let ending =
         format!("stopped after {rollouts} rollouts; go on with: covers resume {folder}{device}");
-    say(out, &said)?;
+    if say(out, &ending).is_err() {
+        warn(&ending);
+    }
     Ok(Outcome::Interrupted)
 }
 
@@ -287,11 +309,12 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let mut experiment = folder
         .experiment()?
         .with_threads(options.work.threads.count());
+    memory::check_environments(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let mut learner = folder.load_learner(learner, &spec, &labels)?;
+    let (mut learner, own) = folder.load_with_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let envs = match options.randomised {
         true => with_randomisation(experiment.envs),
@@ -302,7 +325,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), CoversErr
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
     let scores = pool
-        .install(|| evaluator.all(&mut *learner, rounds))?
+        .install(|| evaluator.all(&mut *learner, &own, rounds))?
         .scores;
     if options.work.json {
         say(out, &serde_json::json!(scores).to_string())

@@ -3,8 +3,10 @@
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use crate::error::CoversError;
 
@@ -100,7 +102,7 @@ pub(crate) const PARTIAL: &str = "partial";
 /// # Errors
 /// [`CoversError::Write`]; the old file is then still there.
 pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), CoversError> {
-    let partial = path.with_added_extension(PARTIAL);
+    let partial = partial_name(path);
     let written = disk
         .write(&partial, bytes)
         .and_then(|()| disk.sync(&partial))
@@ -113,12 +115,24 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), 
     written.map_err(|error| CoversError::write(path, error))
 }
 
+/// Name of a file that becomes `path` when it is whole. Each process has names of its own, since two
+/// machines may hold the same folder's lock where a file server does not share locks.
+fn partial_name(path: &Path) -> PathBuf {
+    static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
+    path.with_added_extension(format!("{:016x}.{PARTIAL}", *PROCESS))
+}
+
+/// Random number from the system, not from any seed.
+pub(crate) fn random_number() -> u64 {
+    RandomState::new().build_hasher().finish()
+}
+
 /// Sees whether [`replace`] could write `path`, and leaves everything as it is.
 ///
 /// # Errors
 /// [`CoversError::Write`].
 pub(crate) fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), CoversError> {
-    let partial = path.with_added_extension(PARTIAL);
+    let partial = partial_name(path);
     let tried = match path.is_dir() {
         true => Err(std::io::ErrorKind::IsADirectory.into()),
         false => disk.write(&partial, &[]),

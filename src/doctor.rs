@@ -16,6 +16,7 @@ use symmetry::D2;
 use crate::cli::Work;
 use crate::error::CoversError;
 use crate::experiment::Experiment;
+use crate::memory;
 use crate::presets::{Budget, Method};
 use crate::runs::{Run, RunFolder, instructions, processor};
 
@@ -133,13 +134,13 @@ impl DoctorOptions {
 
 /// What there is, part by part; learning is tried on so many threads, and runs would go to `runs`.
 pub fn examine(threads: usize, runs: &Path) -> Vec<Finding> {
-    let others = vec![
-        the_memory(),
-        the_disk(runs),
-        the_simulator(),
-        the_pictures(),
-        the_learning(threads),
-    ];
+    let memory = the_memory();
+    // libraries that find no memory end the process
+    let may_draw = memory::check_environments(threads).is_ok();
+    let mut others = vec![memory, the_disk(runs), the_simulator()];
+    if may_draw {
+        others.extend([the_pictures(), the_learning(threads)]);
+    }
     [vec![the_processor()], the_gpus(), others].concat()
 }
 
@@ -178,7 +179,14 @@ fn the_processor() -> Finding {
 }
 
 fn the_memory() -> Finding {
-    let Some(free) = available_memory() else {
+    if let Err(limit) = memory::check_environments(1) {
+        return Finding::bad(
+            "memory",
+            &limit.to_string(),
+            "raise the limit of this process",
+        );
+    }
+    let Some(free) = memory::available() else {
         return Finding::good("memory", "unknown");
     };
     let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
@@ -188,14 +196,6 @@ fn the_memory() -> Finding {
     found
         .unless(free >= MEMORY + REPLAY, Health::Fair, replays)
         .unless(free >= MEMORY, Health::Bad, cure)
-}
-
-/// Bytes that programs may still take, where the system says so.
-fn available_memory() -> Option<u64> {
-    let text = fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find(|line| line.starts_with("MemAvailable"))?;
-    let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kibibytes << 10)
 }
 
 fn the_disk(runs: &Path) -> Finding {
@@ -371,11 +371,6 @@ mod tests {
         let full = the_disk(Path::new("/proc/self"));
         assert_eq!(full.health, Health::Bad, "{full:?}");
         assert!(full.cure.is_some_and(|cure| cure.contains("--runs")));
-    }
-
-    #[test]
-    fn the_memory_that_is_free_is_some() {
-        assert!(available_memory().is_none_or(|bytes| bytes > 1 << 20));
     }
 
     #[cfg(feature = "wgpu")]

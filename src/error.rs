@@ -105,6 +105,20 @@ pub enum CoversError {
         /// Why it was.
         why: String,
     },
+    /// A calibration that cannot be of the rig's camera.
+    #[error(
+        "the calibration is not of this rig's camera: its {what} is {value}, expected {expected}. \
+         Make a new one with `covers calibrate` and try it with `covers check mask`; if it is \
+         right, correct what the rig says of its camera"
+    )]
+    OtherCamera {
+        /// Part of the calibration.
+        what: &'static str,
+        /// Its value.
+        value: String,
+        /// What the rig's camera lets expect.
+        expected: String,
+    },
     /// The thread pool.
     #[error("cannot start {threads} threads: {source}")]
     Threads {
@@ -199,6 +213,9 @@ pub enum CoversError {
         /// The other process.
         holder: String,
     },
+    /// Run that another process took over.
+    #[error(transparent)]
+    TakenOver(TakenOver),
     /// A folder that holds a run already.
     #[error(
         "{} holds a run already: go on with `covers resume {}`, or overwrite it with \
@@ -239,6 +256,21 @@ pub enum CoversError {
         path: PathBuf,
         /// What differs: the value asked for and the checkpoint's.
         differences: String,
+    },
+    /// Table that was changed after its run had ended.
+    #[error(
+        "{} was changed after the run had ended: its checksum is {found}, summary.json says \
+         {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
+         the last checkpoint",
+        path.display()
+    )]
+    ChangedTable {
+        /// The table.
+        path: PathBuf,
+        /// Its checksum.
+        found: String,
+        /// Checksum when the run ended.
+        expected: String,
     },
     /// A run that nothing can be reported of.
     #[error("{} cannot be reported: {problem}", folder.display())]
@@ -289,7 +321,20 @@ pub enum CoversError {
         /// Their names.
         failed: Vec<String>,
     },
-    /// The handlers of Ctrl-C and SIGTERM.
+    /// Limit of memory that is too low for what a command needs.
+    #[error(
+        "{limit} leaves {left} MiB of memory, and about {needed} MiB are needed: raise it, or use \
+         fewer threads"
+    )]
+    Memory {
+        /// Memory that is needed (MiB).
+        needed: u64,
+        /// Memory that the limit leaves (MiB).
+        left: u64,
+        /// Name of the limit.
+        limit: String,
+    },
+    /// The handlers of signals.
     #[error("cannot listen to signals: {source}")]
     Signals {
         /// The reason.
@@ -375,7 +420,12 @@ impl CoversError {
     /// Wraps what went wrong with writing `path`.
     pub(crate) fn write(path: &Path, source: impl Into<BoxError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
-        Self::Write { path, source }
+        let inner = source.downcast_ref::<std::io::Error>();
+        let inner = inner.and_then(|error| error.get_ref()?.downcast_ref::<TakenOver>());
+        match inner {
+            Some(taken_over) => Self::TakenOver(taken_over.clone()),
+            None => Self::Write { path, source },
+        }
     }
 }
 
@@ -383,6 +433,26 @@ fn hint(nearest: &Option<String>) -> String {
     match nearest {
         Some(nearest) => format!(": did you mean `{nearest}`?"),
         None => String::new(),
+    }
+}
+
+/// Loss of a run's folder to another process, or of the folder itself.
+#[derive(Clone, Debug, thiserror::Error)]
+#[error(
+    "{} {}: this process writes nothing more to it",
+    folder.display(), taken_over(holder.as_deref())
+)]
+pub struct TakenOver {
+    /// Folder of the run.
+    pub folder: PathBuf,
+    /// Name of the other process; `None` if the file with its name is gone.
+    pub holder: Option<String>,
+}
+
+fn taken_over(holder: Option<&str>) -> String {
+    match holder {
+        Some(holder) => format!("was taken over by {holder}"),
+        None => "was moved, or its file `owner` was removed, while this process was working".into(),
     }
 }
 

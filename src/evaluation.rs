@@ -9,6 +9,7 @@ mod score;
 use envs::{TaskGroup, TaskRegistry, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use rl::RolloutStats;
 use symmetry::D2;
 
 use crate::error::CoversError;
@@ -23,7 +24,7 @@ use played::Played;
 
 pub use dormancy::{Dormancy, TAU};
 pub use recognition::{Recognition, SHOWN};
-pub use score::{GroupScore, Score, by_group};
+pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, by_group};
 
 /// Random stream of the learner's draws while it looks: environments count theirs from 0 under the
 /// same seed.
@@ -113,11 +114,12 @@ impl Evaluator {
     pub fn all(
         &mut self,
         learner: &mut dyn Learner,
+        own: &OwnPolicies,
         rounds: usize,
     ) -> Result<Findings, CoversError> {
         let mut findings = Findings::default();
         for variant in self.variants() {
-            self.variant(learner, variant, rounds, &mut findings)?;
+            self.variant(learner, variant, own, rounds, &mut findings)?;
         }
         Ok(findings)
     }
@@ -140,7 +142,8 @@ impl Evaluator {
     }
 
     /// Scores one variant and adds what it finds. The learner chooses a policy from the first
-    /// frames of the very episodes that are then played; nobody tells it the group.
+    /// frames of the very episodes that are then played; nobody tells it the group. Where it
+    /// chooses another policy than the group's own, the own one plays the same episodes, too.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for no rounds; what the environments, the policies or the assigner
@@ -149,6 +152,7 @@ impl Evaluator {
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
+        own: &OwnPolicies,
         rounds: usize,
         findings: &mut Findings,
     ) -> Result<(), CoversError> {
@@ -160,25 +164,54 @@ impl Evaluator {
             });
         }
         let policy = self.recognise(learner, variant)?;
-        let stream = &mut self.stream;
-        stream.reseed(self.seed)?;
-        let what = (variant, rounds);
-        let performance = self.played.recall(what, learner, policy, |learner| {
-            learner.perform(policy, stream, rounds)
-        })?;
-        let Performance { stats, activity } = performance;
-        findings.activities.add(policy, &activity);
+        let chosen = self.play(learner, variant, policy, rounds)?;
+        findings.activities.add(policy, &chosen.activity);
+        let score = self.policy_score(policy, &chosen.stats);
+        let own = match own.get(variant.group.name()) {
+            Some(&own) if own != policy => {
+                let played = self.play(learner, variant, own, rounds)?;
+                Some(self.policy_score(own, &played.stats))
+            }
+            own => own.map(|_| score),
+        };
         findings.scores.push(Score {
             group: variant.group,
             element: variant.element,
             seen: self.schedule.shows(variant.group.name(), variant.element),
             policy,
-            episodes: stats.episodes.len(),
-            success: stats.success_rate().unwrap_or(0.0),
-            success_at_end: stats.success_at_end_rate().unwrap_or(0.0),
-            reward: stats.mean_return().unwrap_or(0.0) * stream.reward_scale(),
+            episodes: chosen.stats.episodes.len(),
+            success: score.success,
+            success_at_end: score.success_at_end,
+            reward: score.reward,
+            own,
         });
         Ok(())
+    }
+
+    /// Plays `rounds` episodes of the variant that the environments show, from the same placements
+    /// every time.
+    fn play(
+        &mut self,
+        learner: &mut dyn Learner,
+        variant: TaskVariant,
+        policy: usize,
+        rounds: usize,
+    ) -> Result<Performance, CoversError> {
+        let stream = &mut self.stream;
+        stream.reseed(self.seed)?;
+        let what = (variant, rounds);
+        self.played.recall(what, learner, policy, |learner| {
+            learner.perform(policy, stream, rounds)
+        })
+    }
+
+    fn policy_score(&self, policy: usize, stats: &RolloutStats) -> PolicyScore {
+        PolicyScore {
+            policy,
+            success: stats.success_rate().unwrap_or(0.0),
+            success_at_end: stats.success_at_end_rate().unwrap_or(0.0),
+            reward: stats.mean_return().unwrap_or(0.0) * self.stream.reward_scale(),
+        }
     }
 }
 

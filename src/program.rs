@@ -12,7 +12,9 @@ use crate::doctor::DoctorOptions;
 use crate::error::CoversError;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
+use crate::memory;
 use crate::preset_list::PresetsOptions;
+use crate::printable::printable_lines;
 use crate::render::RenderOptions;
 use crate::watch::WatchOptions;
 
@@ -27,7 +29,7 @@ Exit codes:
   0    all was done, every check held, everything works
   1    an error, which standard error names; a check that failed; a machine that lacks something
   2    wrong options
-  3    a signal stopped a run, which left a checkpoint: `covers resume` goes on
+  3    a signal or a closed output stopped a run, which left a checkpoint: `covers resume` goes on
   128 and the number of a signal: it ended the program at once (130 for Ctrl-C, 143 for SIGTERM)";
 
 /// Continual vision-based reinforcement learning with group symmetries.
@@ -75,6 +77,9 @@ impl Program {
     /// # Errors
     /// What any part says, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
+        if self.renders() {
+            memory::check_environments(1)?;
+        }
         match &self.subcommand {
             Subcommands::Learner(command) => command.run(out).map(Outcome::exit_code),
             Subcommands::Deploy(deploy) => deploy.run(out).map(|()| 0),
@@ -89,6 +94,31 @@ impl Program {
             Subcommands::Man(manual) => manual.run(Self::command(), out).map(|()| 0),
         }
     }
+
+    /// `true` for commands that draw images of simulations.
+    fn renders(&self) -> bool {
+        match &self.subcommand {
+            Subcommands::Deploy(_)
+            | Subcommands::Calibrate(_)
+            | Subcommands::Render(_)
+            | Subcommands::Rerun(_)
+            | Subcommands::Export(_)
+            | Subcommands::Check(_) => true,
+            Subcommands::Learner(Command::Report(report)) => report.films,
+            // runs and evaluations check what their threads need, and the doctor reports it
+            Subcommands::Learner(_)
+            | Subcommands::Doctor(_)
+            | Subcommands::Watch(_)
+            | Subcommands::Presets(_)
+            | Subcommands::Completions(_)
+            | Subcommands::Man(_) => false,
+        }
+    }
+}
+
+/// What standard error is told of an error, in which no name of a file steers the terminal.
+pub fn error_line(error: &CoversError) -> String {
+    format!("error: {}", printable_lines(&error.to_string()))
 }
 
 #[cfg(test)]

@@ -76,14 +76,16 @@ pub(crate) fn number(value: Option<f64>, digits: usize) -> String {
     finite.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
 }
 
-/// The table of one evaluation: a line a group, with the success of its variants, those that were
-/// held out in brackets.
+/// The table of one evaluation: a line for each group, with the success of its variants, those that
+/// were held out in brackets. Below it stands a line for each group of which the learner played a
+/// variant with another policy than the group's own.
 pub fn score_table(scores: &[Score]) -> String {
     let mut table = String::from(
         "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
          ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
     );
-    for group in by_group(scores) {
+    let groups = by_group(scores);
+    for group in &groups {
         let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
         // writing to a String cannot fail
         let _ = write!(
@@ -104,6 +106,23 @@ pub fn score_table(scores: &[Score]) -> String {
                 format!("({:.2})", score.success)
             };
             let _ = write!(table, "  {success:>width$}");
+        }
+    }
+    for group in groups.iter().filter(|group| group.mismatches > 0) {
+        let variants = scores.iter().filter(|score| score.group == group.group);
+        let _ = write!(
+            table,
+            "\n{}: {} of {} variants were played by another policy than the group's own",
+            group.group.name(),
+            group.mismatches,
+            variants.count(),
+        );
+        if let Some(own) = group.own {
+            let _ = write!(
+                table,
+                "; policy {}, its own, has success {:.2}, at end {:.2}, reward {:.1}",
+                own.policy, own.success, own.success_at_end, own.reward
+            );
         }
     }
     table
@@ -137,10 +156,13 @@ pub fn summary_table(summary: &Summary) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use envs::TaskGroup;
     use symmetry::D2;
 
     use super::*;
+    use crate::evaluation::PolicyScore;
 
     #[test]
     fn failures_and_merges_are_mentioned_where_there_were_any() {
@@ -156,6 +178,7 @@ mod tests {
             return_accuracy: None,
             groups: Vec::new(),
             variants: Vec::new(),
+            tables: BTreeMap::new(),
         };
         assert!(!summary_table(&summary).contains("failures"));
         summary.failures = 3;
@@ -175,10 +198,42 @@ mod tests {
             success: 0.95,
             success_at_end: 0.5,
             reward: 312.0,
+            own: None,
         });
         let table = score_table(&scores);
         let row: Vec<&str> = table.lines().nth(2).unwrap().split_whitespace().collect();
         let expected = "plate-slide 2 80 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
         assert_eq!(row.join(" "), expected);
+    }
+
+    #[test]
+    fn another_groups_policy_is_mentioned_where_one_played() {
+        let own = PolicyScore {
+            policy: 1,
+            success: 0.9,
+            success_at_end: 0.8,
+            reward: 400.0,
+        };
+        let with = |policy| {
+            let own = Some(own);
+            let scores = D2::ALL.map(|element| Score {
+                group: TaskGroup::PLATE_SLIDE,
+                element,
+                seen: true,
+                policy: if element == D2::FlipX { policy } else { 1 },
+                episodes: 20,
+                success: 0.5,
+                success_at_end: 0.5,
+                reward: 200.0,
+                own,
+            });
+            score_table(&scores)
+        };
+        let (right, wrong) = (with(1), with(0));
+        assert_eq!(right.lines().count(), 3, "{right}");
+        assert_eq!(wrong.lines().count(), 4, "{wrong}");
+        let expected = "plate-slide: 1 of 4 variants were played by another policy than the \
+            group's own; policy 1, its own, has success 0.90, at end 0.80, reward 400.0";
+        assert_eq!(wrong.lines().last(), Some(expected));
     }
 }

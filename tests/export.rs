@@ -7,7 +7,7 @@ use clap::Parser;
 use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
-use envs::Beside;
+use envs::{Beside, Camera, Control, Embodiment};
 use rl::{Critic, Encoder, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
@@ -196,10 +196,35 @@ fn a_description_says_what_the_pictures_show() {
             image["channels"].as_str().unwrap().ends_with(shown),
             "{text}"
         );
-        assert_eq!(image["camera"]["oversampling"], 2);
+        // the camera reads back as it was, so that a program can ask for the same images
+        let camera: Camera = serde_json::from_value(image["camera"].clone()).unwrap();
+        assert_eq!(camera, experiment.envs.camera);
         let difference = difference(&folder);
         assert!(difference < 1e-5, "{difference} {beside:?}");
     }
+}
+
+#[test]
+fn a_description_names_the_environments_of_the_training() {
+    let mut experiment = narrow(Method::Covers, Group::D2);
+    experiment.envs.embodiment = Embodiment::HAND;
+    experiment.envs.control = Control {
+        action_repeat: 5,
+        displacement: 0.03,
+        horizon: 45,
+    };
+    let scratch = Scratch::new("export-environment");
+    let folder = scratch.0.join("new");
+    export(&scratch.pack(&experiment), "0", &folder).unwrap();
+    let text = fs::read_to_string(folder.join("policy.json")).unwrap();
+    let about: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let expected = serde_json::json!({
+        "layout": "symmetric", "embodiment": "hand", "horizon": 45,
+    });
+    assert_eq!(about["environment"], expected);
+    let action = &about["outputs"]["action"];
+    assert_eq!(action["control_steps_per_decision"], 5);
+    assert_eq!(action["displacement"], 0.03);
 }
 
 #[test]

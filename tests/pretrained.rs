@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use covers::evaluation::{Evaluator, Findings};
+use covers::evaluation::{Evaluator, Findings, OwnPolicies};
 use covers::{Labels, RunFolder, Stream};
 use envs::{Beside, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
@@ -20,7 +20,9 @@ fn know_their_groups_and_solve_them(name: &str, beside: Beside) {
     let spec = Stream::spec_of(&experiment.envs);
     let labels = Labels::default();
     let learner = &experiment.learner;
-    let mut learner = folder.load_learner(learner, &spec, &labels).unwrap();
+    let loaded = folder.load_with_policies(learner, &spec, &labels);
+    let (mut learner, own) = loaded.unwrap();
+    assert_eq!(own, OwnPolicies::default(), "a pack has no books");
     assert_eq!(learner.policies(), 4);
     let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
@@ -28,7 +30,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: Beside) {
     for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
         evaluator
-            .variant(&mut *learner, variant, 1, &mut findings)
+            .variant(&mut *learner, variant, &own, 1, &mut findings)
             .unwrap();
     }
     let mut chosen = Vec::new();

@@ -7,6 +7,8 @@ use std::path::Path;
 use clap::Parser;
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
+use covers::program::error_line;
+use covers::watch::WatchOptions;
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
 use envs::Embodiment;
 
@@ -19,6 +21,16 @@ impl Scratch {
         let mut run = Run::start(experiment, folder).unwrap();
         while run.advance().unwrap().is_some() {}
         run.summary().unwrap().unwrap()
+    }
+
+    /// A run of an older version, whose summary holds no checksums of its tables.
+    fn run_without_checksums(&self, name: &str, experiment: Experiment) {
+        self.run(name, experiment);
+        let path = self.0.join(name).join("summary.json");
+        let text = fs::read_to_string(&path).unwrap();
+        let mut summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+        summary.as_object_mut().unwrap().remove("tables").unwrap();
+        fs::write(path, summary.to_string()).unwrap();
     }
 
     /// Reports the runs of these names.
@@ -156,20 +168,18 @@ fn a_report_says_what_the_runs_files_say() {
 #[test]
 fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     let scratch = Scratch::new("files");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
-    let file = |name: &str| scratch.0.join("cnn-seed0").join(name);
+    scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
+    let file = |name: &str| scratch.0.join("covers-seed0").join(name);
     let without = |name: &str| {
         let bytes = fs::read(file(name)).unwrap();
         fs::remove_file(file(name)).unwrap();
-        let refusal = scratch.refusal(&["cnn-seed0"]);
+        let refusal = scratch.refusal(&["covers-seed0"]);
         fs::write(file(name), bytes).unwrap();
         refusal
     };
     assert!(without("summary.json").contains("not finished"));
     assert!(without("evaluation.csv").contains("evaluation.csv"));
-    let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
-    fs::write(file("recognition.csv"), answer).unwrap();
-    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    scratch.report(&["covers-seed0"], &[]).unwrap();
     let last = "the last rows of";
     for (name, column, wrong, problem) in [
         ("evaluation.csv", "rollouts", "1", last),
@@ -183,6 +193,9 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
             "18446744073709551615",
             "cannot be",
         ),
+        ("evaluation.csv", "own_policy", "1", "own policies"),
+        ("evaluation.csv", "own_success", "", "cannot be"),
+        ("evaluation.csv", "own_reward", "inf", "cannot be"),
         ("units.csv", "rollouts", "1", last),
         ("units.csv", "dormant", "4294967295", "cannot be"),
         ("recognition.csv", "group", "no-group", "cannot be"),
@@ -191,7 +204,7 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     ] {
         let table = fs::read_to_string(file(name)).unwrap();
         fs::write(file(name), with_cell(&table, column, wrong)).unwrap();
-        let refusal = scratch.refusal(&["cnn-seed0"]);
+        let refusal = scratch.refusal(&["covers-seed0"]);
         assert!(
             refusal.contains(name) && refusal.contains(problem),
             "{refusal}"
@@ -200,19 +213,148 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     }
 }
 
+/// A last cell that is cut short would pass for another number.
+#[test]
+fn tables_that_are_cut_off_are_refused() {
+    let scratch = Scratch::new("cut");
+    scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
+    for name in [
+        "metrics.csv",
+        "evaluation.csv",
+        "units.csv",
+        "recognition.csv",
+        "timings.csv",
+    ] {
+        let file = scratch.0.join("covers-seed0").join(name);
+        let whole = fs::read(&file).unwrap();
+        for cut in [1, 3] {
+            fs::write(&file, &whole[..whole.len() - cut]).unwrap();
+            let refusal = scratch.refusal(&["covers-seed0"]);
+            assert!(
+                refusal.contains(name) && refusal.contains("cut off"),
+                "{refusal}"
+            );
+        }
+        fs::write(&file, whole).unwrap();
+    }
+    scratch.report(&["covers-seed0"], &[]).unwrap();
+}
+
+#[test]
+fn answers_are_as_many_as_the_run_asked_for() {
+    let scratch = Scratch::new("answers");
+    scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
+    let file = scratch.0.join("covers-seed0/recognition.csv");
+    let whole = fs::read_to_string(&file).unwrap();
+    let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+    assert_eq!(lines.len(), 1 + 4 * 3, "{whole}");
+    let doubled = whole.replace(",1\n", ",2\n");
+    assert_ne!(doubled, whole);
+    let other = lines[1].replace("goal-reach,", "goal-reach,turn");
+    for damaged in [
+        lines[..7].concat(),
+        lines[..12].concat(),
+        lines[0].to_owned(),
+        String::new(),
+        doubled,
+        whole.repeat(2),
+        whole.clone() + &lines[1..].concat(),
+        whole.clone() + &other,
+    ] {
+        fs::write(&file, &damaged).unwrap();
+        let refusal = scratch.refusal(&["covers-seed0"]);
+        assert!(refusal.contains("recognition.csv"), "{refusal}: {damaged}");
+    }
+    // older runs asked for nothing
+    fs::remove_file(&file).unwrap();
+    scratch.report(&["covers-seed0"], &[]).unwrap();
+}
+
+/// Names that set a terminal's title, clear it, or hide a line.
+#[test]
+fn names_do_not_steer_the_terminal() {
+    let scratch = Scratch::new("escapes");
+    let hostile = "\u{1b}]0;title\u{7}\u{9b}2J\n-seed0";
+    scratch.run_without_checksums("equi-seed0", alone(Method::Equi, 0));
+    let run = scratch.0.join(hostile);
+    fs::rename(scratch.0.join("equi-seed0"), &run).unwrap();
+    for name in ["metrics.csv", "evaluation.csv"] {
+        let text = fs::read_to_string(run.join(name)).unwrap();
+        let text = text.replace("goal-reach", "\"goal\u{1b}[2J\u{202e}\n\"");
+        fs::write(run.join(name), text).unwrap();
+    }
+    let out = scratch.0.join("out");
+    let text = scratch
+        .report(&[hostile], &["--out", out.to_str().unwrap()])
+        .unwrap();
+    assert!(text.contains("| goal\\u001b[2J\\u202e\\u000a |"), "{text}");
+    let files = fs::read_dir(&out).unwrap().map(|file| file.unwrap().path());
+    let files = files.map(|file| {
+        assert_eq!(
+            steering(&file.to_string_lossy()),
+            None,
+            "{}",
+            file.display()
+        );
+        fs::read_to_string(file).unwrap()
+    });
+    let mut watched = Vec::new();
+    WatchOptions { run, json: false }
+        .print(&mut watched)
+        .unwrap();
+    let watched = String::from_utf8(watched).unwrap();
+    assert!(watched.contains("goal\\u001b[2J"), "{watched}");
+    let refused = error_line(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
+    for text in files.chain([text, watched, refused]) {
+        assert_eq!(steering(&text), None, "{text}");
+    }
+}
+
+/// The first character that a terminal would obey; line ends are none.
+fn steering(text: &str) -> Option<char> {
+    let text = text.replace("\r\n", "\n");
+    let mut signs = text.chars();
+    signs.find(|&sign| (sign.is_control() && !matches!(sign, '\n' | '\t')) || sign == '\u{202e}')
+}
+
+#[test]
+fn tables_that_changed_after_the_end_are_refused() {
+    let scratch = Scratch::new("changed");
+    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    for (name, column, plausible) in [
+        ("metrics.csv", "reward", "300.5"),
+        ("evaluation.csv", "success", "1"),
+        ("timings.csv", "total", "0.5"),
+    ] {
+        let file = scratch.0.join("cnn-seed0").join(name);
+        let table = fs::read_to_string(&file).unwrap();
+        for changed in [
+            with_cell(&table, column, plausible),
+            table[..table.len() - 7].to_owned(),
+        ] {
+            fs::write(&file, changed).unwrap();
+            let refusal = scratch.refusal(&["cnn-seed0"]);
+            assert!(
+                refusal.contains(name) && refusal.contains("was changed"),
+                "{refusal}"
+            );
+        }
+        fs::write(&file, table).unwrap();
+    }
+}
+
 #[test]
 fn what_was_counted_twice_is_refused() {
     let scratch = Scratch::new("twice");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
-    let answer = "group,element,episodes,policy,times\ngoal-reach,identity,4,0,1\n";
-    fs::write(scratch.0.join("cnn-seed0/recognition.csv"), answer).unwrap();
-    scratch.report(&["cnn-seed0"], &[]).unwrap();
+    scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
+    scratch.report(&["covers-seed0"], &[]).unwrap();
     for name in ["evaluation.csv", "units.csv", "recognition.csv"] {
-        let file = scratch.0.join("cnn-seed0").join(name);
+        let file = scratch.0.join("covers-seed0").join(name);
         let table = fs::read_to_string(&file).unwrap();
         let last = table.lines().last().unwrap();
         fs::write(&file, format!("{table}{last}\n")).unwrap();
-        let refusal = scratch.refusal(&["cnn-seed0"]);
+        let refusal = scratch.refusal(&["covers-seed0"]);
         assert!(
             refusal.contains(name) && refusal.contains("twice"),
             "{refusal}"
@@ -225,7 +367,7 @@ fn what_was_counted_twice_is_refused() {
 #[test]
 fn earlier_evaluations_agree_with_the_rollouts_too() {
     let scratch = Scratch::new("earlier");
-    scratch.run("cnn-seed0", alone(Method::Cnn, 0));
+    scratch.run_without_checksums("cnn-seed0", alone(Method::Cnn, 0));
     let file = scratch.0.join("cnn-seed0/evaluation.csv");
     let table = fs::read_to_string(&file).unwrap();
     assert!(table.contains("\n0,0,"), "{table}");
@@ -303,7 +445,7 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
     // results, figures over seeds, visits, efficiency, variants, and the run itself; with one policy
     // for everything there is no recognition
     let tables = [
-        (vec!["covers (1)"], 4),
+        (vec!["covers (1)"], 6),
         (vec!["covers (1)"], 14),
         (vec!["covers (1)"], 3),
         (vec!["goal-reach", "covers (1)"], 11),

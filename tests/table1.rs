@@ -99,6 +99,38 @@ fn tables_and_drawings_are_those_of_the_kept_runs() {
     }
 }
 
+/// Counted from the policies in `evaluation.csv` and `metrics.csv`; these runs did not record the
+/// scores of the groups' own policies.
+#[test]
+fn other_groups_policies_played_for_ordinary_networks() {
+    let report = REPORT.markdown();
+    let results = tables(&report).remove(0);
+    let rows = results.lines().map(|line| line.split(" | ").collect());
+    let rows: Vec<Vec<&str>> = rows.collect();
+    for (method, mismatches) in [
+        ("covers", "0 of 80"),
+        ("3rl", "0 of 48"),
+        ("covers-gt", "0 of 80"),
+        ("covers-cnn", "17 of 80"),
+        ("covers-cnn-slim", "23 of 80"),
+        ("cnn-aug", "12 of 80"),
+        ("equi-sac", "0 of 48"),
+    ] {
+        let name = format!("| {method}");
+        let row = rows.iter().find(|row| row[0] == name).unwrap();
+        let [average, own, counted] = row[5..] else {
+            panic!("{row:?}")
+        };
+        assert_eq!(counted, format!("{mismatches} |"), "{method}");
+        let (success, rest) = average.split_once(" [").unwrap();
+        let reward = rest.split_once("] ").unwrap().1;
+        match mismatches.starts_with("0 ") {
+            true => assert_eq!(own, format!("{success} {reward}"), "{method}"),
+            false => assert_eq!(own, "- (2)", "{method}"),
+        }
+    }
+}
+
 #[test]
 fn the_page_quotes_tables_of_the_report() {
     let page = fs::read_to_string(results().join("table1.md")).unwrap();

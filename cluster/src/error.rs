@@ -197,6 +197,21 @@ pub enum ClusterError {
         /// Rounding allowance.
         tolerance: f64,
     },
+    /// Rounding leaves too much of the cost of a plan unproven: costs, or the distances between
+    /// points, span more orders of magnitude than an `f64` resolves.
+    #[error(
+        "the cost {cost:e} may exceed the optimum by {excess:e}, expected at most {tolerance:e}: \
+         the costs that carry mass differ too much in size; leave out points of very small weight \
+         that lie far from all others, or bring the costs closer together"
+    )]
+    Imprecise {
+        /// Cost of the plan that was found.
+        cost: f64,
+        /// Largest amount by which it may exceed the optimum.
+        excess: f64,
+        /// Largest amount accepted.
+        tolerance: f64,
+    },
     /// The two clouds of a candidate cannot be compared.
     #[error(
         "candidate {candidate}: {what} is {buffer} in the buffer and {rollout} in the rollout, \

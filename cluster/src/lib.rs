@@ -94,8 +94,8 @@ pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use settings::{AssignerSettings, Calibrated, Rule};
 pub use transport::{
-    Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan, Weights, certify,
-    transport,
+    COST_TOLERANCE, Certificate, Entry, MAX_COST, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    Weights, certify, transport,
 };
 pub use wasserstein::{Cloud, Wasserstein, wasserstein1};
 

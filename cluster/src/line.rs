@@ -1,10 +1,12 @@
 //! Optimal transport on a line, in closed form.
 
-use std::iter::zip;
-
 use crate::check::rows;
-use crate::error::Result;
-use crate::transport::{Weights, check_weights_of};
+use crate::error::{ClusterError, Result};
+use crate::transport::{Balance, COST_TOLERANCE, Weights, check_weights_of};
+
+/// Units, of 2^60, that each given weight adds to what rounding leaves of a difference of sums:
+/// 2^-52 of the whole.
+const WEIGHT_ROUNDING: u64 = 1 << 8;
 
 /// Returns the 1-Wasserstein distance between weighted points `x` `[n]` and `y` `[m]` on a line, in
 /// their unit.
@@ -15,7 +17,8 @@ use crate::transport::{Weights, check_weights_of};
 ///
 /// # Errors
 /// An empty side, values that are not finite, weights that are no distribution, and numbers of
-/// weights other than `n` and `m`.
+/// weights other than `n` and `m`. [`ClusterError::Imprecise`] where given weights decide the
+/// distance by differences that the rounding of their sums explains.
 ///
 /// ```
 /// use cluster::{Weights, wasserstein1_line};
@@ -26,31 +29,42 @@ use crate::transport::{Weights, check_weights_of};
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn wasserstein1_line(x: &[f32], a: Weights, y: &[f32], b: Weights) -> Result<f64> {
-    let mut steps = steps("x", x, a, 1.0)?;
-    steps.extend(self::steps("y", y, b, -1.0)?);
-    steps.sort_by(|(s, _), (t, _)| s.total_cmp(t));
-    let mut difference = 0.0;
-    let mut area = 0.0;
-    for (step, next) in zip(&steps, steps.iter().skip(1)) {
-        difference += step.1;
-        area += f64::abs(difference) * (next.0 - step.0);
-    }
-    Ok(area)
-}
-
-/// Returns the places and heights of the steps of one distribution function.
-fn steps(
-    side: &'static str,
-    points: &[f32],
-    weights: Weights,
-    sign: f64,
-) -> Result<Vec<(f64, f64)>> {
-    check_weights_of(side, weights, rows(side, points, 1, "point")?)?;
-    let sum = weights.sum();
-    let height = |i| sign * weights.get(i) / sum;
-    Ok(points
-        .iter()
+    check_weights_of("x", a, rows("x", x, 1, "point")?)?;
+    check_weights_of("y", b, rows("y", y, 1, "point")?)?;
+    // weights as integers: what is left of a difference of sums would be multiplied by the
+    // distance of a point however far
+    let mut balance = Balance::default();
+    balance.fill(a, b);
+    let units = balance.masses.iter().map(|mass| mass.units);
+    let signed = units
         .enumerate()
-        .map(|(i, &p)| (f64::from(p), height(i)))
-        .collect())
+        .map(|(i, units)| if i < x.len() { units } else { -units });
+    let points = x.iter().chain(y).map(|&p| f64::from(p));
+    let mut steps: Vec<(f64, i64)> = points.zip(signed).collect();
+    steps.sort_by(|(s, _), (t, _)| s.total_cmp(t));
+    let rounded = match (a, b) {
+        (Weights::Uniform(_), Weights::Uniform(_)) => 0,
+        _ => WEIGHT_ROUNDING * steps.len() as u64,
+    };
+    let (mut difference, mut area, mut unsure) = (0, 0.0, 0.0);
+    for pair in steps.windows(2) {
+        difference += pair[0].1;
+        let part = difference.unsigned_abs() as f64 * (pair[1].0 - pair[0].0);
+        area += part;
+        if difference.unsigned_abs() <= rounded {
+            unsure += part;
+        }
+    }
+    let total = balance.total as f64;
+    let (cost, excess) = (area / total, unsure / total);
+    let tolerance = COST_TOLERANCE * cost;
+    // equal distributions leave nothing but rounding, some 1e-16 of the distances: that is returned
+    if unsure < area && excess > tolerance {
+        return Err(ClusterError::Imprecise {
+            cost,
+            excess,
+            tolerance,
+        });
+    }
+    Ok(cost)
 }

@@ -3,9 +3,10 @@
 use std::cmp::Ordering;
 
 use cluster::{
-    ClusterError, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein, Weights, certify,
-    transport, wasserstein1_line,
+    Certificate, ClusterError, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein, Weights,
+    certify, transport, wasserstein1, wasserstein1_line,
 };
+use lapjv::{Matrix, lapjv};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -193,24 +194,163 @@ fn forbidden_pairs_take_no_precision_from_the_others() {
     }
 }
 
+/// Costs of five blocks of eight sources and eight sinks that must stay among themselves.
+fn blocks(seed: u64, forbidden: f64) -> Vec<f64> {
+    let drawn = random_costs(seed, 1600);
+    let block = |k: usize| (k / 40 / 8, k % 40 / 8);
+    let costs = drawn.iter().enumerate().map(|(k, c)| match block(k) {
+        (row, column) if row == column => 2.0 + 2.0 * c,
+        _ => forbidden,
+    });
+    costs.collect()
+}
+
 #[test]
-fn a_far_point_costs_no_more_precision_than_the_certificate_admits() {
-    let n = 100;
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let (mut x, mut y) = (normals(&mut rng, 2 * n), normals(&mut rng, 2 * n));
-    let near = solved(&x, Weights::Uniform(n), &y, Weights::Uniform(n), 2).unwrap();
-    let expected = near * n as f64 / (n + 1) as f64;
-    // one point of each cloud, in the same place
-    x.extend([0.0; 2]);
-    y.extend([0.0; 2]);
-    for far in [1e4, 1e8, 1e12, 1e16] {
-        x[2 * n..].fill(far);
-        y[2 * n..].fill(far);
-        let mut workspace = Wasserstein::new();
-        let weights = Weights::Uniform(n + 1);
-        let plan = workspace.solve((&x, weights), (&y, weights), 2).unwrap();
-        let error = plan.cost - expected;
-        let admitted = plan.certificate.gap + plan.certificate.violation + 1e-15;
-        assert!(error.abs() <= admitted, "{far:e}: {error:e} {admitted:e}");
+fn costs_that_forbid_pairs_hide_no_cheaper_plan() {
+    for forbidden in [1e3, 1e9, 1e15, 1e16, 1e18, 1e30, MAX_COST] {
+        let f = forbidden;
+        let cost = [3.0, 1.0, f, 1.0, 2.0, f, f, f, 5.0];
+        let plan = uniform(&cost, 3, 3).unwrap();
+        // by all six permutations
+        assert!((plan.cost - 7.0 / 3.0).abs() < 1e-14, "{f:e}: {plan:?}");
+        let Certificate { gap, violation, .. } = plan.certificate;
+        assert!(gap + violation < 1e-13, "{f:e}: {plan:?}");
+    }
+}
+
+#[test]
+fn costs_that_forbid_pairs_across_blocks_leave_the_optimum_of_the_blocks() {
+    for seed in 0..10 {
+        // an assignment solver, at a price that costs it no precision
+        let matrix = Matrix::from_shape_vec((40, 40), blocks(seed, 1e3)).unwrap();
+        let (columns, _) = lapjv(&matrix).unwrap();
+        let expected = lapjv::cost(&matrix, &columns) / 40.0;
+        assert!(expected < 4.0);
+        for forbidden in [1e3, 1e9, 1e12, 1e15, 1e18, 1e30, MAX_COST] {
+            let cost = blocks(seed, forbidden);
+            let got = uniform(&cost, 40, 40).unwrap().cost;
+            let error = (got - expected).abs();
+            assert!(error < 1e-12, "{seed}, {forbidden:e}: {got} {expected}");
+        }
+    }
+}
+
+#[test]
+fn forbidden_pairs_of_several_sizes_hide_no_cheaper_plan() {
+    // every block forbids the others at a price of its own
+    for seed in 0..10 {
+        let prices = [1e9, 1e16, 1e30, 1e50, MAX_COST];
+        let cost: Vec<f64> = blocks(seed, f64::NAN)
+            .iter()
+            .enumerate()
+            .map(|(k, c)| if c.is_nan() { prices[k / 320] } else { *c })
+            .collect();
+        let got = uniform(&cost, 40, 40).unwrap().cost;
+        let expected = uniform(&blocks(seed, 1e3), 40, 40).unwrap().cost;
+        assert!((got - expected).abs() < 1e-12, "{seed}: {got} {expected}");
+    }
+}
+
+#[test]
+fn a_far_point_in_both_clouds_costs_no_precision() {
+    for (n, dim) in [(20, 2), (100, 2), (20, 512), (600, 2)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(n as u64);
+        let (mut x, mut y) = (normals(&mut rng, dim * n), normals(&mut rng, dim * n));
+        let expected = wasserstein1(&x, &y, dim).unwrap() * n as f64 / (n + 1) as f64;
+        x.extend(vec![0.0; dim]);
+        y.extend(vec![0.0; dim]);
+        for far in [1e4, 1e8, 1e12, 1e14, 1e15, 1e16, 1e18, 1e30] {
+            x[dim * n..].fill(far);
+            y[dim * n..].fill(far);
+            let got = wasserstein1(&x, &y, dim).unwrap();
+            let error = (got - expected).abs() / expected;
+            assert!(error < 1e-10, "{n}, {dim}, {far:e}: {got} {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_far_point_in_one_cloud_is_the_whole_distance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let (mut x, y) = (normals(&mut rng, 40), normals(&mut rng, 42));
+    x.extend([1e30, 0.0]);
+    let distance = wasserstein1(&x, &y, 2).unwrap();
+    assert!((distance / (1e30 / 21.0) - 1.0).abs() < 1e-7, "{distance}");
+}
+
+#[test]
+fn near_copies_keep_the_digits_of_their_small_distance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let x = normals(&mut rng, 200);
+    let shift = 2.0_f32.powi(-22);
+    // shifts that are exact, in the coarsest unit of the coordinates
+    let x: Vec<f32> = x.iter().map(|v| (v / shift).round() * shift).collect();
+    let y: Vec<f32> = x.iter().map(|v| v + shift).collect();
+    let expected = f64::from(shift) * 2.0_f64.sqrt();
+    let got = wasserstein1(&x, &y, 2).unwrap();
+    assert!((got / expected - 1.0).abs() < 1e-10, "{got} {expected}");
+    assert_eq!(wasserstein1(&x, &x, 2).unwrap(), 0.0);
+}
+
+#[test]
+fn what_rounding_leaves_open_is_refused_and_never_returned() {
+    // a weight of 1e-17 goes a way of 1e18, which is ten of a cost of eleven, and the potentials
+    // that link it to the rest are no finer than 128
+    let far = 1e18;
+    let mut cost = random_costs(9, 400);
+    cost.iter_mut().for_each(|c| *c += 2.0);
+    cost[..20].fill(far);
+    let mut weights = vec![1.0 / 19.0; 20];
+    weights[0] = 1e-17;
+    let error = transport(&cost, Weights::Given(&weights), Weights::Uniform(20)).unwrap_err();
+    let ClusterError::Imprecise {
+        cost,
+        excess,
+        tolerance,
+    } = error
+    else {
+        panic!("{error}");
+    };
+    assert!(excess > tolerance && tolerance < 1e-8 * cost, "{error}");
+    let message = error.to_string();
+    assert!(message.contains("may exceed the optimum by"), "{message}");
+}
+
+#[test]
+fn costs_of_both_signs_may_cancel() {
+    // every plan costs nothing: c_ij = x_i - x_j
+    let x = random_costs(10, 30);
+    let cost: Vec<f64> = (0..900).map(|k| x[k / 30] - x[k % 30]).collect();
+    assert!(uniform(&cost, 30, 30).unwrap().cost.abs() < 1e-15);
+}
+
+#[test]
+fn a_far_point_costs_the_closed_form_no_precision_and_given_weights_are_refused() {
+    let near = ([0.0, 0.25, 0.5], [0.1, 0.3, 0.7]);
+    let expected = wasserstein1(&near.0, &near.1, 1).unwrap() * 3.0 / 4.0;
+    for far in [1e8, 1e16, 1e30] {
+        let (x, y) = ([0.0, 0.25, 0.5, far], [0.1, 0.3, 0.7, far]);
+        let line = wasserstein1_line(&x, Weights::Uniform(4), &y, Weights::Uniform(4)).unwrap();
+        assert!((line - expected).abs() < 1e-14, "{far:e}: {line}");
+    }
+    // as integers, thirds of the whole differ by some units, which go all the way
+    let thirds = Weights::Given(&[1.0 / 3.0; 3]);
+    let (x, y) = ([0.0, 0.5, 1e30], [1e30, 0.1, 0.7]);
+    for result in [
+        wasserstein1_line(&x, thirds, &y, thirds),
+        solved(&x, thirds, &y, thirds, 1),
+    ] {
+        assert!(
+            matches!(result, Err(ClusterError::Imprecise { .. })),
+            "{result:?}"
+        );
+    }
+    let quarters = Weights::Given(&[0.25; 4]);
+    let (x, y) = ([0.0, 0.25, 0.5, 1e30], [1e30, 0.1, 0.3, 0.7]);
+    for distance in [
+        wasserstein1_line(&x, quarters, &y, quarters),
+        solved(&x, quarters, &y, quarters, 1),
+    ] {
+        assert!((distance.unwrap() - expected).abs() < 1e-9);
     }
 }

@@ -1,7 +1,9 @@
 //! Metric properties of the distance on random clouds.
 
-use cluster::wasserstein1;
+use cluster::{MAX_COST, wasserstein1};
 use proptest::prelude::*;
+
+use crate::common::uniform;
 
 const DIM: usize = 3;
 
@@ -83,5 +85,42 @@ proptest! {
     fn is_at_least_the_distance_of_the_means(x in cloud(), y in cloud()) {
         let apart = (0..DIM).map(|d| (mean(&x, d) - mean(&y, d)).powi(2)).sum::<f64>().sqrt();
         prop_assert!(w1(&x, &y) >= apart - 1e-9);
+    }
+
+    #[test]
+    fn a_far_point_in_both_clouds_changes_nothing(
+        mut x in cloud(),
+        mut y in cloud(),
+        exponent in 2i32..31,
+    ) {
+        let points = x.len().min(y.len()) / DIM;
+        x.truncate(points * DIM);
+        y.truncate(points * DIM);
+        let expected = w1(&x, &y) * points as f64 / (points + 1) as f64;
+        x.extend([10.0_f32.powi(exponent); DIM]);
+        y.extend([10.0_f32.powi(exponent); DIM]);
+        prop_assert!((w1(&x, &y) - expected).abs() <= 1e-9 * expected);
+    }
+
+    #[test]
+    fn costs_that_only_forbid_a_pair_may_be_any(
+        n in 2usize..12,
+        drawn in prop::collection::vec((0u8..40, any::<bool>()), 144),
+        exponent in 4i32..100,
+    ) {
+        // a plan within the pairs allowed, the diagonal, costs less than any with another pair
+        let value = |forbidden: f64| {
+            let cost: Vec<f64> = (0..n * n)
+                .map(|k| match drawn[k] {
+                    (quarters, allowed) if allowed || k / n == k % n => f64::from(quarters) / 4.0,
+                    _ => forbidden,
+                })
+                .collect();
+            uniform(&cost, n, n).expect("finite costs").cost
+        };
+        let expected = value(1e3);
+        for forbidden in [10.0_f64.powi(exponent), MAX_COST] {
+            prop_assert!((value(forbidden) - expected).abs() <= 1e-9 * expected);
+        }
     }
 }

@@ -158,6 +158,17 @@ pub enum EnvError {
         /// What it said.
         message: String,
     },
+    /// A vector environment in another process than the one that made it.
+    #[error(
+        "the vector environment was made in process {made_in}, this is process {process}: a fork \
+         does not copy its worker threads, so make environments after the fork, or use `spawn`"
+    )]
+    OtherProcess {
+        /// Identifier of the process that made it.
+        made_in: u32,
+        /// Identifier of the process that calls it.
+        process: u32,
+    },
     /// A worker thread ended without an answer.
     #[error("worker thread {worker} of the vector environment panicked: {message}")]
     WorkerLost {

@@ -30,6 +30,9 @@ use crate::worker::Worker;
 ///
 /// Where rendering fails, for instance because the OpenGL context is lost, the call fails for all
 /// environments; the next [`VecEnv::reset`] makes new renderers and goes on.
+///
+/// A fork copies no worker threads, so in a forked child every call that needs them returns
+/// [`EnvError::OtherProcess`], and dropping the environments there leaks their memory.
 pub struct VecEnv {
     settings: VecEnvSettings,
     scenes: BTreeMap<TaskGroup, Arc<Scene>>,
@@ -38,6 +41,8 @@ pub struct VecEnv {
     failures: Vec<Failure>,
     /// Whether episodes run: after a reset, until the tasks change or a call fails.
     running: bool,
+    /// Identifier of the process that has the worker threads.
+    process: u32,
 }
 
 impl VecEnv {
@@ -59,6 +64,7 @@ impl VecEnv {
             rows: Vec::new(),
             failures: Vec::new(),
             running: false,
+            process: std::process::id(),
         };
         // before any thread starts: the first model of a process tunes software rendering (see
         // `mujoco`)
@@ -217,8 +223,18 @@ impl VecEnv {
         Ok(())
     }
 
+    /// Refuses to go on in a forked child, which has no worker threads.
+    fn require_own_process(&self) -> Result<(), EnvError> {
+        let (made_in, process) = (self.process, std::process::id());
+        if made_in == process {
+            return Ok(());
+        }
+        Err(EnvError::OtherProcess { made_in, process })
+    }
+
     /// Refuses to go on without episodes, or after a worker was lost with its rows.
     fn require_running(&self) -> Result<(), EnvError> {
+        self.require_own_process()?;
         if self.running && self.rows.len() == self.workers.len() {
             return Ok(());
         }
@@ -257,6 +273,7 @@ impl VecEnv {
 
     /// Gives every worker its rows and waits for them to come back.
     fn send_rows(&mut self, command: fn(Rows) -> Command) -> Result<(), EnvError> {
+        self.require_own_process()?;
         for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
             worker.send(command(rows));
         }
@@ -265,6 +282,7 @@ impl VecEnv {
 
     /// Gives every worker an order that concerns no rows.
     fn broadcast(&mut self, command: impl Fn() -> Command) -> Result<(), EnvError> {
+        self.require_own_process()?;
         for worker in &self.workers {
             worker.send(command());
         }
@@ -335,6 +353,15 @@ impl VecEnv {
         check_len("success", out.success.len(), n)?;
         check_len("success_at_end", out.success_at_end.len(), n)?;
         check_len("truncated", out.truncated.len(), n)
+    }
+}
+
+impl Drop for VecEnv {
+    fn drop(&mut self) {
+        // joining a thread that a fork did not copy panics, and its channels may be locked for ever
+        if self.require_own_process().is_err() {
+            std::mem::forget(std::mem::take(&mut self.workers));
+        }
     }
 }
 

@@ -68,6 +68,21 @@ pub enum InpaintingError {
         /// The largest one allowed (pixels).
         limit: f64,
     },
+    /// A focal length that the poses contradict.
+    #[error(
+        "the focal lengths are given as {:.1} and {:.1} pixels, but the poses tell {:.1} and {:.1}, \
+         give or take {sigma:.1}: correct the intrinsics that the rig gives (those of this size of \
+         picture), and look whether joints and the lens are as they are said to be", .given[0],
+        .given[1], .fitted[0], .fitted[1]
+    )]
+    WrongFocal {
+        /// Focal lengths across and down that were given (pixels).
+        given: [f64; 2],
+        /// Those that fit the poses best (pixels).
+        fitted: [f64; 2],
+        /// One standard deviation of the first of these (pixels).
+        sigma: f64,
+    },
     /// Poses that fit many cameras.
     #[error("the poses do not tell where the camera is: {advice}")]
     Undetermined {

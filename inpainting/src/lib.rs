@@ -26,7 +26,7 @@ pub use color::ColorCorrection;
 pub use distortion::Distortion;
 pub use error::InpaintingError;
 pub use hand_eye::{
-    HandEye, LARGEST_RESIDUAL, LEAST_POSES, Offset, Residual, Sighting, Uncertainty,
+    Focal, HandEye, LARGEST_RESIDUAL, LEAST_POSES, Offset, Residual, Sighting, Uncertainty,
 };
 pub use imperfections::Imperfections;
 pub use inpainter::{Inpainter, InpainterSettings};

@@ -11,10 +11,11 @@ from typing import Any
 import gymnasium
 
 from covers_envs._core import task_names
+from covers_envs.policy import OnnxPolicy, policy_settings
 from covers_envs.single import CoversEnv
 from covers_envs.vector import CoversVectorEnv
 
-__all__ = ["TASKS", "CoversEnv", "CoversVectorEnv", "make", "make_vec"]
+__all__ = ["TASKS", "CoversEnv", "CoversVectorEnv", "OnnxPolicy", "make", "make_vec", "policy_settings"]
 
 #: The four groups, each of which draws a variant for every episode, then the sixteen variants.
 TASKS: tuple[str, ...] = tuple(task_names())

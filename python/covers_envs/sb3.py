@@ -18,13 +18,19 @@ class SB3VecEnv(VecEnv):
     Stable-Baselines3 logs its rate of success.
 
     Args:
-        env: The environments.
+        env: The environments: of the mode `SAME_STEP`, and not of `copy=False`, because
+            Stable-Baselines3 stores an observation after the step that follows it.
         only: `image` or `vector` shows that part of the observation alone.
     """
 
     def __init__(self, env: CoversVectorEnv, only: str | None = None) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode is {env.autoreset_mode}, expected AutoresetMode.SAME_STEP")
+        if not env.copies:
+            raise ValueError(
+                "the environments were made with `copy=False`, expected `copy=True`: Stable-Baselines3 stores "
+                "an observation after the next step, which would have overwritten it"
+            )
         self.env = env
         self._only = only
         super().__init__(env.num_envs, self._shown(env.single_observation_space), env.single_action_space)

@@ -11,15 +11,26 @@ from covers_envs.vector import CoversVectorEnv, Info, Observation
 
 
 class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """One environment of a task: the only one of a `CoversVectorEnv`, whose settings it takes."""
+    """One environment of a task: the only one of a `CoversVectorEnv`, whose settings it takes, but
+    for `copy`: every observation is a new one."""
 
     metadata: dict[str, Any] = CoversVectorEnv.metadata
 
     def __init__(self, task: str | list[str] = "goal-reach", **settings: Any) -> None:
+        if not settings.get("copy", True):
+            raise ValueError(
+                "setting `copy` is False, expected True: a single environment's observations are kept over "
+                "its next `step` or `reset`, for instance by Gymnasium's vectors; `make_vec` takes False"
+            )
         self._vector = CoversVectorEnv(task, 1, autoreset_mode=AutoresetMode.DISABLED, **settings)
         self.observation_space = self._vector.single_observation_space
         self.action_space = self._vector.single_action_space
         self.render_mode = self._vector.render_mode
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of the `CoversVectorEnv`."""
+        return self._vector.settings
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begins an episode."""

@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 import importlib
+import json
 import operator
 import os
 import warnings
@@ -25,6 +26,8 @@ Info = dict[str, Any]
 
 #: Turns of the native part.
 _STEP, _STEP_AND_STAY, _RESET, _REST = range(4)
+#: Names of the images that may follow the present one in an observation.
+_EXTRA_IMAGES = ("first", "close_up", "first_and_close_up")
 #: Shortest side of a picture that `render` returns, in pixels.
 _RENDERED = 480
 
@@ -32,7 +35,7 @@ _RENDERED = 480
 class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """N environments of one task group.
 
-    Observations: `image`, uint8 `[N, size, size, 6]`, the present picture and the episode's first;
+    Observations: `image`, uint8 `[N, size, size, C]`, the present picture and the extra images;
     `vector`, float32 `[N, 7]`, hand x, y, z (metres from the table's centre), aperture, goal x, y,
     z (told in Goal Reach, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
     [0, 1]. Episodes end by truncation alone.
@@ -41,7 +44,14 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         task: `goal-reach` (each episode draws one of four variants), `goal-reach-flip-x` (that
             variant), or a list of variants of one group. `covers_envs.TASKS` holds the names.
         num_envs: N.
-        image_size: Pixels along a side of the picture, an even number.
+        image_size: Pixels along a side of the picture, an even number; 48 where neither this nor
+            `camera` says otherwise.
+        extra_images: Images after the present one: `first`, the episode's first (C = 6, the
+            default), `close_up`, the table under the hand at present (C = 6), or
+            `first_and_close_up` (C = 9).
+        camera: Fields that differ from those of the default camera, for instance
+            `{"oversampling": 3}`, by the names of an exported `policy.json`. `image_size` and
+            `extra_images` override its fields `size` and `beside`.
         layout: `symmetric`, or `metaworld` for Meta-World's own figures and control.
         embodiment: `sawyer`, `hand` or `kinova_gen3`.
         seed: Of all draws; drawn itself where it is None. Environment i has a stream of its own,
@@ -49,7 +59,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         threads: Worker threads; the processor's cores, at most N, where it is None.
         autoreset_mode: What happens where an episode ends, see Gymnasium.
         copy: True hands out new arrays in every step. False hands out the same arrays, which the
-            next `reset` or `step` overwrites.
+            next `reset` or `step` overwrites. `SB3VecEnv` and `CoversEnv` refuse False.
         render_mode: None or `rgb_array`.
         action_repeat: Control steps of 12.5 ms that an action is held for.
         displacement: Metres that a full action moves the hand's target by.
@@ -63,7 +73,9 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         task: str | list[str] = "goal-reach",
         num_envs: int = 1,
         *,
-        image_size: int = 48,
+        image_size: int | None = None,
+        extra_images: str | None = None,
+        camera: dict[str, Any] | None = None,
         layout: str = "symmetric",
         embodiment: str = "sawyer",
         seed: int | None = None,
@@ -79,7 +91,6 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode is {render_mode!r}, expected None or 'rgb_array'")
         self.num_envs = n = _natural("num_envs", num_envs)
-        size = _natural("image_size", image_size)
         if threads is None:
             threads = max(1, min(n, len(os.sched_getaffinity(0))))
         _load_other_compilers()
@@ -89,7 +100,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             _tasks(task),
             n,
             _natural("threads", threads),
-            size,
+            json.dumps(_camera(camera, image_size, extra_images)),
             layout,
             embodiment,
             self._new_seed(seed),
@@ -100,17 +111,25 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         #: Decisions in an episode.
         self.decisions: int = self._core.decisions()
 
-        image = Box(0, 255, (size, size, _core.IMAGE_CHANNELS), np.uint8)
+        size = self.settings["camera"]["size"]
+        image = Box(0, 255, (size, size, self._core.image_channels()), np.uint8)
         low = np.array([-1, -1, -1, 0, -1, -1, -1], np.float32)
         self.single_observation_space = Dict(image=image, vector=Box(low, 1, dtype=np.float32))
         self.single_action_space = Box(-1, 1, (_core.ACTION_DIM,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)
         self.action_space = batch_space(self.single_action_space, n)
 
-        self._copy = copy
+        #: `True` if every step hands out new arrays.
+        self.copies = copy
         self._out = self._new_arrays()
-        self._final = _observation(n, size)
+        self._final = self._new_observation()
         self._ended = np.zeros(n, np.bool_)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide what is shown and what actions do: `layout`, `embodiment`, `camera`,
+        `action_repeat`, `displacement` and `horizon`. `make_vec(task, **env.settings)` takes them."""
+        return json.loads(self._core.settings())
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begins episodes: everywhere, or where the booleans `options["reset_mask"]` `[N]` say.
@@ -160,6 +179,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         """The present pictures, enlarged by a whole number to at least 480 pixels a side."""
         if self.render_mode is None:
             return None
+        self._core.require_own_process()
         pictures = self._out[0]["image"][..., :3]
         factor = -(-_RENDERED // pictures.shape[1])
         return tuple(pictures.repeat(factor, axis=1).repeat(factor, axis=2))
@@ -179,13 +199,18 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     def _new_arrays(self) -> tuple[Observation, tuple[NDArray[Any], ...]]:
         n = self.num_envs
-        size = self.single_observation_space["image"].shape[0]
         outcome = np.empty(n, np.float32), *(np.empty(n, np.bool_) for _ in range(3))
-        return _observation(n, size), outcome
+        return self._new_observation(), outcome
+
+    def _new_observation(self) -> Observation:
+        return {name: np.zeros(space.shape, space.dtype) for name, space in self.observation_space.items()}
 
     def _advance(self, actions: NDArray[np.float32], turns: NDArray[Any]) -> list[tuple[int, str]]:
         """Fills arrays that nobody else holds, or with `copy=False` those that all steps share."""
-        out = self._new_arrays() if self._copy else self._out
+        # first, because arrays that another thread's step borrows at a fork stay borrowed in the
+        # child, and an error would be about that
+        self._core.require_own_process()
+        out = self._new_arrays() if self.copies else self._out
         (observation, outcome), final = out, self._final
         arrays = observation["image"], observation["vector"], final["image"], final["vector"], outcome
         failures = self._core.advance(actions, turns.astype(np.uint8), arrays)
@@ -209,7 +234,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         final_obs = np.full(self.num_envs, None, object)
         for index in np.flatnonzero(ended):
             rows = {name: array[index] for name, array in self._final.items()}
-            final_obs[index] = {name: row.copy() for name, row in rows.items()} if self._copy else rows
+            final_obs[index] = {name: row.copy() for name, row in rows.items()} if self.copies else rows
         final_info = {name: array & ended for name, array in outcome.items()}
         return _masked({"final_obs": final_obs, "final_info": _masked(final_info, ended)}, ended)
 
@@ -237,9 +262,16 @@ def _load_other_compilers() -> None:
         importlib.import_module("triton")
 
 
-def _observation(n: int, size: int) -> Observation:
-    image = np.zeros((n, size, size, _core.IMAGE_CHANNELS), np.uint8)
-    return {"image": image, "vector": np.zeros((n, _core.VECTOR_DIM), np.float32)}
+def _camera(camera: dict[str, Any] | None, image_size: int | None, extra_images: str | None) -> dict[str, Any]:
+    fields = dict(camera or {})
+    if image_size is not None:
+        fields["size"] = _natural("image_size", image_size)
+    if extra_images is not None:
+        if extra_images not in _EXTRA_IMAGES:
+            known = ", ".join(_EXTRA_IMAGES)
+            raise ValueError(f"setting `extra_images` is {extra_images!r}, expected one of {known}")
+        fields["beside"] = extra_images
+    return fields
 
 
 def _masked(values: dict[str, Any], mask: NDArray[np.bool_]) -> Info:

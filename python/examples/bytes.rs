@@ -1,4 +1,5 @@
 //! Writes what a `VecEnv` shows over an episode's end, byte by byte, for `tests/test_numbers.py`.
+//! An argument names the images beside the present one, as settings spell them.
 
 use std::error::Error;
 use std::io::{Write, stdout};
@@ -16,6 +17,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         ..VecEnvSettings::default()
     };
     settings.camera.size = 16;
+    if let Some(beside) = std::env::args().nth(1) {
+        settings.camera.beside = serde_json::from_value(beside.into())?;
+    }
     settings.control.horizon = 40;
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL)?;
     let mut batch = Batch::new(&settings);

@@ -7,12 +7,13 @@ mod task;
 
 use std::sync::{Mutex, PoisonError};
 
-use envs::{Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, Turn};
+use envs::{Camera, Embodiment, EnvError, Failure, Layout, ObservationsMut, StepMut, Turn};
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
 use numpy::{PyReadwriteArray, PyReadwriteArray1, PyReadwriteArray2, PyReadwriteArray4};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use serde_json::{Map, Value, json};
 
 /// Indices of environments that failed, and why.
 type Failures = Vec<(usize, String)>;
@@ -36,12 +37,17 @@ type Outcome<'py> = (
 
 /// Environments of one task group. Every call works without the interpreter's lock.
 #[pyclass(frozen, module = "covers_envs._core")]
-struct Core(Mutex<Option<VecEnv>>);
+struct Core {
+    env: Mutex<Option<VecEnv>>,
+    /// Identifier of the process that made the environments. It is read without the lock, which a
+    /// forked child inherits locked for ever if another thread held it.
+    process: u32,
+}
 
 #[pymethods]
 impl Core {
     #[new]
-    #[pyo3(signature = (tasks, num_envs, threads, image_size, layout, embodiment, seed, *,
+    #[pyo3(signature = (tasks, num_envs, threads, camera, layout, embodiment, seed, *,
                         action_repeat = None, displacement = None, horizon = None))]
     #[expect(clippy::too_many_arguments, reason = "keywords of one Python call")]
     fn new(
@@ -49,7 +55,7 @@ impl Core {
         tasks: Vec<String>,
         num_envs: usize,
         threads: usize,
-        image_size: usize,
+        camera: &str,
         layout: &str,
         embodiment: &str,
         seed: u64,
@@ -63,23 +69,48 @@ impl Core {
             threads,
             layout,
             embodiment: embodiment.parse::<Embodiment>().map_err(error)?,
+            camera: find_camera(camera)?,
             control: layout.control(),
             seed,
             ..VecEnvSettings::default()
         };
-        settings.camera.size = image_size;
         let control = &mut settings.control;
         control.action_repeat = action_repeat.unwrap_or(control.action_repeat);
         control.displacement = displacement.unwrap_or(control.displacement);
         control.horizon = horizon.unwrap_or(control.horizon);
         let (group, elements) = task::parse(&tasks, layout)?;
         let env = py.detach(|| VecEnv::new(settings, group, &elements));
-        Ok(Self(Mutex::new(Some(env.map_err(error)?))))
+        Ok(Self {
+            env: Mutex::new(Some(env.map_err(error)?)),
+            process: std::process::id(),
+        })
     }
 
     /// Decisions in an episode.
     fn decisions(&self, py: Python<'_>) -> PyResult<usize> {
         self.with(py, |env| Ok(env.settings().control.decisions()))
+    }
+
+    /// Channels of an observation's image.
+    fn image_channels(&self, py: Python<'_>) -> PyResult<usize> {
+        self.with(py, |env| Ok(env.settings().camera.beside.channels()))
+    }
+
+    /// Settings that decide what is shown and what actions do: keywords of `CoversVectorEnv`, as a
+    /// JSON object.
+    fn settings(&self, py: Python<'_>) -> PyResult<String> {
+        self.with(py, |env| {
+            let settings = env.settings();
+            let keywords = json!({
+                "layout": settings.layout,
+                "embodiment": settings.embodiment,
+                "camera": settings.camera,
+                "action_repeat": settings.control.action_repeat,
+                "displacement": settings.control.displacement,
+                "horizon": settings.control.horizon,
+            });
+            Ok(keywords.to_string())
+        })
     }
 
     fn reseed(&self, py: Python<'_>, seed: u64) -> PyResult<()> {
@@ -132,15 +163,36 @@ impl Core {
         self.with(py, |env| env.expert_actions(actions))
     }
 
-    /// Ends the worker threads.
+    /// Ends the worker threads. In a forked child there are none to end.
     fn close(&self, py: Python<'_>) {
-        py.detach(|| drop(self.lock().take()));
+        if self.require_own_process().is_ok() {
+            py.detach(|| drop(self.lock().take()));
+        }
+    }
+
+    /// Raises an error in a forked child, which has no worker threads.
+    fn require_own_process(&self) -> PyResult<()> {
+        let (made_in, process) = (self.process, std::process::id());
+        if made_in == process {
+            return Ok(());
+        }
+        Err(error(EnvError::OtherProcess { made_in, process }))
+    }
+}
+
+impl Drop for Core {
+    fn drop(&mut self) {
+        // a fork in the middle of another thread's call leaves environments that are half changed
+        if self.require_own_process().is_err() {
+            let env = self.env.get_mut().unwrap_or_else(PoisonError::into_inner);
+            std::mem::forget(env.take());
+        }
     }
 }
 
 impl Core {
     fn lock(&self) -> std::sync::MutexGuard<'_, Option<VecEnv>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.env.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Runs `work` without the interpreter's lock, so that other Python threads go on.
@@ -149,6 +201,7 @@ impl Core {
         py: Python<'_>,
         work: impl FnOnce(&mut VecEnv) -> Result<T, EnvError> + Send,
     ) -> PyResult<T> {
+        self.require_own_process()?;
         py.detach(|| match self.lock().as_mut() {
             Some(env) => work(env).map_err(error),
             None => {
@@ -171,6 +224,17 @@ fn find_layout(name: &str) -> PyResult<Layout> {
         let known = Layout::ALL.map(Layout::name).join(", ");
         value_error(format!("unknown layout `{name}`: expected one of {known}"))
     })
+}
+
+/// Returns the default camera with the fields of a JSON object in place of its own.
+fn find_camera(fields: &str) -> PyResult<Camera> {
+    let refused = |error| value_error(format!("setting `camera`: {error}"));
+    let fields: Map<String, Value> = serde_json::from_str(fields).map_err(refused)?;
+    let mut camera = json!(Camera::default());
+    for (name, value) in fields {
+        camera[name] = value;
+    }
+    serde_json::from_value(camera).map_err(refused)
 }
 
 fn texts(failures: &[Failure]) -> Failures {
@@ -214,10 +278,6 @@ mod _core {
     use super::Core;
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
-    #[pymodule_export]
-    const IMAGE_CHANNELS: usize = envs::Beside::First.channels();
-    #[pymodule_export]
-    const VECTOR_DIM: usize = envs::VECTOR_DIM;
 
     /// Names of the four groups, then of the sixteen tasks.
     #[pyo3::pyfunction]

@@ -20,6 +20,11 @@ def make(task="goal-reach", n=2, **settings):
         ({"n": 0}, "setting `num_envs` is 0, expected at least 1"),
         ({"n": -1}, "setting `num_envs` is -1"),
         ({"threads": 0}, "setting `threads` is 0, expected 1 to 1024"),
+        ({"extra_images": "closeup"}, "`extra_images` is 'closeup', expected one of first, close_up"),
+        ({"camera": {"oversampling": 9}}, "setting `oversampling` is 9, expected a number in 1..=8"),
+        ({"camera": {"oversample": 3}}, "setting `camera`: unknown field `oversample`, expected one of `size`"),
+        ({"camera": {"beside": "closeup"}}, "setting `camera`: unknown variant `closeup`"),
+        ({"camera": {"height": float("nan")}}, "setting `camera`: "),
         ({"image_size": 15}, "is 15, expected an even number"),
         ({"embodiment": "sawer"}, "unknown embodiment `sawer`: expected one of sawyer"),
         ({"layout": "stock"}, "unknown layout `stock`: expected one of symmetric, metaworld"),
@@ -91,3 +96,14 @@ def test_one_environment_must_be_reset_after_its_end():
     assert env.step(env.expert_action())[3]
     with pytest.raises(RuntimeError, match="no episode is running: call `reset` first"):
         env.step(np.zeros(4, np.float32))
+
+
+def test_one_environment_refuses_shared_arrays():
+    """Gymnasium's vectors would give the next episode's observation as `final_obs`."""
+    with pytest.raises(ValueError, match="`copy` is False, expected True"):
+        covers_envs.make("goal-reach", copy=False)
+    env = covers_envs.make("goal-reach", image_size=16, seed=0, copy=True)
+    first, _ = env.reset()
+    kept = {name: array.copy() for name, array in first.items()}
+    env.step(np.ones(4, np.float32))
+    assert all((first[name] == kept[name]).all() for name in kept)

@@ -29,12 +29,46 @@ def make(n=3, **settings):
     return covers_envs.make_vec("drawer-close", n, **SETTINGS | settings)
 
 
-def test_the_bytes_are_those_of_the_rust_environments():
+@pytest.mark.parametrize(
+    ("extra_images", "channels"), [(None, 6), ("first", 6), ("close_up", 6), ("first_and_close_up", 9)]
+)
+def test_the_bytes_are_those_of_the_rust_environments(extra_images, channels):
     program = os.environ.get("COVERS_BYTES")
     if program is None:
         pytest.skip("COVERS_BYTES does not name the program of examples/bytes.rs")
-    rust = subprocess.run([program], capture_output=True, check=True).stdout
-    assert trace(make(seed=7)) == rust
+    arguments = [program] if extra_images is None else [program, extra_images]
+    rust = subprocess.run(arguments, capture_output=True, check=True).stdout
+    env = make(seed=7, extra_images=extra_images)
+    assert env.single_observation_space["image"].shape == (16, 16, channels)
+    assert trace(env) == rust
+
+
+def test_extra_images_are_the_first_ones_and_close_ups():
+    first, close, both = (
+        make(seed=7, extra_images=extra, camera={"oversampling": 3})
+        for extra in ("first", "close_up", "first_and_close_up")
+    )
+    for env in (first, close, both):
+        env.reset()
+    actions = np.full((3, 4), 0.5, np.float32)
+    first, close, both = (env.step(actions)[0]["image"] for env in (first, close, both))
+    assert (both == np.concatenate([first, close[..., 3:]], axis=3)).all()
+    assert (first[..., 3:] != close[..., 3:]).any()
+
+
+def test_a_camera_is_made_of_its_own_fields():
+    default, fine = make(), make(camera={"oversampling": 3, "size": 20, "beside": "close_up"}, image_size=None)
+    assert default.settings["camera"]["oversampling"] == 1
+    changed = {"oversampling": 3, "size": 20, "beside": "close_up"}
+    assert fine.settings["camera"] == default.settings["camera"] | changed
+    assert fine.single_observation_space["image"].shape == (20, 20, 6)
+    # what an environment says of itself makes another one like it
+    again = covers_envs.make_vec("drawer-close", 3, seed=5, **fine.settings)
+    assert trace(again) == trace(fine, seed=5)
+    coarse = fine.settings["camera"] | {"oversampling": 1}
+    assert trace(make(seed=5, camera=coarse, image_size=None)) != trace(again)
+    # keywords come before fields of the camera
+    assert make(camera={"size": 20, "beside": "close_up"}, extra_images="first").settings == default.settings
 
 
 def test_equal_seeds_give_equal_episodes():

@@ -111,7 +111,7 @@ impl RolloutBuffer {
         }
         let n = self.spec.num_envs;
         observations.check(&self.spec, n)?;
-        observations.check_finite()?;
+        observations.check_finite(&self.spec)?;
         decisions.check(&self.spec, n)?;
         decisions.check_finite()?;
         transition.check(&self.spec)?;
@@ -157,7 +157,7 @@ impl RolloutBuffer {
         check_len("last_values", "[N]", last_values.len(), self.spec.num_envs)?;
         check_all_finite("a value", last_values)?;
         last.check(&self.spec, self.spec.num_envs)?;
-        last.check_finite()?;
+        last.check_finite(&self.spec)?;
         self.last_values.copy_from_slice(last_values);
         self.last.clone_from(last);
         self.finished = true;

@@ -4,8 +4,12 @@ use std::fmt;
 
 use symmetry::{D2, Irrep};
 
-use crate::error::{BoxError, RlError, check_all_finite, check_len};
+use crate::error::{BoxError, Place, RlError, check_finite_at, check_len};
 use crate::require::{require, require_memory};
+
+/// Largest magnitude accepted in an observation vector, whose components are to be of order 1:
+/// squares of larger numbers overflow the gradients of a network.
+pub const MAX_OBSERVATION: f32 = 1e12;
 
 /// Sizes and symmetry types of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -79,7 +83,7 @@ impl EnvSpec {
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
     pub images: Vec<u8>,
-    /// Vectors `[N, D]` in their natural order, of order 1.
+    /// Vectors `[N, D]` in their natural order, of order 1; at most [`MAX_OBSERVATION`].
     pub vectors: Vec<f32>,
 }
 
@@ -134,12 +138,16 @@ impl Observations {
         self.vectors[i * vector.len()..(i + 1) * vector.len()].copy_from_slice(&vector);
     }
 
-    /// Refuses vectors that hold infinities or NaN.
+    /// Refuses vectors that hold infinities, NaN or numbers beyond [`MAX_OBSERVATION`].
     ///
     /// # Errors
-    /// [`RlError::NotFinite`] with the value.
-    pub fn check_finite(&self) -> Result<(), RlError> {
-        check_all_finite("a component of an observation vector", &self.vectors)
+    /// [`RlError::NotFinite`] or [`RlError::TooLarge`] with the value, environment and component.
+    pub fn check_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
+        let width = spec.vector.len();
+        let mut rows = self.vectors.chunks(width).enumerate();
+        rows.try_for_each(|(env, row)| {
+            check_vector("a component of an observation vector", env, row)
+        })
     }
 
     /// Image `[H, W, C]` and vector `[D]` of sample `i`.
@@ -162,6 +170,39 @@ impl fmt::Debug for Observations {
             .field("vectors", &self.vectors)
             .finish()
     }
+}
+
+/// Refuses the vector of one environment if a component is no number, or far from order 1.
+fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlError> {
+    let accepted = |x: &f32| x.abs() <= MAX_OBSERVATION;
+    let wrong = row.iter().position(|x| !accepted(x));
+    let Some(component) = wrong else {
+        return Ok(());
+    };
+    let place = Place {
+        env: Some(env),
+        component: Some(component),
+        step: None,
+    };
+    let value = row[component];
+    check_finite_at(what, f64::from(value), place)?;
+    Err(RlError::TooLarge {
+        what,
+        place,
+        value,
+        limit: MAX_OBSERVATION,
+    })
+}
+
+fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
+    let wrong = rewards.iter().position(|reward| !reward.is_finite());
+    wrong.map_or(Ok(()), |env| {
+        let place = Place {
+            env: Some(env),
+            ..Place::default()
+        };
+        check_finite_at("a reward", f64::from(rewards[env]), place)
+    })
 }
 
 /// A picture of the environments of `spec`, moved by g.
@@ -244,8 +285,8 @@ impl Transition {
         check_len("success", "[N]", self.success.len(), n)?;
         check_len("success_at_end", "[N]", self.success_at_end.len(), n)?;
         self.check_success()?;
-        check_all_finite("a reward", &self.rewards)?;
-        self.observations.check_finite()?;
+        check_rewards(&self.rewards)?;
+        self.observations.check_finite(spec)?;
         self.check_finals_finite(spec)
     }
 
@@ -260,11 +301,11 @@ impl Transition {
     /// Rows of running episodes have no meaning, so they may hold anything.
     fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let finals = self.final_observations.vectors.chunks(spec.vector.len());
-        let ended = self.outcomes.iter().zip(finals);
+        let ended = self.outcomes.iter().zip(finals).enumerate();
         ended
-            .filter(|(outcome, _)| outcome.ended())
-            .try_for_each(|(_, vector)| {
-                check_all_finite("a component of a final observation vector", vector)
+            .filter(|(_, (outcome, _))| outcome.ended())
+            .try_for_each(|(env, (_, row))| {
+                check_vector("a component of a final observation vector", env, row)
             })
     }
 }
@@ -288,6 +329,11 @@ pub trait VectorEnv {
     /// Applies actions `[N, A]` in their natural order. They may be any finite numbers, since those
     /// of a Gaussian policy are not clipped: an environment with bounds clips them itself. Every
     /// field of `out` is written.
+    ///
+    /// Rewards are to be such that an episode returns something of order 1, between 1e-2 and 1e3.
+    /// Nothing normalises them, and PPO with its default settings learns nothing from rewards of
+    /// 1e-6 and never stops exploring with rewards of 1e6: divide them by their usual size.
+    /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) tells of others.
     ///
     /// # Errors
     /// Whatever the environment cannot do.

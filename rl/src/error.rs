@@ -1,6 +1,9 @@
 //! The errors of this crate.
 
+use std::fmt;
+
 use equivariant::LayerError;
+use symmetry::Irrep;
 use thiserror::Error;
 
 /// Whatever an environment fails with. `?` turns any `Send` and `Sync` error into it.
@@ -231,20 +234,95 @@ pub enum RlError {
         /// Channels that should stand still.
         channels: usize,
     },
+    /// An environment shows what the irreps that it declares rule out.
+    #[error(
+        "the mean of {what} would be 0 by the irreps of the EnvSpec, since it changes its sign as \
+         {irrep} does, but is {deviation:.1} standard errors away; correct the irreps, or check \
+         environments whose first states are distributed symmetrically"
+    )]
+    Asymmetric {
+        /// The quantity.
+        what: String,
+        /// Its irrep, as declared.
+        irrep: Irrep,
+        /// Its mean over episodes, in standard errors.
+        deviation: f64,
+    },
     /// A quantity became infinite or not a number.
     #[error(
-        "{what} is {value}, expected a finite number; check the environment's observations and \
-         rewards, then lower the learning rates"
+        "{what} is {value}{place}, expected a finite number; check the environment's observations \
+         and rewards, then lower the learning rates"
     )]
     NotFinite {
         /// Name of the quantity.
         what: &'static str,
+        /// Where it was found.
+        place: Place,
         /// Its value.
         value: f64,
+    },
+    /// An observation so large that no network can learn from it.
+    #[error(
+        "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
+         magnitude; divide it by its unit in the environment"
+    )]
+    TooLarge {
+        /// Name of the quantity.
+        what: &'static str,
+        /// Where it was found.
+        place: Place,
+        /// Its value.
+        value: f32,
+        /// The largest magnitude accepted.
+        limit: f32,
     },
     /// The environment failed.
     #[error("the environment failed: {0}")]
     Environment(#[source] BoxError),
+}
+
+/// Where a number stands among those of N environments, as far as that is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// Index of the environment, in 0..N.
+    pub env: Option<usize>,
+    /// Index of the component of a vector or an action.
+    pub component: Option<usize>,
+    /// Number of steps of the episode up to it: 0 for the first observation.
+    pub step: Option<usize>,
+}
+
+impl fmt::Display for Place {
+    /// Begins with a space unless nothing is known.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts = [
+            ("environment", self.env),
+            ("component", self.component),
+            ("step", self.step),
+        ];
+        let known = parts
+            .iter()
+            .filter_map(|(name, index)| Some((name, (*index)?)));
+        for (count, (name, index)) in known.enumerate() {
+            let before = if count == 0 { " (" } else { ", " };
+            write!(f, "{before}{name} {index}")?;
+        }
+        if *self == Self::default() {
+            Ok(())
+        } else {
+            f.write_str(")")
+        }
+    }
+}
+
+impl RlError {
+    /// Adds the step to an error that names an environment, given the `lengths` of its episode.
+    pub(crate) fn at_step(mut self, length: impl Fn(usize) -> usize) -> Self {
+        if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
+            place.step = place.env.map(length);
+        }
+        self
+    }
 }
 
 impl From<LayerError> for RlError {
@@ -274,10 +352,15 @@ pub(crate) fn check_len(
 
 /// Refuses infinities and NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
+    check_finite_at(what, value, Place::default())
+}
+
+/// Refuses infinities and NaN, and names the place.
+pub(crate) fn check_finite_at(what: &'static str, value: f64, place: Place) -> Result<(), RlError> {
     if value.is_finite() {
         Ok(())
     } else {
-        Err(RlError::NotFinite { what, value })
+        Err(RlError::NotFinite { what, place, value })
     }
 }
 
@@ -285,6 +368,23 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
 pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
+}
+
+/// Refuses arrays `[N, width]` with infinities or NaN, and names environment and component.
+pub(crate) fn check_rows_finite(
+    what: &'static str,
+    values: &[f32],
+    width: usize,
+) -> Result<(), RlError> {
+    let wrong = values.iter().position(|value| !value.is_finite());
+    wrong.map_or(Ok(()), |index| {
+        let place = Place {
+            env: Some(index / width),
+            component: Some(index % width),
+            step: None,
+        };
+        check_finite_at(what, f64::from(values[index]), place)
+    })
 }
 
 /// Refuses parameters of another network.

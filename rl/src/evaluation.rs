@@ -43,10 +43,11 @@ pub fn watch<A: Actor>(
     while left.iter().any(|&rounds| rounds > 0) {
         look(actor, &state)?;
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
-        step(env, &actions, &mut transition)?;
+        step(env, &state.episodes, &actions, &mut transition)?;
         state.remember(&actions, &transition.rewards);
-        stats.decisions += spec.num_envs;
-        for episode in state.advance(&mut transition) {
+        let ended = state.advance(&mut transition);
+        stats.book(&ended, &state.episodes);
+        for episode in ended {
             if left[episode.env] > 0 {
                 left[episode.env] -= 1;
                 stats.episodes.push(episode);

@@ -4,7 +4,7 @@
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
-use crate::error::{RlError, check_all_finite, check_len};
+use crate::error::{RlError, check_all_finite, check_len, check_rows_finite};
 
 /// What an actor remembers of the running episodes of N environments.
 pub trait Memory {
@@ -156,7 +156,8 @@ impl Decisions {
     /// # Errors
     /// [`RlError::NotFinite`] names the array's quantity.
     pub fn check_finite(&self) -> Result<(), RlError> {
-        check_all_finite("an action", &self.actions)?;
+        let width = (self.actions.len() / self.values.len().max(1)).max(1);
+        check_rows_finite("an action", &self.actions, width)?;
         check_all_finite("a log-probability", &self.log_probs)?;
         check_all_finite("a value", &self.values)
     }

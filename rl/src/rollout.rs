@@ -3,10 +3,11 @@
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{Observations, Transition, VectorEnv};
-use crate::error::{RlError, check_all_finite, check_len};
+use crate::error::{RlError, check_len, check_rows_finite};
 use crate::experience::Experience;
 use crate::policy::{Actor, Memory};
 use crate::require::require;
+use crate::reward_scale::RewardWarning;
 
 /// Where N environments stand between two rollouts. The fields are the whole state.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +42,9 @@ pub struct RolloutStats {
     pub decisions: usize,
     /// Episodes in the order in which they ended.
     pub episodes: Vec<Episode>,
+    /// Largest magnitude of the undiscounted return of an episode up to any of its steps, of
+    /// episodes that have not ended, too.
+    pub largest_return: f64,
 }
 
 impl RolloutStats {
@@ -58,6 +62,18 @@ impl RolloutStats {
     /// `None` when no episode ended.
     pub fn success_at_end_rate(&self) -> Option<f64> {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
+    }
+
+    /// Returns a warning where rewards are too large or too small to be learnt from.
+    pub fn reward_warning(&self) -> Option<RewardWarning> {
+        RewardWarning::of(self.largest_return)
+    }
+
+    /// Books one step of all environments, after which these episodes have ended or go on.
+    pub(crate) fn book(&mut self, ended: &[Episode], running: &[Episode]) {
+        self.decisions += running.len();
+        let returns = ended.iter().chain(running).map(|e| e.total_reward.abs());
+        self.largest_return = returns.fold(self.largest_return, f64::max);
     }
 
     fn mean(&self, of: impl Fn(&Episode) -> f64) -> Option<f64> {
@@ -81,7 +97,8 @@ impl<M: Memory> RolloutState<M> {
         let mut observations = Observations::new(&spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
-        observations.check_finite()?;
+        let finite = observations.check_finite(&spec);
+        finite.map_err(|error| error.at_step(|_| 0))?;
         Ok(Self {
             observations,
             episodes: (0..spec.num_envs).map(fresh).collect(),
@@ -116,20 +133,24 @@ impl<M: Memory> RolloutState<M> {
     }
 }
 
-/// Checks `actions` `[N, A]`, lets the environments execute them and checks what they say. A
-/// simulation that is given NaN can break for good, so it must not see one.
+/// Checks `actions` `[N, A]`, lets the environments execute them in the running `episodes` and
+/// checks what they say. A simulation that is given NaN can break for good, so it must not see one.
 pub(crate) fn step(
     env: &mut dyn VectorEnv,
+    episodes: &[Episode],
     actions: &[f32],
     transition: &mut Transition,
 ) -> Result<(), RlError> {
     let spec = env.spec();
+    let next = |env: usize| episodes.get(env).map_or(1, |episode| episode.length + 1);
     let expected = spec.num_envs * spec.action.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
-    check_all_finite("an action", actions)?;
+    check_rows_finite("an action", actions, spec.action.len())
+        .map_err(|error| error.at_step(next))?;
     env.step(actions, transition)
         .map_err(RlError::Environment)?;
-    transition.check(env.spec())
+    let checked = transition.check(env.spec());
+    checked.map_err(|error| error.at_step(next))
 }
 
 fn fresh(env: usize) -> Episode {
@@ -174,11 +195,12 @@ pub fn collect<A: Actor, E: Experience<A>>(
     for _ in 0..steps {
         let (memory, observations) = (&mut state.memory, &state.observations);
         let actions = experience.decide(actor, observations, memory, rng)?;
-        step(env, actions, &mut transition)?;
+        step(env, &state.episodes, actions, &mut transition)?;
         state.remember(actions, &transition.rewards);
         experience.record(actor, &state.observations, &transition)?;
-        stats.decisions += spec.num_envs;
-        stats.episodes.extend(state.advance(&mut transition));
+        let ended = state.advance(&mut transition);
+        stats.book(&ended, &state.episodes);
+        stats.episodes.extend(ended);
     }
     experience.end(actor, &state.observations)?;
     Ok(stats)

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, AlgorithmState, Outcome, Ppo, PpoSettings, RlError,
-    RolloutBuffer, Transition, evaluate,
+    ActorCriticPolicy, Algorithm, AlgorithmState, MAX_OBSERVATION, Outcome, Ppo, PpoSettings,
+    RlError, RolloutBuffer, Transition, evaluate,
 };
 
 use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
@@ -41,6 +41,70 @@ fn rewards_and_observations_that_are_not_numbers_are_refused_before_the_policy_s
         assert_eq!(not_finite(rolled_out(&mut env)), name);
         let result = evaluate(&mut env, &mut policy(), 1).map(|_| ());
         assert_eq!(not_finite(result), name);
+    }
+}
+
+/// The third step is the first of the second episode in environment 1, since the first one ended
+/// after two.
+#[test]
+fn an_error_names_environment_component_and_step() {
+    let spoils: [(Change<Transition>, &str); 4] = [
+        (
+            |t| t.observations.vectors[3] = f32::NAN,
+            "a component of an observation vector is NaN (environment 1, component 1, step 1)",
+        ),
+        (
+            |t| t.observations.vectors[4] = -1e30,
+            "a component of an observation vector is -1e30 (environment 2, component 0, step 3)",
+        ),
+        (
+            |t| {
+                t.outcomes[2] = Outcome::Truncated;
+                t.final_observations.vectors[5] = f32::INFINITY;
+            },
+            "a component of a final observation vector is inf (environment 2, component 1, step 3)",
+        ),
+        (
+            |t| t.rewards[0] = f32::NEG_INFINITY,
+            "a reward is -inf (environment 0, step 3)",
+        ),
+    ];
+    for (spoil, expected) in spoils {
+        let mut steps = 0;
+        let mut env = Spoiling::new(|t: &mut Transition| {
+            steps += 1;
+            match steps {
+                2 => {
+                    t.outcomes[1] = Outcome::Truncated;
+                    t.final_observations.vectors[2..4].fill(0.0);
+                }
+                3 => spoil(t),
+                _ => {}
+            }
+        });
+        let message = evaluate(&mut env, &mut policy(), 1)
+            .unwrap_err()
+            .to_string();
+        assert!(message.starts_with(expected), "{message}");
+    }
+    let mut wrong = parts();
+    wrong.decisions.actions[4] = f32::NAN;
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    let message = push(&mut buffer, &wrong).unwrap_err().to_string();
+    let expected = "an action is NaN (environment 2, component 0)";
+    assert!(message.starts_with(expected), "{message}");
+}
+
+/// Squares of such numbers overflow the gradient, which names nothing that is of use.
+#[test]
+fn observations_far_from_order_one_are_refused() {
+    for (value, refused) in [(MAX_OBSERVATION, false), (1e13, true), (-1e30, true)] {
+        let mut wrong = parts();
+        wrong.transition.observations.vectors[5] = value;
+        let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+        let result = push(&mut buffer, &wrong);
+        let too_large = matches!(result, Err(RlError::TooLarge { .. }));
+        assert_eq!(too_large, refused, "{value:e}: {result:?}");
     }
 }
 

@@ -31,14 +31,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
     if env::var_os("MJCF").is_some() {
-        let servo = Some(Servo::default());
-        print!(
-            "{}",
-            arm.to_mjcf(&MjcfSettings {
-                servo,
-                ..MjcfSettings::default()
-            })?
-        );
+        let mjcf = arm.to_mjcf(&MjcfSettings {
+            servo: Some(Servo::default()),
+            ..MjcfSettings::default()
+        })?;
+        print!("{}", mjcf.text);
+        for [first, second] in mjcf.excluded {
+            eprintln!("{first} and {second} touch at rest, so they do not collide in this model");
+        }
         return Ok(());
     }
     let chain = Chain::new(&arm, tip)?;
@@ -63,6 +63,12 @@ fn posture(arm: &Description, chain: &Chain) -> Vec<f64> {
 }
 
 fn describe(arm: &Description, chain: &Chain, posture: &[f64]) {
+    for of in arm.restrictions() {
+        let (joint, follower) = (&of.joint, &of.follower);
+        println!(
+            "the range of {joint} is smaller than in the file, so that {follower} keeps to its own"
+        );
+    }
     for (joint, position) in chain.joints().iter().zip(posture) {
         let (name, range) = (&joint.name, joint.motion.range);
         println!("joint {name} at {position:.3}, range {range:?}");

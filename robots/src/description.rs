@@ -21,6 +21,21 @@ pub struct Description {
     /// Joint i carries link i + 1.
     pub(crate) joints: Vec<Joint>,
     pub(crate) dofs: usize,
+    pub(crate) restrictions: Vec<Restriction>,
+}
+
+/// A free joint whose range is smaller than the file says, so that a joint that follows it stays
+/// within its own range.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Restriction {
+    /// Name of the free joint.
+    pub joint: String,
+    /// Name of the joint that follows it.
+    pub follower: String,
+    /// Range that the file states (radians, metres); none for a hinge that turns without end.
+    pub stated: Option<[f64; 2]>,
+    /// Range in which the follower keeps to its own.
+    pub range: [f64; 2],
 }
 
 /// A rigid part.
@@ -174,6 +189,20 @@ impl Description {
         let moving = |joint| Joint::motion(joint).map(|motion| (joint, motion));
         let joints = self.joints.iter().filter_map(moving);
         joints.filter(|(_, motion)| motion.is_free())
+    }
+
+    /// Free joints whose ranges are smaller than the file says, because joints follow them.
+    pub fn restrictions(&self) -> &[Restriction] {
+        &self.restrictions
+    }
+
+    /// Position vector of the robot at rest: zero, or the end of a joint's range nearest to zero.
+    pub fn rest(&self) -> Vec<f64> {
+        let nearest = |[low, high]: [f64; 2]| 0_f64.clamp(low, high);
+        let joints = self.free_joints();
+        joints
+            .map(|(_, motion)| motion.range.map_or(0.0, nearest))
+            .collect()
     }
 
     /// The root's frame in the world; the identity, unless [`Description::placed`] says otherwise.

@@ -36,6 +36,16 @@ pub enum DescriptionError {
         /// What the parser says.
         message: String,
     },
+    /// A template that `xacro` has not expanded: everything that it would add is missing.
+    #[error(
+        "line {line}: {found} is xacro, not URDF: run `xacro FILE > arm.urdf` and read `arm.urdf`"
+    )]
+    Xacro {
+        /// Line of the file (from one).
+        line: usize,
+        /// The element, or the attribute with its value.
+        found: String,
+    },
     /// No links, or more links or shapes than any robot has.
     #[error("{place} has {count} {kind}s, expected {least} to {limit}")]
     Count {
@@ -169,6 +179,22 @@ pub enum DescriptionError {
         /// What is wrong.
         reason: &'static str,
     },
+    /// A joint that follows another one out of its own range.
+    #[error(
+        "the joint `{joint}` follows `{followed}` to positions from {} to {}, which its own range, \
+         {} to {}, does not hold: correct `<limit>` or `<mimic>` of `{joint}`",
+        .led[0], .led[1], .range[0], .range[1]
+    )]
+    FollowerRange {
+        /// The joint.
+        joint: String,
+        /// The joint that it follows.
+        followed: String,
+        /// Positions to which the followed joint leads it (radians, metres).
+        led: [f64; 2],
+        /// Its own range.
+        range: [f64; 2],
+    },
     /// A collision shape from a file that cannot be used.
     #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
     Mesh {
@@ -186,6 +212,17 @@ pub enum DescriptionError {
         link: String,
         /// The file as the URDF names it.
         file: String,
+    },
+    /// More links in a row than MuJoCo reads.
+    #[error(
+        "the link `{link}` hangs on {limit} others in a row, and MuJoCo 2.2.2 reads at most {limit} \
+         links in a row: make one link of links that are fixed to each other"
+    )]
+    LongRow {
+        /// The first link that is too far from the root.
+        link: String,
+        /// Links allowed, the root among them.
+        limit: usize,
     },
     /// A chain that cannot be moved by itself.
     #[error("the way to the link `{tip}` cannot be controlled: {reason}")]

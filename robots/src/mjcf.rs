@@ -4,9 +4,12 @@
 //! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
 //! - nothing is limited unless `limited`, `ctrllimited` and `forcelimited` say so;
 //! - `fullinertia` is ordered ixx iyy izz ixy ixz iyz;
-//! - a link and its parent collide where the parent is fixed to the world;
-//! - a body that has shapes but no `inertial` gets the mass of its shapes;
-//! - a position actuator has no damping.
+//! - a body that has shapes but no `inertial` gets the mass of its shapes, and several shapes
+//!   without mass are refused;
+//! - two bodies that are fixed to each other do not collide, nor do two that one joint moves
+//!   against each other, unless one of them is fixed to the world;
+//! - a position actuator has no damping;
+//! - its parser of XML refuses elements in the 100th level.
 
 use glam::{DQuat, DVec3};
 
@@ -14,7 +17,23 @@ use crate::capsule::{PlacedShape, Shape};
 use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
 use crate::error::DescriptionError;
 use crate::number::{finite, require};
+use crate::overlap;
 use crate::pose::Pose;
+
+/// Most links that hang on each other in a row. With the document and two elements around them
+/// there are 99 levels.
+const MAX_ROW: usize = 96;
+
+/// MJCF of a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mjcf {
+    /// The MJCF.
+    pub text: String,
+    /// Names of links whose shapes touch while the robot rests ([`Description::rest`]), although
+    /// more than one joint lies between them. Such contacts would push the robot away from where it
+    /// is told to be, so these pairs do not collide, in any pose.
+    pub excluded: Vec<[String; 2]>,
+}
 
 /// What MJCF holds beside the robot itself.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -28,7 +47,8 @@ pub struct MjcfSettings {
     pub additions: Vec<Addition>,
 }
 
-/// Elements of MJCF inside a link's body, for instance sites and cameras.
+/// Elements of MJCF inside a link's body, for instance sites and cameras. The mass of added geoms
+/// counts only in a link that has neither mass nor shapes; bodies of their own have theirs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Addition {
     /// Name of the link.
@@ -91,18 +111,22 @@ impl Description {
     /// A model of the robot alone: links with masses and collision shapes, joints with limits and
     /// friction, servos in the order of position vectors, an equality for each joint that follows
     /// another. Bodies and joints have the names of links and joints; a shape has its link's name
-    /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on.
+    /// with `_0`, `_1` and so on. A link does not collide with the link that it moves on, nor do
+    /// links that touch at rest ([`Mjcf::excluded`]).
     ///
     /// # Errors
     /// [`DescriptionError::Number`] for a servo out of range, [`DescriptionError::UnknownLink`] for
-    /// an addition to no link.
-    pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
+    /// an addition to no link, [`DescriptionError::LongRow`] for more than 96 links that hang on
+    /// each other in a row.
+    pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
         let sections = self.sections(settings)?;
-        Ok(format!(
-            "<mujoco model=\"{name}\">\n{head}{sections}</mujoco>\n"
-        ))
+        let text = format!(
+            "<mujoco model=\"{name}\">\n{head}{}</mujoco>\n",
+            sections.text
+        );
+        Ok(Mjcf { text, ..sections })
     }
 
     /// The same as a part for a scene to include. The scene must count angles in radians and, with
@@ -110,14 +134,17 @@ impl Description {
     ///
     /// # Errors
     /// As [`Description::to_mjcf`].
-    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
+    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let sections = self.sections(settings)?;
-        Ok(format!("<mujocoinclude>\n{sections}</mujocoinclude>\n"))
+        let text = format!("<mujocoinclude>\n{}</mujocoinclude>\n", sections.text);
+        Ok(Mjcf { text, ..sections })
     }
 
-    fn sections(&self, settings: &MjcfSettings) -> Result<String, DescriptionError> {
+    /// The sections of a model, without an element around them.
+    fn sections(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         settings.servo.map_or(Ok(()), |servo| servo.check())?;
         self.check_links(settings)?;
+        self.check_rows()?;
         let servos = settings
             .servo
             .map_or(String::new(), |servo| self.servos(&servo));
@@ -125,13 +152,18 @@ impl Description {
             "" => String::new(),
             text => format!("<{name}>\n{text}</{name}>\n"),
         };
+        let touching = self.touching_at_rest();
         let sections = [
             ("worldbody", self.bodies(settings)),
-            ("contact", self.excludes()),
+            ("contact", self.excludes(&touching)),
             ("equality", self.equalities()),
             ("actuator", servos),
         ];
-        Ok(sections.map(section).concat())
+        let names = |pair: [usize; 2]| pair.map(|link| self.links[link].name.clone());
+        Ok(Mjcf {
+            text: sections.map(section).concat(),
+            excluded: touching.into_iter().map(names).collect(),
+        })
     }
 
     fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {
@@ -139,6 +171,20 @@ impl Description {
         let additions = settings.additions.iter().map(|addition| &addition.link);
         let mut named = classes.chain(additions);
         named.try_for_each(|link| self.link_index(link, "a setting of the MJCF").map(|_| ()))
+    }
+
+    fn check_rows(&self) -> Result<(), DescriptionError> {
+        let mut rows = vec![1];
+        for joint in &self.joints {
+            rows.push(rows[joint.parent] + 1);
+        }
+        match rows.iter().position(|&row| row > MAX_ROW) {
+            None => Ok(()),
+            Some(link) => Err(DescriptionError::LongRow {
+                link: self.links[link].name.clone(),
+                limit: MAX_ROW,
+            }),
+        }
     }
 
     /// Bodies inside their parents. Links come parents first, each followed by all that hangs on
@@ -163,15 +209,49 @@ impl Description {
         text + &"</body>\n".repeat(open.len())
     }
 
-    fn excludes(&self) -> String {
+    fn excludes(&self, touching: &[[usize; 2]]) -> String {
         let links = 0..self.links.len();
         let pairs =
-            links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| (n, link)));
-        let exclude = |(first, second): (usize, usize)| {
-            let [first, second] = [first, second].map(|link| escaped(&self.links[link].name));
+            links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| [n, link]));
+        let exclude = |pair: [usize; 2]| {
+            let [first, second] = pair.map(|link| escaped(&self.links[link].name));
             format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n")
         };
-        pairs.map(exclude).collect()
+        pairs.chain(touching.iter().copied()).map(exclude).collect()
+    }
+
+    /// Pairs of links that would collide at rest.
+    fn touching_at_rest(&self) -> Vec<[usize; 2]> {
+        let poses = self.poses(&self.rest());
+        let bodies = self.rigid_bodies();
+        let moves_on = |body: usize, other: usize| {
+            let joint = body.checked_sub(1);
+            other > 0 && joint.is_some_and(|joint| bodies[self.joints[joint].parent] == other)
+        };
+        let never_collide = |[a, b]: [usize; 2]| {
+            let [one, other] = [bodies[a], bodies[b]];
+            one == other
+                || moves_on(one, other)
+                || moves_on(other, one)
+                || self.neighbours(b).contains(&a)
+        };
+        let touch = |pair: [usize; 2]| {
+            overlap::touch(pair.map(|link| (&self.links[link].shapes[..], &poses[link])))
+        };
+        let pairs = (0..self.links.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
+        pairs
+            .filter(|&pair| !never_collide(pair) && touch(pair))
+            .collect()
+    }
+
+    /// Of each link, the first link of those that are fixed to each other with it.
+    fn rigid_bodies(&self) -> Vec<usize> {
+        let mut bodies = vec![0];
+        for (index, joint) in self.joints.iter().enumerate() {
+            let fixed_to = bodies[joint.parent];
+            bodies.push(joint.motion.map_or(fixed_to, |_| index + 1));
+        }
+        bodies
     }
 
     /// The links below `link` that it moves on or is fixed to, as far as both have shapes.
@@ -242,15 +322,21 @@ fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     format!("<body{name}{class}{}>\n", placed(pose))
 }
 
+/// The inertia of a link that has shapes and no mass.
+const NO_MASS: &str = "<inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/>\n";
+
 /// Mass and shapes of a link, and what is added to it.
 fn contents(link: &Link, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
     let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
     let additions = settings.additions.iter();
     let additions = additions.filter(|addition| addition.link == link.name);
-    link.inertia
-        .map_or(String::new(), |inertia| inertial(&inertia))
-        + &geoms.collect::<String>()
+    let mass = match link.inertia {
+        Some(inertia) => inertial(&inertia),
+        None if link.shapes.is_empty() => String::new(),
+        None => NO_MASS.to_owned(),
+    };
+    mass + &geoms.collect::<String>()
         + &additions
             .map(|addition| &addition.mjcf[..])
             .collect::<String>()

@@ -72,7 +72,7 @@ proptest! {
             prop_assert!(arm.poses(&positions).iter().all(|pose| pose.position.is_finite()));
             prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
             let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
-            let model = Model::from_xml(&arm.to_mjcf(&settings).unwrap());
+            let model = Model::from_xml(&arm.to_mjcf(&settings).unwrap().text);
             prop_assert!(model.is_ok(), "{:?}\n{text}", model.err());
         }
     }

@@ -116,7 +116,7 @@ fn links_are_where_mujoco_has_them_after_reading_our_mjcf() {
     let base = Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.1, -0.2, 1.5]);
     let arm = arm().placed(base).unwrap();
     let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
-    check_against(Model::from_xml(&mjcf).unwrap(), &arm);
+    check_against(Model::from_xml(&mjcf.text).unwrap(), &arm);
 }
 
 #[test]

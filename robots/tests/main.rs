@@ -7,6 +7,7 @@ mod damage;
 mod gen3;
 mod mjcf;
 mod refusals;
+mod structures;
 mod watchdog;
 
 /// A small arm of our own.

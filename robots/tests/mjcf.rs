@@ -71,6 +71,7 @@ fn arms_fall_as_mujoco_has_them_fall() {
         let ours = arm
             .to_mjcf(&MjcfSettings::default())
             .unwrap()
+            .text
             .replace("\"implicit\"", "\"Euler\"");
         let models = [model(&urdf, "arm.urdf"), model(&ours, "arm.xml")];
         let joints: Vec<&str> = arm
@@ -102,7 +103,7 @@ fn limits_names_and_servos_are_in_the_model() {
     };
     for urdf in [gen3::URDF, SIX_JOINT] {
         let arm = Description::from_urdf(urdf).unwrap();
-        let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
+        let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         assert_eq!(model.nu(), arm.dofs());
         for (index, (joint, motion)) in arm.free_joints().enumerate() {
             assert_eq!(
@@ -172,7 +173,8 @@ fn a_scene_includes_the_part() {
     let part = gen3::description()
         .unwrap()
         .to_mjcf_part(&settings)
-        .unwrap();
+        .unwrap()
+        .text;
     let scene = r#"<mujoco><compiler angle="radian"/>
         <default><default class="arm"><geom contype="0" conaffinity="0" group="3"/></default></default>
         <include file="arm.xml"/></mujoco>"#;
@@ -203,7 +205,10 @@ fn a_scene_includes_the_part() {
 #[test]
 fn neighbours_do_not_collide_and_the_arm_hits_itself() {
     let arm = gen3::description().unwrap();
-    let model = model(&arm.to_mjcf(&MjcfSettings::default()).unwrap(), "arm.xml");
+    let model = model(
+        &arm.to_mjcf(&MjcfSettings::default()).unwrap().text,
+        "arm.xml",
+    );
     let contacts = |joints: &[f64]| {
         let mut data = Data::new(Arc::clone(&model));
         data.qpos_mut()[..7].copy_from_slice(joints);
@@ -248,7 +253,7 @@ fn holding_forces_hold() {
         let arm = arm
             .placed(Pose::from_xyz_rpy([0.1, -0.6, 0.02], [0.4, -0.2, 1.5]))
             .unwrap();
-        let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
+        let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         let mut generator = ChaCha8Rng::seed_from_u64(1005);
         for _ in 0..20 {
             // clear of the ends, which push, too
@@ -291,7 +296,7 @@ fn the_simulated_arm_follows_its_control() {
         servo: Some(servo),
         ..MjcfSettings::default()
     };
-    let model = model(&arm.to_mjcf(&settings).unwrap(), "arm.xml");
+    let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
     let mut control =
         CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
@@ -333,7 +338,7 @@ fn followers_follow_and_efforts_hold_in_motion() {
             ..MjcfSettings::default()
         })
         .unwrap();
-    let model = model(&mjcf, "arm.xml");
+    let model = model(&mjcf.text, "arm.xml");
     let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
     let (swing, balance) = (address("swing"), address("balance"));
     let mut data = Data::new(Arc::clone(&model));
@@ -357,4 +362,137 @@ fn followers_follow_and_efforts_hold_in_motion() {
     println!("travelled {travelled}, furthest {furthest}, spent {spent}");
     assert!(travelled > 0.4 && spent == 1.0, "{travelled} {spent}");
     assert!(furthest < 0.01, "{furthest}");
+}
+
+/// An arm of three joints whose capsules are as fat as those around meshes: `base` and `forearm`,
+/// two joints apart, overlap while it rests.
+const FAT: &str = r#"<robot name="fat">
+  <link name="base">
+    <collision><origin xyz="0 0 0.1"/><geometry><capsule radius="0.12" length="0.2"/></geometry></collision>
+  </link>
+  <link name="upper_arm">
+    <inertial><origin xyz="0 0 0.05"/><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.05"/><geometry><capsule radius="0.1" length="0.1"/></geometry></collision>
+  </link>
+  <link name="forearm">
+    <inertial><origin xyz="0.2 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0.2 0 0" rpy="0 1.5707963 0"/><geometry><capsule radius="0.1" length="0.3"/></geometry></collision>
+  </link>
+  <link name="hand">
+    <inertial><mass value="0.5"/><inertia ixx="0.001" iyy="0.001" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <joint name="pan" type="revolute">
+    <parent link="base"/><child link="upper_arm"/><origin xyz="0 0 0.2"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="200" velocity="2"/>
+  </joint>
+  <joint name="lift" type="revolute">
+    <parent link="upper_arm"/><child link="forearm"/><origin xyz="0 0 0.2"/><axis xyz="0 1 0"/>
+    <limit lower="0.1" upper="3" effort="200" velocity="2"/>
+  </joint>
+  <joint name="turn" type="continuous">
+    <parent link="forearm"/><child link="hand"/><origin xyz="0.4 0 0"/><axis xyz="1 0 0"/>
+    <limit effort="50" velocity="2"/>
+  </joint>
+</robot>"#;
+
+/// An arm that touches nothing but itself stays where it is told to be.
+#[test]
+fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
+    let arm = Description::from_urdf(FAT).unwrap();
+    let mjcf = arm
+        .to_mjcf(&MjcfSettings {
+            servo: Some(Servo::default()),
+            ..MjcfSettings::default()
+        })
+        .unwrap();
+    let pair = ["base", "forearm"].map(str::to_owned);
+    assert_eq!(mjcf.excluded, [pair]);
+    let exclude = "<exclude body1=\"base\" body2=\"forearm\"/>\n";
+    let drift = |mjcf: &str| {
+        let model = model(mjcf, "arm.xml");
+        let mut data = Data::new(Arc::clone(&model));
+        data.qpos_mut().copy_from_slice(&arm.rest());
+        data.set_ctrl(&arm.rest()).unwrap();
+        data.step(500).unwrap();
+        let off = data.qpos().iter().zip(arm.rest());
+        off.fold(0.0_f64, |most, (is, rest)| most.max((is - rest).abs()))
+    };
+    assert_eq!(arm.rest(), [0.0, 0.1, 0.0]);
+    let left = drift(&mjcf.text);
+    assert!(left < 1e-3, "{left}");
+    // the test can fail
+    assert!(mjcf.text.contains(exclude));
+    let pushed = drift(&mjcf.text.replace(exclude, ""));
+    assert!(pushed > 0.01, "{pushed}");
+}
+
+/// The base and a tool, which no joint moves, have several shapes and no mass.
+#[test]
+fn links_without_mass_have_as_many_shapes_as_they_like() {
+    let tool = r#"<link name="tip">
+        <collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>
+        <collision><geometry><sphere radius="0.1"/></geometry></collision>
+      </link>"#;
+    let several = SIX_JOINT.replacen("<link name=\"tip\"/>", tool, 1);
+    assert_ne!(several, SIX_JOINT);
+    let arm = Description::from_urdf(&several).unwrap();
+    let settings = MjcfSettings::default();
+    let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
+    model.geom("tip_1").unwrap();
+    // it falls as the arm without these shapes does, so they have no mass
+    let bare = Description::from_urdf(SIX_JOINT).unwrap();
+    let bare = self::model(&bare.to_mjcf(&settings).unwrap().text, "arm.xml");
+    let names = arm.free_joints().map(|(joint, _)| &joint.name[..]);
+    let names: Vec<&str> = names.collect();
+    let falls = [&model, &bare].map(|model| fall(model, &names, &[0.1; 6]));
+    assert_eq!(falls[0], falls[1]);
+}
+
+/// The range of a joint that another one follows is what both allow, for frames, chains and MuJoCo
+/// alike.
+#[test]
+fn a_follower_stays_within_its_own_range() {
+    let urdf = SIX_JOINT.replacen("lower=\"-4\" upper=\"4\"", "lower=\"0\" upper=\"0.3\"", 1);
+    let arm = Description::from_urdf(&urdf).unwrap();
+    let [restriction] = arm.restrictions() else {
+        panic!("{:?}", arm.restrictions());
+    };
+    let whole = Description::from_urdf(SIX_JOINT).unwrap();
+    assert!(whole.restrictions().is_empty());
+    let stated = whole.free_joints().find(|(joint, _)| joint.name == "swing");
+    let stated = stated.unwrap().1.range;
+    // it is at 0.2 less half of the other's position
+    let range = [-0.2, 0.4];
+    assert_eq!(
+        (&restriction.joint[..], &restriction.follower[..]),
+        ("swing", "balance")
+    );
+    assert_eq!(restriction.stated, stated);
+    for (end, expected) in restriction.range.iter().zip(range) {
+        assert!((end - expected).abs() < 1e-12, "{restriction:?}");
+    }
+    let chain = Chain::new(&arm, "tip").unwrap();
+    let of_chain = chain.joints().iter().find(|joint| joint.name == "swing");
+    assert_eq!(of_chain.unwrap().motion.range, Some(restriction.range));
+    // servos push both ways, and neither joint leaves its range by more than a limit's softness
+    let settings = MjcfSettings {
+        servo: Some(Servo::default()),
+        ..MjcfSettings::default()
+    };
+    let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
+    let at = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
+    let index = arm
+        .free_joints()
+        .position(|(joint, _)| joint.name == "swing");
+    for side in [0, 1] {
+        let mut data = Data::new(Arc::clone(&model));
+        let mut controls = arm.rest();
+        controls[index.unwrap()] = restriction.range[side];
+        data.set_ctrl(&controls).unwrap();
+        data.step(1500).unwrap();
+        let (swing, balance) = (data.qpos()[at("swing")], data.qpos()[at("balance")]);
+        assert!((swing - restriction.range[side]).abs() < 0.01, "{swing}");
+        assert!((-0.01..0.31).contains(&balance), "{balance}");
+    }
 }

@@ -144,6 +144,32 @@ fn followers_must_follow_a_free_joint() {
     );
 }
 
+/// No position of the joint that it follows keeps it within its own range.
+#[test]
+fn followers_must_be_able_to_stay_within_their_ranges() {
+    all_refused(
+        r#"
+        lower="-4" upper="4"                        | lower="2" upper="4"                      | `balance` follows `swing`; 2 to 4
+        multiplier="-0.5" offset="0.2"              | multiplier="0" offset="5"                | `balance`; from 5 to 5; -4 to 4
+        "#,
+    );
+    let endless = SIX_JOINT.replacen("<mimic joint=\"swing\"", "<mimic joint=\"turn\"", 1);
+    let arm = Description::from_urdf(&endless).unwrap();
+    let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
+    let [low, high] = turn.unwrap().1.range.unwrap();
+    assert!(
+        (low + 7.6).abs() < 1e-12 && (high - 8.4).abs() < 1e-12,
+        "{low} {high}"
+    );
+    let still = SIX_JOINT.replacen("multiplier=\"-0.5\"", "multiplier=\"0\"", 1);
+    assert!(
+        Description::from_urdf(&still)
+            .unwrap()
+            .restrictions()
+            .is_empty()
+    );
+}
+
 #[test]
 fn masses_must_be_those_of_bodies() {
     let wrist =
@@ -294,6 +320,74 @@ fn a_file_holds_one_robot_and_nothing_else() {
     }
     let framed = format!("\u{feff}{SIX_JOINT}\n<!-- the end -->\n");
     Description::from_urdf(&framed).unwrap();
+}
+
+/// Everything that the template would have added is missing from a robot that is read without it.
+#[test]
+fn templates_that_were_not_expanded_are_refused() {
+    let declared = SIX_JOINT.replacen("<robot ", "<robot xmlns:xacro=\"http://ros.org/xacro\" ", 1);
+    let arm = Description::from_urdf(&declared).unwrap();
+    assert_eq!(arm, Description::from_urdf(SIX_JOINT).unwrap());
+    let end = "</robot>";
+    for (old, new, found) in [
+        (
+            end,
+            "<xacro:hand parent=\"tip\"/>\n</robot>",
+            "`<xacro:hand>`",
+        ),
+        (
+            end,
+            "<xacro:if value=\"true\">\n<link name=\"c\"/></xacro:if></robot>",
+            "`<xacro:if>`",
+        ),
+        (
+            end,
+            "<gazebo><xacro:grey/></gazebo></robot>",
+            "`<xacro:grey>`",
+        ),
+        (
+            end,
+            "<x:hand xmlns:x=\"http://www.ros.org/wiki/xacro\"/></robot>",
+            "`<x:hand>`",
+        ),
+        (
+            end,
+            "<include filename=\"hand.xacro\"/></robot>",
+            "`<include>`",
+        ),
+        (end, "<macro name=\"hand\"/></robot>", "`<macro>`"),
+        (
+            "xyz=\"0 0 2\"",
+            "xyz=\"0 0 ${2 * L}\"",
+            "`xyz` of `<axis>`, \"0 0 ${2 * L}\"",
+        ),
+        (
+            "<link name=\"tip\"/>",
+            "<link name=\"$(arg tip)\"/>",
+            "`name` of `<link>`",
+        ),
+        (
+            "<link name=\"tip\"/>",
+            "<link name=\"tip\" xacro:off=\"1\"/>",
+            "`xacro:off` of `<link>`",
+        ),
+    ] {
+        let whole = declared.replacen(old, new, 1);
+        assert_ne!(whole, declared, "{old}");
+        let message = Description::from_urdf(&whole).unwrap_err().to_string();
+        let line = whole[..whole.find(new).unwrap()].matches('\n').count() + 1;
+        let expected = format!("line {line}: {found}");
+        assert!(message.starts_with(&expected), "{expected}: {message}");
+        assert!(message.contains("run `xacro FILE > arm.urdf`"), "{message}");
+    }
+    // nothing but templates, whose robot would have no links
+    let all =
+        "<robot name=\"r\" xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
+    let error = Description::from_urdf(all).unwrap_err();
+    assert!(
+        matches!(error, DescriptionError::Xacro { line: 1, .. }),
+        "{error}"
+    );
 }
 
 #[test]

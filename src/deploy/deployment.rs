@@ -24,6 +24,7 @@ use crate::stream::Stream;
 
 use super::dry_run::{DryRun, Rehearsal};
 use super::pilot::Pilot;
+use super::plausibility;
 use super::rig::{Rig, SetUp, Trial, then_stop};
 use super::settings::SightSettings;
 use super::sight::Sight;
@@ -81,9 +82,10 @@ impl Deployment {
 
     /// Sets the table for a trial, lets the learner choose a policy by the first picture, and lets
     /// it act. `arm` is what is known of the rig's robot. The robot is told to stop at the end, and
-    /// before an error is returned.
+    /// before an error is returned, but for one of the calibration, before which it is told nothing.
     ///
     /// # Errors
+    /// [`CoversError::OtherCamera`] for a calibration that is not of the rig's camera;
     /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`],
     /// [`CoversError::PictureOfTheFuture`], directly or as the cause of [`CoversError::Rl`]; what
     /// perception or the learner says.
@@ -126,6 +128,7 @@ impl Deployment {
         trial: &Trial,
         strip: Option<&mut Strip>,
     ) -> Result<Played, CoversError> {
+        self.check_calibration(rig)?;
         let env = self.env(&mut *rig, arm, trial, strip);
         let played = env.and_then(|mut env| {
             let score = self.play(&mut env, trial)?;
@@ -136,6 +139,17 @@ impl Deployment {
             })
         });
         then_stop(rig, played)
+    }
+
+    /// Refuses a calibration from a file that cannot be of the rig's camera, before the arm moves.
+    ///
+    /// # Errors
+    /// [`CoversError::OtherCamera`].
+    pub(super) fn check_calibration(&self, rig: &dyn Rig) -> Result<(), CoversError> {
+        let file = self.sight.calibration;
+        file.map_or(Ok(()), |file| {
+            plausibility::check(&file, &rig.calibration())
+        })
     }
 
     /// What a policy sees of a table that was set as `set_up` says, from `start` on.

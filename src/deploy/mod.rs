@@ -12,6 +12,7 @@ mod faults;
 mod options;
 mod past;
 mod pilot;
+mod plausibility;
 mod results;
 mod rig;
 mod settings;

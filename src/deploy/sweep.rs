@@ -2,8 +2,8 @@
 
 use envs::TaskGroup;
 
-use crate::colours::colour;
-use crate::report::svg::Drawing;
+use crate::colours::{Stroke, stroke};
+use crate::report::svg::{DOT, Drawing};
 
 use super::faults::Fault;
 use super::table::{COLUMNS, TrialScore, cells, wilson};
@@ -32,13 +32,13 @@ pub fn figure(fault: Fault, groups: &[TaskGroup], swept: &Swept) -> String {
     let mut drawing = Drawing::half(end, fault.axis());
     for (number, group) in groups.iter().enumerate() {
         drawing.panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
-        curve(&mut drawing, colour(number), *group, swept);
+        curve(&mut drawing, &stroke(number), *group, swept);
     }
     drawing.finish(&format!("Success against {}", fault.axis()))
 }
 
 /// The line of one group, its band, and a dot for each amount.
-fn curve(drawing: &mut Drawing, colour: &str, group: TaskGroup, swept: &Swept) {
+fn curve(drawing: &mut Drawing, stroke: &Stroke, group: TaskGroup, swept: &Swept) {
     let counts = swept.iter().map(|(amount, scores)| {
         let of_group: Vec<bool> = scores
             .iter()
@@ -54,15 +54,15 @@ fn curve(drawing: &mut Drawing, colour: &str, group: TaskGroup, swept: &Swept) {
         let point = |&(amount, successes, trials): &_| (amount, wilson(successes, trials)[side]);
         points.map(point).collect()
     };
-    drawing.band(&bound(0), &bound(1), colour);
+    drawing.band(&bound(0), &bound(1), stroke.colour);
     let share = |&(amount, successes, trials): &(f64, usize, usize)| {
         (amount, successes as f64 / trials as f64)
     };
     let points: Vec<_> = counts.iter().map(share).collect();
-    drawing.line(&points, colour);
+    drawing.line(&points, stroke);
     for (point, (amount, successes, trials)) in points.into_iter().zip(&counts) {
         let title = format!("{} at {amount}: {successes} of {trials}", group.name());
-        drawing.dot(point, colour, &title);
+        drawing.dot(point, DOT, stroke.colour, &title);
     }
 }
 

@@ -1,13 +1,14 @@
 //! Trials on a rig without a simulation, whose camera may fail, and on the simulated one.
 
 use std::cell::Cell;
+use std::f64::consts::PI;
 use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
 use envs::carriers::{Arm, KinovaGen3};
 use envs::{Layout, TaskGroup, TaskVariant};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use rl::BoxError;
 use robots::{
@@ -19,8 +20,8 @@ use symmetry::D2;
 use super::deployment::check;
 use super::dry_run::DryRun;
 use super::{
-    Deployment, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage, Trial, Verdict,
-    Withheld,
+    Deployment, MaskCheck, Rig, SetUp, SightSettings, SimulatedRig, SimulationSettings, Stage,
+    Trial, Verdict, Withheld, poses,
 };
 use crate::error::CoversError;
 use crate::experiment::Experiment;
@@ -37,8 +38,12 @@ const TRIAL: Trial = Trial {
 };
 
 fn deployment() -> Deployment {
+    seeing(SightSettings::default())
+}
+
+fn seeing(sight: SightSettings) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
-    Deployment::load(&RunFolder::open(&folder), SightSettings::default()).unwrap()
+    Deployment::load(&RunFolder::open(&folder), sight).unwrap()
 }
 
 type Camera = fn(Duration) -> Result<Duration, BoxError>;
@@ -258,6 +263,55 @@ fn a_rehearsal_sends_nothing_to_the_robot() {
             .to_string()
             .contains("the cable is loose")
     );
+}
+
+/// The robot is told nothing with a calibration of another camera, neither in a trial nor by a check
+/// of the mask.
+#[test]
+fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
+    let known = dry_rig(Ok).calibration();
+    let turned = |turn: DMat3| turn * known.extrinsics.rotation;
+    let hung = |rotation: DMat3, position: DVec3| Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..known
+    };
+    let mut millimetres = known;
+    millimetres.intrinsics.focal = [1.93; 2];
+    let mut bent = known;
+    bent.distortion.radial = [0.49; 2];
+    let trial = |calibration: Calibration, rig: &mut dyn Rig| {
+        let mut deployment = seeing(SightSettings {
+            calibration: Some(calibration),
+            ..SightSettings::default()
+        });
+        let first = &poses(&arm())[..1];
+        let masks = MaskCheck::measure(&deployment, rig, &arm(), first, &TRIAL);
+        let refusals = [
+            masks.map(|_| ()),
+            deployment.trial(rig, &arm(), &TRIAL, None).map(|_| ()),
+            deployment.rehearse(rig, &arm(), &TRIAL).map(|_| ()),
+        ];
+        refusals.map(Result::unwrap_err)
+    };
+    let down = known.extrinsics.rotation;
+    for (calibration, says) in [
+        (
+            hung(turned(DMat3::from_rotation_z(PI)), 1.5 * DVec3::Z),
+            "180 degrees",
+        ),
+        (hung(down, 99.9 * DVec3::Z), "99.9"),
+        (hung(down, DVec3::new(0.2, 0.0, 1.5)), "0.2"),
+        (millimetres, "1.93"),
+        (bent, "lens"),
+    ] {
+        for error in trial(calibration, &mut Untouched(dry_rig(Ok))) {
+            assert!(matches!(error, CoversError::OtherCamera { .. }), "{error}");
+            assert!(error.to_string().contains(says), "{says}: {error}");
+        }
+    }
 }
 
 /// Its background is taken before any decision, and must show the table as it is now.

@@ -10,7 +10,7 @@ use crate::learners::{Learner, Performance};
 /// What policies did in the episodes of an evaluation, which are the same every time: a policy that
 /// has not changed since would do the same again, to the bit.
 #[derive(Debug, Default)]
-pub(super) struct Played(HashMap<(TaskVariant, usize), (u64, Performance)>);
+pub(super) struct Played(HashMap<(TaskVariant, usize, usize), (u64, Performance)>);
 
 impl Played {
     /// What `play` returns for `rounds` rounds of a variant with policy `index`; it is not called
@@ -25,13 +25,13 @@ impl Played {
         let Some(actor) = learner.parameters(index).map(fingerprint) else {
             return play(learner);
         };
-        if let Some((played, performance)) = self.0.get(&(variant, rounds))
+        let of = (variant, rounds, index);
+        if let Some((played, performance)) = self.0.get(&of)
             && *played == actor
         {
             return Ok(performance.clone());
         }
         let performance = play(learner)?;
-        let of = (variant, rounds);
         self.0.insert(of, (actor, performance.clone()));
         Ok(performance)
     }

@@ -1,10 +1,16 @@
 //! What an evaluation says of variants and groups.
 
+use std::collections::BTreeMap;
+
 use envs::TaskGroup;
 use serde::Serialize;
 use symmetry::D2;
 
 use crate::distinct::distinct;
+
+/// The own policy of each group: the one that served it in most of its training rollouts. The books
+/// of a run tell it; learners are never told.
+pub type OwnPolicies = BTreeMap<String, usize>;
 
 /// Results of one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,6 +31,28 @@ pub struct Score {
     pub success_at_end: f64,
     /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
+    /// Results of the group's own policy in the same episodes; none where the group has none yet.
+    pub own: Option<PolicyScore>,
+}
+
+/// Results of one policy in a variant or a group.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PolicyScore {
+    /// Index of the policy.
+    pub policy: usize,
+    /// As in [`Score`].
+    pub success: f64,
+    /// As in [`Score`].
+    pub success_at_end: f64,
+    /// As in [`Score`].
+    pub reward: f64,
+}
+
+impl Score {
+    /// `true` if the learner chose another policy than the group's own.
+    pub fn is_mismatch(&self) -> bool {
+        self.own.is_some_and(|own| own.policy != self.policy)
+    }
 }
 
 /// Means over variants of one group.
@@ -43,6 +71,10 @@ pub struct GroupScore {
     pub success_at_end: f64,
     /// As in [`Score`], over all episodes.
     pub reward: f64,
+    /// Variants for which the learner chose another policy than the group's own.
+    pub mismatches: usize,
+    /// Means of the group's own policy; none where it was not scored on every variant.
+    pub own: Option<PolicyScore>,
 }
 
 /// Means over the variants of each group, in the order in which the groups appear.
@@ -51,10 +83,25 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
     let of = |group| scores.iter().filter(move |score| score.group == group);
     let summarise = |group| {
         let episodes: usize = of(group).map(|score| score.episodes).sum();
+        let over_episodes = |sum: f64| sum / episodes.max(1) as f64;
         let mean = |figure: fn(&Score) -> f64| {
-            let sum: f64 = of(group).map(|s| figure(s) * s.episodes as f64).sum();
-            sum / episodes.max(1) as f64
+            over_episodes(of(group).map(|s| figure(s) * s.episodes as f64).sum())
         };
+        let own_scores: Option<Vec<(PolicyScore, usize)>> = of(group)
+            .map(|score| Some((score.own?, score.episodes)))
+            .collect();
+        let own_mean = |scores: &[(PolicyScore, usize)], figure: fn(&PolicyScore) -> f64| {
+            let sums = scores.iter().map(|(own, n)| figure(own) * *n as f64);
+            over_episodes(sums.sum())
+        };
+        let own = own_scores.and_then(|scores| {
+            Some(PolicyScore {
+                policy: scores.first()?.0.policy,
+                success: own_mean(&scores, |own| own.success),
+                success_at_end: own_mean(&scores, |own| own.success_at_end),
+                reward: own_mean(&scores, |own| own.reward),
+            })
+        });
         let mut policies: Vec<usize> = of(group).map(|score| score.policy).collect();
         policies.sort_unstable();
         policies.dedup();
@@ -65,6 +112,8 @@ pub fn by_group(scores: &[Score]) -> Vec<GroupScore> {
             success: mean(|score| score.success),
             success_at_end: mean(|score| score.success_at_end),
             reward: mean(|score| score.reward),
+            mismatches: of(group).filter(|score| score.is_mismatch()).count(),
+            own,
         }
     };
     groups.into_iter().map(summarise).collect()
@@ -84,7 +133,37 @@ mod tests {
             success,
             success_at_end: 0.0,
             reward: 100.0 * success,
+            own: None,
         }
+    }
+
+    #[test]
+    fn a_groups_own_policy_has_means_where_it_played_all_variants() {
+        let own = |policy, success| PolicyScore {
+            policy,
+            success,
+            success_at_end: 0.0,
+            reward: 400.0 * success,
+        };
+        let with = |score: Score, own| Score {
+            own: Some(own),
+            ..score
+        };
+        let reach = TaskGroup::GOAL_REACH;
+        let right = with(score(reach, 2, 30, 1.0), own(2, 1.0));
+        let wrong = with(score(reach, 0, 10, 0.0), own(2, 0.6));
+        assert!(wrong.is_mismatch() && !right.is_mismatch());
+        let [group] = &by_group(&[right.clone(), wrong])[..] else {
+            panic!()
+        };
+        assert_eq!((group.mismatches, group.success), (1, 0.75));
+        let means = group.own.unwrap();
+        assert_eq!((means.policy, means.success), (2, 0.9));
+        assert!((means.reward - 360.0).abs() < 1e-9, "{means:?}");
+        let [group] = &by_group(&[right, score(reach, 2, 10, 0.0)])[..] else {
+            panic!()
+        };
+        assert_eq!((group.mismatches, group.own), (0, None));
     }
 
     #[test]

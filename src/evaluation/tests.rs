@@ -19,6 +19,8 @@ struct Spy {
     /// Its parameters, if it says which they are.
     parameters: Option<Vec<f32>>,
     seen: Vec<Observations>,
+    /// Policies that played, in order.
+    played: Vec<usize>,
 }
 
 impl Spy {
@@ -60,12 +62,23 @@ impl Learner for Spy {
 
     fn perform(
         &mut self,
-        _: usize,
+        index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
     ) -> Result<Performance, CoversError> {
         self.watch(env, rounds);
-        Ok(Performance::default())
+        self.played.push(index);
+        // policy 1 alone succeeds
+        let episode = rl::Episode {
+            env: 0,
+            length: 1,
+            total_reward: index as f64,
+            success: index == 1,
+            success_at_end: false,
+        };
+        let mut performance = Performance::default();
+        performance.stats.episodes.push(episode);
+        Ok(performance)
     }
 
     fn parameters(&self, _: usize) -> Option<&[f32]> {
@@ -95,10 +108,11 @@ fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     let [variant, ..] = evaluator.variants()[..] else {
         panic!()
     };
+    let none = OwnPolicies::default();
     for rounds in [1, 2] {
         let findings = &mut Findings::default();
         evaluator
-            .variant(&mut spy, variant, rounds, findings)
+            .variant(&mut spy, variant, &none, rounds, findings)
             .unwrap();
     }
     evaluator.recognition(&mut spy, variant, 1).unwrap();
@@ -166,9 +180,9 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
     let mut spy = Spy::default();
     let mut plays = |parameters: Option<Vec<f32>>, variant, rounds| {
         (spy.parameters, spy.seen) = (parameters, Vec::new());
-        let findings = &mut Findings::default();
+        let (findings, none) = (&mut Findings::default(), OwnPolicies::default());
         evaluator
-            .variant(&mut spy, variant, rounds, findings)
+            .variant(&mut spy, variant, &none, rounds, findings)
             .unwrap();
         assert_eq!(findings.scores.len(), 1);
         // the look before it is another one
@@ -185,4 +199,36 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
     for _ in 0..2 {
         assert_eq!(plays(None, first, 1), 1);
     }
+}
+
+/// The learner always chooses policy 0.
+#[test]
+fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
+    let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
+    let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+    let mut evaluator = Evaluator::of(&run, &tasks, labels).unwrap();
+    let variant = evaluator.variants()[0];
+    let group = variant.group.name().to_owned();
+    let mut score = |own: Option<usize>| {
+        let own = own.map(|own| (group.clone(), own)).into_iter().collect();
+        let (mut spy, findings) = (Spy::default(), &mut Findings::default());
+        evaluator
+            .variant(&mut spy, variant, &own, 1, findings)
+            .unwrap();
+        assert!(spy.seen.iter().all(|seen| *seen == spy.seen[0]));
+        (findings.scores.remove(0), spy.played)
+    };
+    let (untrained, played) = score(None);
+    assert_eq!((untrained.own, played), (None, vec![0]));
+    let (right, played) = score(Some(0));
+    assert_eq!(played, [0], "nothing is played twice");
+    let own = right.own.unwrap();
+    assert_eq!((own.policy, own.success, own.reward), (0, 0.0, 0.0));
+    let (wrong, played) = score(Some(1));
+    assert_eq!(played, [0, 1]);
+    let own = wrong.own.unwrap();
+    assert!(wrong.is_mismatch() && !right.is_mismatch());
+    assert_eq!((wrong.policy, wrong.success), (0, 0.0));
+    assert_eq!((own.policy, own.success, own.success_at_end), (1, 1.0, 0.0));
+    assert!(own.reward > 0.0);
 }

@@ -20,6 +20,15 @@ use super::summary::{EventFile, Moment};
 const FILE: &str = "events.out.tfevents.0.covers";
 /// Columns that say when a row was, and no figures.
 const MOMENTS: [&str; 3] = ["rollout", "rollouts", "decisions"];
+/// Columns of scores; those of the group's own policy are empty before it has one.
+const SCORES: [&str; 6] = [
+    "success",
+    "success_at_end",
+    "reward",
+    "own_success",
+    "own_success_at_end",
+    "own_reward",
+];
 /// Before the first rollout.
 const START: Moment = Moment {
     step: 0,
@@ -123,7 +132,7 @@ fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
     for row in &table.rows {
         let cell = |name| table.cell(row, name);
         let rollouts = cell("rollouts").parse().unwrap_or(0);
-        for figure in ["success", "success_at_end", "reward"] {
+        for figure in SCORES {
             let Some(value) = number(cell(figure)) else {
                 continue;
             };

@@ -12,7 +12,7 @@ use super::weights::parts;
 /// The version of the description.
 const FORMAT: &str = "covers-policy 1";
 
-/// Inputs, outputs and layers of policy `index` of a run.
+/// Inputs, outputs and layers of policy `index` of a run, and where it was trained.
 pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) -> Value {
     let layers = parts(policy).into_iter().map(|(part, layers, _)| {
         let layers: Vec<Value> = layers.iter().map(layer).collect();
@@ -23,6 +23,11 @@ pub(super) fn description(policy: &PlainPolicy, index: usize, run: &Experiment) 
         "policy": index,
         "inputs": inputs(policy, run),
         "outputs": outputs(policy, run),
+        "environment": {
+            "layout": run.envs.layout,
+            "embodiment": run.envs.embodiment,
+            "horizon": run.envs.control.horizon,
+        },
         "group_order": policy.order,
         "critic_reads_maxima": policy.critic.as_ref().is_some_and(|(_, pooled)| *pooled),
         "layers": layers.collect::<Map<_, _>>(),

@@ -88,8 +88,7 @@ mod tests {
             seen: true,
             episodes: 20,
             success,
-            success_at_end: 0.0,
-            reward: 0.0,
+            ..ScoreRow::default()
         };
         RunData {
             rollouts: stream.chars().map(row).collect(),

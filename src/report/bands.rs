@@ -1,16 +1,18 @@
 //! Learning curves of methods in one group: the mean over seeds, from the lowest to the highest.
 
-use crate::colours::colour;
+use crate::colours::{Stroke, stroke};
 
 use super::efficiency::curve;
 use super::method::MethodRuns;
 use super::statistics::mean;
-use super::svg::Drawing;
+use super::svg::{DOT, Drawing};
 
 /// Ticks of shares.
 const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 /// Height of the panel (pixels).
 const HEIGHT: f64 = 190.0;
+/// Radius of the dots on the first method's line: dots of other methods show around them.
+const FIRST_DOT: f64 = 2.2;
 
 /// Success of all seeds of one method.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +26,7 @@ struct Moment {
 
 /// Mean-action success of every method over the decisions spent in a group; none where no method
 /// was scored at two moments of them. Of evaluations with as many decisions the first one counts.
+/// The first method is the subject of a report: its line is wide and lies upon the others.
 pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     let moments = |method: &MethodRuns| {
         let curves = method.runs.iter().map(|run| {
@@ -34,40 +37,73 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
         });
         moments(&curves.collect::<Vec<_>>())
     };
-    let known: Vec<_> = methods.iter().map(|m| (m, moments(m))).collect();
-    let learnt = |moments: &Vec<Moment>| moments.len() > 1;
-    if !known.iter().any(|(_, moments)| learnt(moments)) {
+    let lines = methods.iter().enumerate().map(|(number, method)| Line {
+        method,
+        is_first: number == 0,
+        stroke: stroke(number),
+        moments: moments(method),
+    });
+    let lines: Vec<Line<'_>> = lines.collect();
+    if !lines.iter().any(|line| line.moments.len() > 1) {
         return None;
     }
-    let ends = known.iter().filter_map(|(_, moments)| moments.last());
+    let ends = lines.iter().filter_map(|line| line.moments.last());
     let end = ends.map(|moment| moment.spent).fold(0.0, f64::max);
     let mut drawing = Drawing::half(end, "decisions spent in the group");
-    for (number, (method, _)) in known.iter().enumerate() {
-        drawing.legend(&method.name, colour(number));
+    for line in &lines {
+        drawing.legend(&line.method.name, &line.stroke);
     }
     drawing.panel(group, HEIGHT, [-0.03, 1.03], &SHARES);
-    for (number, (method, moments)) in known.iter().enumerate() {
-        draw(&mut drawing, method, moments, colour(number));
+    // no band lies upon a line, and the first method comes last
+    for line in lines.iter().rev() {
+        line.draw_band(&mut drawing);
+    }
+    for line in lines.iter().rev() {
+        line.draw(&mut drawing);
     }
     Some(drawing.finish(&format!("Success in {group}")))
 }
 
-fn draw(drawing: &mut Drawing, method: &MethodRuns, moments: &[Moment], colour: &str) {
-    let line = |figure: fn(&Moment) -> f64| -> Vec<(f64, f64)> {
-        let points = moments.iter().map(|moment| (moment.spent, figure(moment)));
-        points.collect()
-    };
-    drawing.band(&line(|m| m.low), &line(|m| m.high), colour);
-    drawing.line(&line(|m| m.mean), colour);
-    let (name, seeds) = (&method.name, method.runs.len());
-    for moment in moments {
-        let (spent, mean) = (moment.spent, moment.mean);
-        let range = match seeds {
-            1 => String::new(),
-            _ => format!(" ({:.2} to {:.2}, {seeds} seeds)", moment.low, moment.high),
+/// The curve of one method.
+struct Line<'a> {
+    method: &'a MethodRuns,
+    is_first: bool,
+    stroke: Stroke,
+    moments: Vec<Moment>,
+}
+
+impl Line<'_> {
+    fn points(&self, figure: fn(&Moment) -> f64) -> Vec<(f64, f64)> {
+        let moments = self.moments.iter();
+        moments
+            .map(|moment| (moment.spent, figure(moment)))
+            .collect()
+    }
+
+    fn draw_band(&self, drawing: &mut Drawing) {
+        let (low, high) = (self.points(|m| m.low), self.points(|m| m.high));
+        drawing.band(&low, &high, self.stroke.colour);
+    }
+
+    fn draw(&self, drawing: &mut Drawing) {
+        let points = self.points(|m| m.mean);
+        let radius = if self.is_first {
+            drawing.wide_line(&points, &self.stroke);
+            FIRST_DOT
+        } else {
+            drawing.line(&points, &self.stroke);
+            DOT
         };
-        let title = format!("{name}, {spent:.0} decisions: {mean:.2}{range}");
-        drawing.dot((spent, mean), colour, &title);
+        let (name, seeds) = (&self.method.name, self.method.runs.len());
+        for moment in &self.moments {
+            let (spent, mean) = (moment.spent, moment.mean);
+            let range = match seeds {
+                1 => String::new(),
+                _ => format!(" ({:.2} to {:.2}, {seeds} seeds)", moment.low, moment.high),
+            };
+            let title = format!("{name}, {spent:.0} decisions: {mean:.2}{range}");
+            drawing.dot((spent, mean), radius, self.stroke.colour, &title);
+        }
     }
 }
 
@@ -107,6 +143,89 @@ fn at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distinct::are_distinct;
+    use crate::presets::{Budget, Method};
+    use crate::report::rows::{RolloutRow, ScoreRow};
+    use crate::report::run_data::RunData;
+    use crate::report::svg::read::{attribute, check_texts, of_class, tags};
+
+    /// A method that was scored before and after one rollout.
+    fn scored(number: usize) -> RunData {
+        let score = |rollouts: usize| ScoreRow {
+            rollouts,
+            decisions: 500 * rollouts,
+            group: "goal-reach".to_owned(),
+            element: "identity".to_owned(),
+            seen: true,
+            episodes: 20,
+            success: rollouts as f64 / 2.0,
+            ..ScoreRow::default()
+        };
+        let name = format!("covers-with-a-name-{number}-seed0");
+        RunData {
+            rollouts: vec![RolloutRow {
+                decisions: 500,
+                group: "goal-reach".to_owned(),
+                last_group: "goal-reach".to_owned(),
+                ..RolloutRow::default()
+            }],
+            scores: [0, 1].map(score).to_vec(),
+            ..RunData::empty(&name, Budget::Smoke.experiment(Method::Covers))
+        }
+    }
+
+    fn drawing(methods: usize) -> String {
+        let methods = MethodRuns::sort((0..methods).map(scored).collect()).unwrap();
+        of_group(&methods, "goal-reach").unwrap()
+    }
+
+    /// Colour and dashes.
+    fn strokes<'a>(svg: &'a str, class: &str) -> Vec<(Option<&'a str>, Option<&'a str>)> {
+        let of_class = of_class(svg, class).into_iter();
+        of_class
+            .map(|(tag, _)| (attribute(tag, "stroke"), attribute(tag, "stroke-dasharray")))
+            .collect()
+    }
+
+    #[test]
+    fn any_number_of_methods_can_be_told_apart() {
+        for methods in [1, 8, 11, 24] {
+            let svg = drawing(methods);
+            check_texts(&svg, methods);
+            let keys = strokes(&svg, "line key");
+            assert_eq!(keys.len(), methods);
+            assert!(are_distinct(keys.iter()), "{keys:?}");
+            // lines have the strokes of their names, the last name first
+            let mut lines = strokes(&svg, "line");
+            lines.extend(strokes(&svg, "line wide"));
+            lines.reverse();
+            assert_eq!(lines, keys);
+        }
+    }
+
+    #[test]
+    fn the_first_method_lies_upon_the_others_and_is_wide() {
+        let svg = drawing(11);
+        let drawn: Vec<&str> = tags(&svg).into_iter().map(|(tag, _)| tag).collect();
+        let last = |name: &str| drawn.iter().rposition(|tag| tag.starts_with(name)).unwrap();
+        let line = drawn[last("polyline")];
+        assert_eq!(attribute(line, "class"), Some("line wide"));
+        assert_eq!(attribute(line, "stroke"), Some(stroke(0).colour));
+        assert!(
+            last("polygon")
+                < drawn
+                    .iter()
+                    .position(|tag| tag.starts_with("polyline"))
+                    .unwrap()
+        );
+        assert_eq!(
+            attribute(drawn[last("circle")], "fill"),
+            Some(stroke(0).colour)
+        );
+        let widths = svg.split("stroke-width:").skip(1);
+        let widths = widths.map(|rest| rest.split('}').next().unwrap().parse::<f64>().unwrap());
+        assert!(widths.is_sorted_by(|narrow, wide| 2.0 * narrow < *wide));
+    }
 
     #[test]
     fn bands_hold_every_seed_where_all_have_a_curve() {

@@ -1,13 +1,13 @@
 //! Curves of runs, with the group that ran as the background.
 
-use crate::colours::colour;
+use crate::colours::{Stroke, stroke};
 
 use super::method::MethodRuns;
 use super::partners::partner;
 use super::rows::{RolloutRow, ScoreRow};
 use super::run_data::RunData;
 use super::statistics::mean;
-use super::svg::{Drawing, INK};
+use super::svg::{DOT, Drawing, INK, SMALL_DOT};
 
 /// The x axis.
 const DECISIONS: &str = "decisions";
@@ -27,7 +27,7 @@ pub fn run(run: &RunData) -> String {
     let mut drawing = Drawing::new(end(run), DECISIONS);
     let groups = run.groups();
     for (number, group) in groups.iter().enumerate() {
-        drawing.legend(group, colour(number));
+        drawing.legend(group, &stroke(number));
     }
     drawing.panel("success", HIGH, [-0.03, 1.03], &SHARES);
     visits(&mut drawing, run);
@@ -43,7 +43,7 @@ pub fn run(run: &RunData) -> String {
     visits(&mut drawing, run);
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
         let policy = row.policy as f64;
-        drawing.line(&[(from, policy), (to, policy)], INK);
+        drawing.line(&[(from, policy), (to, policy)], &Stroke::solid(INK));
     }
     distances(&mut drawing, run);
     drawing.finish(&format!("Success, reward and policy of {}", run.name))
@@ -73,11 +73,11 @@ fn distances(drawing: &mut Drawing, run: &RunData) {
             let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
             let point = (row.decisions as f64, ratio.min(MOST));
             let colour = colours.get(policy).copied().unwrap_or(INK);
-            drawing.small_dot(point, colour, &title);
+            drawing.dot(point, SMALL_DOT, colour, &title);
         }
     }
     let end = end(run);
-    drawing.line(&[(0.0, 1.0), (end, 1.0)], INK);
+    drawing.line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(INK));
 }
 
 /// Each policy has the colour of the group that it belongs to.
@@ -86,7 +86,7 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     let mut colours = vec![INK; policies.unwrap_or(0)];
     for group in run.groups() {
         if let Some(policy) = partner(&run.rollouts, group) {
-            colours[policy] = colour_of(run, group);
+            colours[policy] = stroke_of(run, group).colour;
         }
     }
     colours
@@ -117,12 +117,12 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
     let mut drawing = Drawing::new(longest, DECISIONS);
     let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.groups());
     for (number, group) in groups.iter().enumerate() {
-        drawing.legend(group, colour(number));
+        drawing.legend(group, &stroke(number));
     }
     for (name, run) in runs {
         drawing.panel(name, LOW, [-0.05, 1.05], &SHARES);
         visits(&mut drawing, run);
-        drawing.line(&averages(run), INK);
+        drawing.line(&averages(run), &Stroke::solid(INK));
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.finish(&format!("Success of all methods, seed {seed}"))
@@ -167,7 +167,7 @@ fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
 
 fn visits(drawing: &mut Drawing, run: &RunData) {
     for (group, [from, to], _) in visits_of(run) {
-        drawing.span(from, to, colour_of(run, group), group);
+        drawing.span(from, to, stroke_of(run, group).colour, group);
     }
 }
 
@@ -176,7 +176,7 @@ fn rollouts(drawing: &mut Drawing, run: &RunData, figure: fn(&RolloutRow) -> Opt
         let points = rows
             .iter()
             .filter_map(|row| Some((row.decisions as f64, figure(row)?)));
-        drawing.line(&points.collect::<Vec<_>>(), colour_of(run, group));
+        drawing.line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
     }
 }
 
@@ -188,13 +188,13 @@ fn evaluations(drawing: &mut Drawing, run: &RunData, figure: fn(&ScoreRow) -> f6
             };
             let x = decisions as f64;
             let title = format!("{group}, {x} decisions: {y:.2}");
-            drawing.dot((x, y), colour_of(run, group), &title);
+            drawing.dot((x, y), DOT, stroke_of(run, group).colour, &title);
         }
     }
 }
 
-/// One colour a group everywhere.
-fn colour_of(run: &RunData, group: &str) -> &'static str {
+/// One stroke for each group everywhere.
+fn stroke_of(run: &RunData, group: &str) -> Stroke {
     let number = run.groups().iter().position(|own| *own == group);
-    number.map_or(INK, colour)
+    number.map_or(Stroke::solid(INK), stroke)
 }

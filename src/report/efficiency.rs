@@ -168,7 +168,7 @@ mod tests {
             episodes: 10,
             success,
             success_at_end: success,
-            reward: 0.0,
+            ..ScoreRow::default()
         };
         RunData {
             rollouts: rollouts.collect(),

@@ -1,7 +1,7 @@
 //! The figures of one run, as docs/results/protocol.md defines them.
 
-use crate::runs::Ledger;
-
+use super::partners::ledger;
+use super::rows::ScoreRow;
 use super::run_data::RunData;
 use super::visits;
 
@@ -15,6 +15,9 @@ const UNSCORED: Undefined = "no evaluation at that moment (`evaluation.visit_rou
 const FIRST: Undefined = "nothing was learnt before the group's first visit";
 const NO_RETURN: Undefined = "no group came back";
 const ONE_POLICY: Undefined = "there is one policy for everything";
+const NEVER_ALONE: Undefined = "no rollout was of the group alone, so no policy is its own";
+const UNNAMED: Undefined = "`evaluation.csv` does not name the policies that the learner chose";
+const UNRECORDED: Undefined = "the run did not record the scores of the groups' own policies";
 const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its units";
 
 /// The figures of one run.
@@ -22,7 +25,8 @@ const UNSEEN: Undefined = "the run has no `units.csv`: nobody looked at its unit
 pub struct Figures {
     /// Those of each group, in the order in which they are scored.
     pub groups: Vec<GroupFigures>,
-    /// Share of rollouts of one group that went to the policy of that group ([`Ledger::right`]).
+    /// Share of rollouts of one group that went to the policy of that group
+    /// ([`Ledger::right`](crate::runs::Ledger::right)).
     pub accuracy: Result<f64, Undefined>,
     /// That share among rollouts of groups that came back.
     pub return_accuracy: Result<f64, Undefined>,
@@ -47,6 +51,13 @@ pub struct GroupFigures {
     pub success_at_end: f64,
     /// Reward after the stream, likewise, in `[0, 500]`.
     pub reward: f64,
+    /// Variants for which the learner chose another policy than the group's own after the stream,
+    /// and all variants ([`Ledger::own_policies`](crate::runs::Ledger::own_policies)).
+    pub mismatches: Result<[usize; 2], Undefined>,
+    /// Success of the group's own policy after the stream, likewise.
+    pub own_success: Result<f64, Undefined>,
+    /// Reward of the group's own policy, likewise.
+    pub own_reward: Result<f64, Undefined>,
     /// Success after the group's last visit less that after the stream.
     pub forgetting: Result<f64, Undefined>,
     /// Success before anything of the group was seen less that of the untrained learner (Lopez-Paz
@@ -57,15 +68,21 @@ pub struct GroupFigures {
 impl Figures {
     /// The figures of a run.
     pub fn of(run: &RunData) -> Self {
-        let (ledger, grouped) = (ledger(run), run.experiment.learner.tells_groups_apart());
+        let (ledger, grouped) = (
+            ledger(&run.rollouts),
+            run.experiment.learner.tells_groups_apart(),
+        );
         let told = |share: Option<f64>| match (grouped, share) {
             (false, _) => Err(ONE_POLICY),
             (true, None) => Err(NO_RETURN),
             (true, Some(share)) => Ok(share),
         };
+        let own = ledger.own_policies();
         let groups = run.groups().into_iter();
         Self {
-            groups: groups.map(|group| GroupFigures::new(run, group)).collect(),
+            groups: groups
+                .map(|group| GroupFigures::new(run, group, own.get(group).copied()))
+                .collect(),
             accuracy: told(ledger.accuracy()),
             return_accuracy: told(ledger.return_accuracy()),
             dormant: dormant(run),
@@ -91,7 +108,7 @@ impl Figures {
 }
 
 impl GroupFigures {
-    fn new(run: &RunData, group: &str) -> Self {
+    fn new(run: &RunData, group: &str, own: Option<usize>) -> Self {
         let scored = |rollouts, figure| {
             let scored = run.scored(rollouts, group, figure);
             scored.map(|(_, figure)| figure)
@@ -105,6 +122,9 @@ impl GroupFigures {
             success: last,
             success_at_end: after(|row| row.success_at_end),
             reward: after(|row| row.reward),
+            mismatches: mismatches(run, group, own),
+            own_success: of_own(run, group, own, |row| [Some(row.success), row.own_success]),
+            own_reward: of_own(run, group, own, |row| [Some(row.reward), row.own_reward]),
             forgetting: end_of_last_visit(run, group)
                 .and_then(|rollouts| success(rollouts).ok_or(UNSCORED))
                 .map(|then| then - last),
@@ -114,6 +134,43 @@ impl GroupFigures {
             }),
         }
     }
+}
+
+/// The rows of a group after the stream, each with whether its policy is another than the group's
+/// own.
+fn choices<'a>(
+    run: &'a RunData,
+    group: &str,
+    own: Option<usize>,
+) -> Result<Vec<(&'a ScoreRow, bool)>, Undefined> {
+    let own = own.ok_or(NEVER_ALONE)?;
+    let rows = run.last_scores().filter(|row| row.group == group);
+    rows.map(|row| Ok((row, row.policy.ok_or(UNNAMED)? != own)))
+        .collect()
+}
+
+fn mismatches(run: &RunData, group: &str, own: Option<usize>) -> Result<[usize; 2], Undefined> {
+    let choices = choices(run, group, own)?;
+    let others = choices.iter().filter(|(_, is_other)| *is_other);
+    Ok([others.count(), choices.len()])
+}
+
+/// The mean of a figure of the group's own policy over episodes. `figure` gives that of the policy
+/// which the learner chose, and that of the own one as far as it was recorded.
+fn of_own(
+    run: &RunData,
+    group: &str,
+    own: Option<usize>,
+    figure: fn(&ScoreRow) -> [Option<f64>; 2],
+) -> Result<f64, Undefined> {
+    let (mut sum, mut episodes) = (0.0, 0);
+    for (row, is_other) in choices(run, group, own)? {
+        // where the two agree, nothing has to be recorded
+        let figure = figure(row)[usize::from(is_other)].ok_or(UNRECORDED)?;
+        sum += figure * row.episodes as f64;
+        episodes += row.episodes;
+    }
+    Ok(sum / episodes as f64)
 }
 
 /// The share of dormant units in the last evaluation.
@@ -151,35 +208,11 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<usize, Undefined> {
     }
 }
 
-/// The books of a run, from its rows.
-fn ledger(run: &RunData) -> Ledger {
-    let mut ledger = Ledger::default();
-    let mut left: Vec<&str> = Vec::new();
-    for (index, row) in run.rollouts.iter().enumerate() {
-        if let Some(before) = index.checked_sub(1).map(|before| &run.rollouts[before])
-            && (before.straddles || before.group != row.group)
-        {
-            left.push(&before.group);
-            // a visit that was over within a turn
-            if before.last_group != row.group {
-                left.push(&before.last_group);
-            }
-        }
-        if row.straddles {
-            ledger.record_straddling(row.policy);
-        } else {
-            ledger.record(&row.group, left.contains(&row.group.as_str()), row.policy);
-        }
-        ledger.record_heirs(&row.heirs);
-    }
-    ledger
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
-    use crate::report::rows::{RolloutRow, ScoreRow, UnitsRow};
+    use crate::report::rows::{RolloutRow, UnitsRow};
 
     /// Rollouts of a stream that goes from one group to the next, the policy assigned to each; `*`
     /// marks one that ends in the next rollout's group.
@@ -211,8 +244,8 @@ mod tests {
                     seen: true,
                     episodes: 10,
                     success: success + shift,
-                    success_at_end: 0.0,
                     reward: 100.0 * success,
+                    ..ScoreRow::default()
                 });
             }
         }
@@ -279,6 +312,34 @@ mod tests {
         assert_eq!(Figures::of(&run).return_accuracy, Ok(0.0));
         run.rollouts[2].heirs = vec![Some(2), None, None];
         assert_eq!(Figures::of(&run).return_accuracy, Ok(0.5));
+    }
+
+    /// The learner plays one variant of `a` with the policy of `b`.
+    #[test]
+    fn the_own_policy_counts_where_another_one_played() {
+        let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);
+        score(&mut run, 2, 0.5, 0.8);
+        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(UNNAMED));
+        let chosen = [1, 0, 1, 1];
+        for (row, policy) in run.scores.iter_mut().zip(chosen) {
+            row.policy = Some(policy);
+        }
+        let figures = Figures::of(&run);
+        let [a, b] = &figures.groups[..] else {
+            panic!()
+        };
+        assert_eq!((a.mismatches, b.mismatches), (Ok([1, 2]), Ok([0, 2])));
+        assert_eq!(a.own_success, Err(UNRECORDED));
+        assert!(near(b.own_success, 0.8) && near(b.own_reward, 80.0));
+        run.scores[0].own_success = Some(0.95);
+        run.scores[0].own_reward = Some(450.0);
+        let figures = Figures::of(&run);
+        let a = &figures.groups[0];
+        assert!(near(a.own_success, f64::midpoint(0.95, 0.45)), "{a:?}");
+        assert!(near(a.own_reward, f64::midpoint(450.0, 50.0)), "{a:?}");
+        assert!(near(Ok(a.success), 0.5));
+        run.rollouts[0].group = "c".to_owned();
+        assert_eq!(Figures::of(&run).groups[0].mismatches, Err(NEVER_ALONE));
     }
 
     #[test]

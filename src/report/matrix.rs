@@ -114,8 +114,7 @@ mod tests {
             seen: true,
             episodes: 1,
             success: 0.0,
-            success_at_end: 0.0,
-            reward: 0.0,
+            ..ScoreRow::default()
         };
         let answer = |(group, policy, times): (&str, Option<usize>, usize)| RecognitionRow {
             group: group.to_owned(),

@@ -1,6 +1,6 @@
 //! Which policy belongs to which group.
 
-use crate::runs::acting;
+use crate::runs::{Ledger, acting};
 
 use super::rows::RolloutRow;
 
@@ -28,6 +28,30 @@ pub fn partner(rollouts: &[RolloutRow], group: &str) -> Option<usize> {
     let mut others = rollouts.iter().map(|row| row.group.as_str());
     let own = served(most, group);
     (own > 0 && others.all(|other| served(most, other) <= own)).then_some(most)
+}
+
+/// The books of a run after these rollouts.
+pub fn ledger(rollouts: &[RolloutRow]) -> Ledger {
+    let mut ledger = Ledger::default();
+    let mut left: Vec<&str> = Vec::new();
+    for (index, row) in rollouts.iter().enumerate() {
+        if let Some(before) = index.checked_sub(1).map(|before| &rollouts[before])
+            && (before.straddles || before.group != row.group)
+        {
+            left.push(&before.group);
+            // a visit that was over within a turn
+            if before.last_group != row.group {
+                left.push(&before.last_group);
+            }
+        }
+        if row.straddles {
+            ledger.record_straddling(row.policy);
+        } else {
+            ledger.record(&row.group, left.contains(&row.group.as_str()), row.policy);
+        }
+        ledger.record_heirs(&row.heirs);
+    }
+    ledger
 }
 
 #[cfg(test)]

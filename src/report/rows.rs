@@ -6,14 +6,23 @@ use std::str::FromStr;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::printable::printable;
+
+/// A name, as it may be printed.
+fn name<'de, D: Deserializer<'de>>(cell: D) -> Result<String, D::Error> {
+    Ok(printable(&String::deserialize(cell)?))
+}
+
 /// A row of `metrics.csv`, without what a learner adds of its own.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RolloutRow {
     /// Decisions taken by the end of the rollout.
     pub decisions: usize,
     /// The group that ran when the turn began.
+    #[serde(deserialize_with = "name")]
     pub group: String,
     /// The group that ran when it ended.
+    #[serde(deserialize_with = "name")]
     pub last_group: String,
     /// Whether the group changed within the turn.
     pub straddles: bool,
@@ -64,18 +73,23 @@ where
 }
 
 /// A row of `evaluation.csv`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ScoreRow {
     /// Rollouts learnt from before the evaluation.
     pub rollouts: usize,
     /// Decisions taken before the evaluation.
     pub decisions: usize,
     /// The variant's group.
+    #[serde(deserialize_with = "name")]
     pub group: String,
     /// The variant's element of D2, as it is spelt.
+    #[serde(deserialize_with = "name")]
     pub element: String,
     /// Whether the learner meets the variant while it learns.
     pub seen: bool,
+    /// Index of the policy that the learner chose; none where the row does not say.
+    #[serde(default)]
+    pub policy: Option<usize>,
     /// Episodes played.
     pub episodes: usize,
     /// As in [`Score`](crate::evaluation::Score).
@@ -84,6 +98,27 @@ pub struct ScoreRow {
     pub success_at_end: f64,
     /// As there.
     pub reward: f64,
+    /// Index of the group's own policy ([`OwnPolicies`](crate::evaluation::OwnPolicies)); none, here
+    /// and below, where the group had none yet, and in rows of older versions.
+    #[serde(default)]
+    pub own_policy: Option<usize>,
+    /// As in [`PolicyScore`](crate::evaluation::PolicyScore).
+    #[serde(default)]
+    pub own_success: Option<f64>,
+    /// As there.
+    #[serde(default)]
+    pub own_success_at_end: Option<f64>,
+    /// As there.
+    #[serde(default)]
+    pub own_reward: Option<f64>,
+}
+
+impl ScoreRow {
+    /// `true` if the learner chose another policy than the group's own.
+    pub fn is_mismatch(&self) -> bool {
+        let both = self.policy.zip(self.own_policy);
+        both.is_some_and(|(policy, own)| policy != own)
+    }
 }
 
 /// A row of `units.csv`.
@@ -103,8 +138,10 @@ pub struct UnitsRow {
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 pub struct RecognitionRow {
     /// The group that was shown.
+    #[serde(deserialize_with = "name")]
     pub group: String,
     /// The variant that was shown.
+    #[serde(deserialize_with = "name")]
     pub element: String,
     /// Episodes that were shown each time.
     pub episodes: usize,

@@ -1,5 +1,6 @@
 //! The files of one run's folder.
 
+use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -10,8 +11,10 @@ use crate::distinct::{are_distinct, distinct};
 use crate::error::CoversError;
 use crate::evaluation::SHOWN;
 use crate::experiment::Experiment;
-use crate::runs::{Provenance, RunFolder};
+use crate::printable::printable;
+use crate::runs::{Provenance, RunFolder, looks};
 
+use super::partners::ledger;
 use super::rows::{RecognitionRow, RolloutRow, ScoreRow, TimingRow, UnitsRow};
 
 /// Signs of a commit's name that tell it from others.
@@ -59,14 +62,22 @@ impl RunData {
     /// a run that is not finished, and for files that do not belong together.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         let folder = RunFolder::open(path);
+        if folder.is_finished() {
+            folder.verify_tables()?;
+        }
         let scores: Vec<ScoreRow> = rows(&folder.file("evaluation.csv"))?;
         let rollouts: Vec<RolloutRow> = rows(&folder.file("metrics.csv"))?;
         check(path, &folder, &rollouts, &scores)?;
-        let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?;
+        let units: Vec<UnitsRow> = rows_if_there(&folder.file("units.csv"))?.unwrap_or_default();
         check_units(path, &units, rollouts.len())?;
-        let recognition: Vec<RecognitionRow> = rows_if_there(&folder.file("recognition.csv"))?;
-        check_recognition(path, &recognition, &scores)?;
-        let timings: Vec<TimingRow> = rows_if_there(&folder.file("timings.csv"))?;
+        let experiment = folder.experiment()?;
+        let recognition: Option<Vec<RecognitionRow>> =
+            rows_if_there(&folder.file("recognition.csv"))?;
+        if let Some(answers) = &recognition {
+            check_recognition(path, answers, &scores, looks(&experiment))?;
+        }
+        let timings: Vec<TimingRow> =
+            rows_if_there(&folder.file("timings.csv"))?.unwrap_or_default();
         if !timings.iter().all(TimingRow::is_sound) {
             return Err(unfit(path, "timings.csv holds a row that cannot be"));
         }
@@ -77,12 +88,12 @@ impl RunData {
         Ok(Self {
             name: name_of(path)?,
             provenance,
-            experiment: folder.experiment()?,
+            experiment,
             rollouts,
             timings,
             scores,
             units,
-            recognition,
+            recognition: recognition.unwrap_or_default(),
             films: Vec::new(),
         })
     }
@@ -142,7 +153,7 @@ impl RunData {
     pub fn commits(&self) -> Vec<String> {
         distinct(self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
-            let commit: String = commit.chars().take(SHORT).collect();
+            let commit: String = printable(commit).chars().take(SHORT).collect();
             let mark = if process.clean == Some(false) {
                 " (changed)"
             } else {
@@ -214,6 +225,15 @@ fn check(
             && share(row.success)
             && share(row.success_at_end)
             && row.reward.is_finite()
+            && row
+                .own_success
+                .into_iter()
+                .chain(row.own_success_at_end)
+                .all(share)
+            && row.own_reward.is_none_or(f64::is_finite)
+            && [row.own_success, row.own_success_at_end, row.own_reward]
+                .iter()
+                .all(|own| own.is_some() == row.own_policy.is_some())
     };
     if !scores.iter().all(sound) {
         return Err(unfit("evaluation.csv holds a score that cannot be"));
@@ -249,6 +269,28 @@ fn check(
     if !are_distinct(variants.map(|row| (row.rollouts, &row.group, &row.element))) {
         return Err(unfit("evaluation.csv scores a variant twice at a time"));
     }
+    check_own_policies(path, rollouts, scores)
+}
+
+/// Refuses scores of a policy that was not the group's own when they were made. Older runs did not
+/// record such scores.
+fn check_own_policies(
+    path: &Path,
+    rollouts: &[RolloutRow],
+    scores: &[ScoreRow],
+) -> Result<(), CoversError> {
+    for evaluation in scores.chunk_by(|one, other| one.rollouts == other.rollouts) {
+        let own = ledger(&rollouts[..evaluation[0].rollouts]).own_policies();
+        let is_sound = |row: &ScoreRow| {
+            row.own_policy.is_none() || row.own_policy == own.get(&row.group).copied()
+        };
+        if !evaluation.iter().all(is_sound) {
+            return Err(unfit(
+                path,
+                "evaluation.csv and metrics.csv do not agree about the groups' own policies",
+            ));
+        }
+    }
     Ok(())
 }
 
@@ -277,10 +319,13 @@ fn check_units(path: &Path, units: &[UnitsRow], rollouts: usize) -> Result<(), C
     }
 }
 
+/// Refuses answers that are no run's: a learner is asked as often about each variant that is scored,
+/// with each number of episodes.
 fn check_recognition(
     path: &Path,
     answers: &[RecognitionRow],
     scores: &[ScoreRow],
+    looks: usize,
 ) -> Result<(), CoversError> {
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
@@ -290,10 +335,36 @@ fn check_recognition(
         return Err(unfit(path, "recognition.csv holds a row that cannot be"));
     }
     let keys = answers.iter();
-    match are_distinct(keys.map(|row| (&row.group, &row.element, row.episodes, row.policy))) {
-        true => Ok(()),
-        false => Err(unfit(path, "recognition.csv counts an answer twice")),
+    if !are_distinct(keys.map(|row| (&row.group, &row.element, row.episodes, row.policy))) {
+        return Err(unfit(path, "recognition.csv counts an answer twice"));
     }
+    let mut times: HashMap<(&str, &str, usize), usize> = HashMap::new();
+    for row in answers {
+        *times
+            .entry((&row.group, &row.element, row.episodes))
+            .or_default() += row.times;
+    }
+    let last = scores.last().map(|row| row.rollouts);
+    let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
+    let mut expected = 0;
+    for (row, episodes) in variants.flat_map(|row| SHOWN.map(|episodes| (row, episodes))) {
+        let asked = times.get(&(row.group.as_str(), row.element.as_str(), episodes));
+        let asked = asked.copied().unwrap_or(0);
+        if asked != looks {
+            let (group, element) = (&row.group, &row.element);
+            let problem = format!(
+                "recognition.csv holds {asked} answers to {episodes} episodes of {group}, {element}, \
+                 expected {looks} as `evaluation.looks` has it: the file is incomplete or changed"
+            );
+            return Err(unfit(path, &problem));
+        }
+        expected += looks;
+    }
+    if times.values().sum::<usize>() != expected {
+        let problem = "recognition.csv holds answers to variants that were not scored at the end";
+        return Err(unfit(path, problem));
+    }
+    Ok(())
 }
 
 /// Whether something that was counted can have been so many.
@@ -313,22 +384,26 @@ fn name_of(path: &Path) -> Result<String, CoversError> {
     let whole = path.canonicalize();
     let whole = whole.map_err(|error| CoversError::read(path, error))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
-    Ok(name.to_string_lossy().into_owned())
+    Ok(printable(&name.to_string_lossy()))
 }
 
+/// The rows of a table that is whole.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
-    let reader = csv::Reader::from_path(path);
-    let mut reader = reader.map_err(|error| CoversError::read(path, error))?;
-    let rows = reader.deserialize().collect::<Result<_, _>>();
+    let text = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+    // a cell that was cut short would pass for another number
+    if text.last().is_some_and(|&last| last != b'\n') {
+        let problem = "the last row has no line end, as every row of a whole table has: the file \
+            was cut off, restore it or go on with `covers resume`";
+        return Err(CoversError::damaged(path, problem.to_owned()));
+    }
+    let rows = csv::Reader::from_reader(&text[..]).into_deserialize();
+    let rows = rows.collect::<Result<_, _>>();
     rows.map_err(|error| CoversError::read(path, error))
 }
 
-/// The rows of a file that not every run has.
-fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
-    match path.exists() {
-        true => rows(path),
-        false => Ok(Vec::new()),
-    }
+/// The rows of a file that not every run has; nothing where there is no file.
+fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, CoversError> {
+    path.exists().then(|| rows(path)).transpose()
 }
 
 /// The rows of a file that somebody may be writing to: the last one counts once its line is ended.
@@ -390,6 +465,7 @@ mod tests {
             success: 0.5,
             success_at_end: 0.5,
             reward: 100.0,
+            ..ScoreRow::default()
         };
         run.scores = ["b", "a", "b"].map(row).to_vec();
         assert_eq!(run.groups(), ["b", "a"]);

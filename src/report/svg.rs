@@ -2,6 +2,9 @@
 
 use std::fmt::Write;
 
+use crate::colours::Stroke;
+use crate::printable::printable_lines;
+
 /// The colour of what belongs to no group: that of the text.
 pub const INK: &str = "currentColor";
 
@@ -12,6 +15,14 @@ const RIGHT: f64 = 26.0;
 const OUTSIDE: [f64; 2] = [34.0, 40.0];
 /// Between two panels.
 const GAP: f64 = 14.0;
+/// Height of a line of the legend, and length of the stroke before a name.
+const LINE: f64 = 18.0;
+const KEY: f64 = 28.0;
+/// From a stroke to its name and between two names of the legend.
+const SPACE: f64 = 6.0;
+/// Radius of a dot, and of one among many.
+pub const DOT: f64 = 3.5;
+pub const SMALL_DOT: f64 = 1.6;
 
 /// Panels one below the other over the same axis.
 pub struct Drawing {
@@ -25,7 +36,8 @@ pub struct Drawing {
     panel: [f64; 2],
     /// Bounds of its y axis.
     bounds: [f64; 2],
-    legend: f64,
+    /// Where the next name of the legend begins (pixels).
+    legend: [f64; 2],
 }
 
 impl Drawing {
@@ -38,7 +50,7 @@ impl Drawing {
             length: 880.0,
             panel: [OUTSIDE[0] - GAP, 0.0],
             bounds: [0.0, 1.0],
-            legend: LEFT,
+            legend: [LEFT, OUTSIDE[0] - 14.0],
         }
     }
 
@@ -59,7 +71,7 @@ impl Drawing {
         self.add(format_args!(
             "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
              <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
-            escaped(name)
+            fitted(name, height + 2.0 * GAP)
         ));
         for &tick in ticks {
             let (x, y) = (LEFT - 6.0, self.y(tick));
@@ -82,10 +94,19 @@ impl Drawing {
     }
 
     /// A line through points.
-    pub fn line(&mut self, points: &[(f64, f64)], colour: &str) {
-        let path = self.path(points.iter());
+    pub fn line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+        self.polyline(points, stroke, "line");
+    }
+
+    /// A line that shows on both sides of any other one that it lies upon.
+    pub fn wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+        self.polyline(points, stroke, "line wide");
+    }
+
+    fn polyline(&mut self, points: &[(f64, f64)], stroke: &Stroke, class: &str) {
+        let (path, stroke) = (self.path(points.iter()), attributes(stroke));
         self.add(format_args!(
-            "<polyline points=\"{path}\" stroke=\"{colour}\" class=\"line\"/>"
+            "<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"
         ));
     }
 
@@ -102,17 +123,8 @@ impl Drawing {
         points.collect::<Vec<_>>().join(" ")
     }
 
-    /// A dot, whose value shows where the pointer rests on it.
-    pub fn dot(&mut self, point: (f64, f64), colour: &str, title: &str) {
-        self.circle(point, 3.5, colour, title);
-    }
-
-    /// A dot among many.
-    pub fn small_dot(&mut self, point: (f64, f64), colour: &str, title: &str) {
-        self.circle(point, 1.6, colour, title);
-    }
-
-    fn circle(&mut self, (x, y): (f64, f64), radius: f64, colour: &str, title: &str) {
+    /// A dot of this radius (pixels), whose value shows where the pointer rests on it.
+    pub fn dot(&mut self, (x, y): (f64, f64), radius: f64, colour: &str, title: &str) {
         let (x, y) = (self.x(x), self.y(y));
         self.add(format_args!(
             "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{colour}\"><title>{}</title>\
@@ -121,17 +133,25 @@ impl Drawing {
         ));
     }
 
-    /// Adds a name to the legend.
-    pub fn legend(&mut self, name: &str, colour: &str) {
-        let (x, y) = (self.legend, OUTSIDE[0] - 20.0);
+    /// Adds a name to the legend, on a new line where the last one is full. The legend comes before
+    /// the first panel, which begins below it.
+    pub fn legend(&mut self, name: &str, stroke: &Stroke) {
+        let end = LEFT + self.length + RIGHT;
+        let room = end - LEFT - KEY - 2.0 * SPACE;
+        let width = KEY + 2.0 * SPACE + text_width(name).min(room);
+        if self.legend[0] > LEFT && self.legend[0] + width > end {
+            self.legend = [LEFT, self.legend[1] + LINE];
+            self.panel[0] += LINE;
+        }
+        let ([x, y], stroke) = (self.legend, attributes(stroke));
         self.add(format_args!(
-            "<rect x=\"{x}\" y=\"{y}\" width=\"12\" height=\"12\" fill=\"{colour}\"/>\
+            "<path d=\"M{x} {y}h{KEY}\" {stroke} class=\"line key\"/>\
              <text x=\"{}\" y=\"{}\" class=\"legend\">{}</text>",
-            x + 17.0,
-            y + 10.5,
-            escaped(name)
+            x + KEY + SPACE,
+            y + 4.5,
+            fitted(name, room)
         ));
-        self.legend += 36.0 + 7.5 * name.chars().count() as f64;
+        self.legend[0] += width + SPACE;
     }
 
     /// The drawing with its axis and a title for those who cannot see it.
@@ -173,9 +193,46 @@ impl Drawing {
 
 /// Alone or in a page, a drawing is light or dark as the reader has set it.
 const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
-    .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}\
+    .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}.wide,.key{stroke-width:3.4}\
     .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
     @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
+
+/// The attributes of a stroke.
+fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
+    let dashes = match dashes.as_str() {
+        "" => String::new(),
+        dashes => format!(" stroke-dasharray=\"{dashes}\""),
+    };
+    format!("stroke=\"{colour}\"{dashes}")
+}
+
+/// The most that a text takes (pixels): no font is known here, so letters count as those of a wide
+/// one.
+fn text_width(text: &str) -> f64 {
+    let width = |sign: char| match sign {
+        'm' | 'w' => 12.0,
+        ' '..='@' | '_' | 'a'..='z' => 7.5,
+        _ => 12.0,
+    };
+    text.chars().map(width).sum()
+}
+
+/// The text as XML, cut off with an ellipsis where it is wider than `room` (pixels); the whole then
+/// shows where the pointer rests on it.
+fn fitted(text: &str, room: f64) -> String {
+    if text_width(text) <= room {
+        return escaped(text);
+    }
+    let mut cut = String::new();
+    for sign in text.chars() {
+        cut.push(sign);
+        if text_width(&cut) + text_width("…") > room {
+            cut.pop();
+            break;
+        }
+    }
+    format!("{}…<title>{}</title>", escaped(&cut), escaped(text))
+}
 
 /// Round numbers from 0 to `end`, at most eight.
 fn ticks(end: f64) -> Vec<f64> {
@@ -195,15 +252,18 @@ fn ticks(end: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Text with the signs of XML and HTML escaped.
+/// Text with the signs of XML and HTML escaped, and control characters, which XML has no place for.
 pub fn escaped(text: &str) -> String {
+    let text = printable_lines(text);
     let text = text.replace('&', "&amp;").replace('<', "&lt;");
     text.replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]
 mod tests {
+    use super::read::check_texts;
     use super::*;
+    use crate::colours::stroke;
 
     #[test]
     fn ticks_are_round_and_few() {
@@ -226,10 +286,89 @@ mod tests {
         let mut drawing = Drawing::new(100.0, "decisions");
         drawing.panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
         drawing.panel("a < b", 50.0, [0.0, 500.0], &[]);
-        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], crate::colours::colour(0));
+        drawing.line(&[(0.0, 0.0), (100.0, 500.0)], &stroke(0));
         let text = drawing.finish("two");
         // the second panel begins at 34 + 100 + 14 and is 50 high
         assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");
         assert!(text.contains("a &lt; b") && text.ends_with("</svg>\n"));
+    }
+    #[test]
+    fn names_of_any_length_lie_inside_the_drawing() {
+        let long = "w".repeat(300);
+        for names in [
+            vec!["covers"; 3],
+            vec!["a-rather-long-name"; 24],
+            vec![long.as_str(); 2],
+        ] {
+            let mut drawing = Drawing::half(1.0, "decisions");
+            for (number, name) in names.iter().enumerate() {
+                drawing.legend(name, &stroke(number));
+            }
+            drawing.panel(names[0], 90.0, [0.0, 1.0], &[]);
+            check_texts(&drawing.finish("names"), names.len());
+        }
+    }
+}
+
+/// What tests read of a drawing.
+#[cfg(test)]
+pub(super) mod read {
+    use super::text_width;
+
+    /// The tags of a drawing, each as it stands, with the text up to the next one.
+    pub fn tags(svg: &str) -> Vec<(&str, &str)> {
+        let parts = svg.split('<').skip(1);
+        parts.map(|part| part.split_once('>').unwrap()).collect()
+    }
+
+    /// The value of an attribute.
+    pub fn attribute<'a>(tag: &'a str, name: &str) -> Option<&'a str> {
+        let (_, value) = tag.split_once(&format!(" {name}=\""))?;
+        value.split('"').next()
+    }
+
+    pub fn number(tag: &str, name: &str) -> f64 {
+        attribute(tag, name).unwrap().parse().unwrap()
+    }
+
+    /// The tags of a class.
+    pub fn of_class<'a>(svg: &'a str, class: &str) -> Vec<(&'a str, &'a str)> {
+        let mut tags = tags(svg);
+        tags.retain(|(tag, _)| attribute(tag, "class") == Some(class));
+        tags
+    }
+
+    /// Holds the legend's texts to the view box and to each other: they are so many, none leaves
+    /// the box, none lies upon another or reaches into the first panel.
+    pub fn check_texts(svg: &str, names: usize) {
+        let view: Vec<f64> = attribute(svg, "viewBox")
+            .unwrap()
+            .split(' ')
+            .map(|side| side.parse().unwrap())
+            .collect();
+        let frame = number(of_class(svg, "frame")[0].0, "y");
+        let texts = of_class(svg, "legend");
+        assert_eq!(texts.len(), names);
+        let boxes: Vec<[f64; 3]> = texts
+            .iter()
+            .map(|(tag, text)| {
+                let x = number(tag, "x");
+                [x, x + text_width(text), number(tag, "y")]
+            })
+            .collect();
+        for &[from, to, y] in &boxes {
+            assert!(
+                from >= 0.0 && to <= view[2] && y > 0.0 && y < frame,
+                "{svg}"
+            );
+        }
+        for pair in boxes.windows(2) {
+            let [[_, to, above], [from, _, below]] = [pair[0], pair[1]];
+            assert!(to < from || above + 12.0 < below, "{pair:?}");
+        }
+        let [(tag, name), ..] = of_class(svg, "name")[..] else {
+            panic!("{svg}")
+        };
+        assert!(number(tag, "y") - text_width(name) / 2.0 >= 0.0, "{name}");
     }
 }

@@ -64,9 +64,14 @@ pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
 fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     let mut header = vec!["method"];
     header.extend(groups.iter().map(String::as_str));
-    header.push("average");
+    header.extend([
+        "average",
+        "average with own policies",
+        "mismatched variants",
+    ]);
     let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
-        95 % intervals of success.";
+        95 % intervals of success. A variant is played by the policy that the method recognises; it \
+        is mismatched where that is not the group's own, which served the group in most rollouts.";
     let mut table = Table::new(caption, &header);
     for method in methods {
         let of = |groups: &[String]| {
@@ -78,6 +83,7 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         let mut row = vec![title(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
         row.push(of(groups));
+        row.extend(own_policies(&mut table, method, groups));
         table.rows.push(row);
         if let Some(paper) = method.identity.method.and_then(paper::row) {
             let sign = table.note(NOT_ONE_TO_ONE);
@@ -86,10 +92,40 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
             let mut row = vec![format!("{} in the paper {sign}", paper.method.name())];
             row.extend(groups.iter().map(of));
             row.push(cell(paper.average));
+            row.extend([dash(), dash()]);
             table.rows.push(row);
         }
     }
     table
+}
+
+/// Success and reward with the groups' own policies, and in how many variants another one played.
+/// Scores that one run lacks have no mean.
+fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [String; 2] {
+    let figures = method.figures.iter().flat_map(|figures| &figures.groups);
+    let of_groups: Vec<&GroupFigures> = figures
+        .filter(|group| groups.contains(&group.group))
+        .collect();
+    let scores = of_groups
+        .iter()
+        .map(|group| Ok((group.own_success?, group.own_reward?)))
+        .collect::<Result<Vec<(f64, f64)>, Undefined>>();
+    let score = scores.map(|scores| {
+        let (success, reward): (Vec<f64>, Vec<f64>) = scores.into_iter().unzip();
+        format!("{:.3} / {:.0}", mean(&success), mean(&reward))
+    });
+    let counts = of_groups.iter().map(|group| group.mismatches);
+    let counts = counts.collect::<Result<Vec<[usize; 2]>, Undefined>>();
+    let count = counts.map(|counts| {
+        let [others, all] = counts
+            .into_iter()
+            .fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
+        format!("{others} of {all}")
+    });
+    let mut cell = |figure: Result<String, Undefined>| {
+        figure.unwrap_or_else(|reason| format!("- {}", table.note(reason)))
+    };
+    [cell(score), cell(count)]
 }
 
 /// Columns of [`over_seeds`].

@@ -76,7 +76,7 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>, CoversError> 
 }
 
 /// The number of rollouts in a checkpoint's name.
-fn rollouts_of(path: &Path) -> Option<usize> {
+pub(super) fn rollouts_of(path: &Path) -> Option<usize> {
     let digits = path.file_name()?.to_str()?.strip_suffix(".safetensors")?;
     let plain = digits.len() >= DIGITS && digits.bytes().all(|byte| byte.is_ascii_digit());
     plain.then(|| digits.parse().ok())?

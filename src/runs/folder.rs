@@ -1,28 +1,43 @@
 //! The folder of one run: settings as JSON, tables as CSV, pictures as PNG, the learner as
 //! safetensors.
 
+use std::collections::BTreeMap;
 use std::fs::{create_dir, create_dir_all};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use rl::EnvSpec;
+use serde::Deserialize;
 
 use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
+use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
 
 use super::checkpoints;
+use super::lock::Lock;
 use super::note::Signed;
 use super::provenance::Provenance;
+use super::table::put_aside;
 
 /// The file of a run's settings.
 const EXPERIMENT: &str = "experiment.json";
 /// The file that a finished run leaves.
 pub(crate) const SUMMARY: &str = "summary.json";
+/// Table of times, the only one that no checkpoint holds.
+pub(super) const TIMINGS: &str = "timings.csv";
+/// Tables of a run.
+const TABLES: [&str; 5] = [
+    "evaluation.csv",
+    "metrics.csv",
+    "recognition.csv",
+    TIMINGS,
+    "units.csv",
+];
 /// The files of a run beside its settings and checkpoints.
 const FILES: [&str; 9] = [
     "contact_sheet.png",
@@ -36,11 +51,19 @@ const FILES: [&str; 9] = [
     "units.csv",
 ];
 
+/// CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
+pub(super) fn checksum(table: &[u8]) -> String {
+    format!("{:08x}", crc32fast::hash(table))
+}
+
 /// A folder that one run alone writes to.
 #[derive(Clone, Debug)]
 pub struct RunFolder {
     path: PathBuf,
+    /// File system that changes of the folder go through.
     disk: Arc<dyn Disk>,
+    /// File system below the fence of a run; the same where no run has the folder.
+    unfenced: Arc<dyn Disk>,
     overwrite: bool,
 }
 
@@ -75,17 +98,31 @@ impl RunFolder {
 
     /// Names a folder that an earlier run wrote.
     pub fn open(path: &Path) -> Self {
+        let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
         Self {
             path: path.to_owned(),
-            disk: Arc::new(LocalDisk),
+            unfenced: Arc::clone(&disk),
+            disk,
             overwrite: false,
         }
     }
 
     /// The same folder, changed by way of `disk`.
     pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
+        self.unfenced = Arc::clone(&disk);
         self.disk = disk;
         self
+    }
+
+    /// Takes the right to write to the folder, and returns it with the folder as the holder of that
+    /// right: all its changes fail once another process has taken the run over.
+    ///
+    /// # Errors
+    /// [`CoversError::Locked`], [`CoversError::Write`].
+    pub(super) fn lock(mut self) -> Result<(Self, Lock), CoversError> {
+        let lock = Lock::take(&self.path)?;
+        self.disk = Arc::new(lock.fence(Arc::clone(&self.unfenced)));
+        Ok((self, lock))
     }
 
     /// The same folder, in which a run may begin even where it holds another, whose files are then
@@ -152,6 +189,60 @@ impl RunFolder {
         self.holds_run() && self.file(SUMMARY).exists()
     }
 
+    /// Checks the tables of a finished run against the checksums in its summary. Summaries of older
+    /// versions have none and pass.
+    ///
+    /// # Errors
+    /// [`CoversError::ChangedTable`], [`CoversError::Read`].
+    pub fn verify_tables(&self) -> Result<(), CoversError> {
+        TABLES.iter().try_for_each(|name| self.verify_table(name))
+    }
+
+    fn verify_table(&self, name: &str) -> Result<(), CoversError> {
+        /// Part of a summary.
+        #[derive(Deserialize)]
+        struct Checksums {
+            #[serde(default)]
+            tables: BTreeMap<String, String>,
+        }
+        let path = self.file(SUMMARY);
+        let summary = std::fs::read(&path).map_err(|error| CoversError::read(&path, error))?;
+        let summary: Checksums =
+            serde_json::from_slice(&summary).map_err(|error| CoversError::read(&path, error))?;
+        let Some(expected) = summary.tables.get(name) else {
+            return Ok(());
+        };
+        let path = self.file(name);
+        let found = match std::fs::read(&path) {
+            Ok(table) => checksum(&table),
+            Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
+            Err(error) => return Err(CoversError::read(&path, error)),
+        };
+        if found == *expected {
+            return Ok(());
+        }
+        let expected = expected.clone();
+        Err(CoversError::ChangedTable {
+            path,
+            found,
+            expected,
+        })
+    }
+
+    /// Puts the timings of a finished run aside if they were changed: no checkpoint can restore
+    /// them, and times that are unknown are better than times that somebody edited.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`], [`CoversError::Write`].
+    pub(super) fn drop_changed_timings(&self) -> Result<(), CoversError> {
+        let path = self.file(TIMINGS);
+        match self.verify_table(TIMINGS) {
+            Err(CoversError::ChangedTable { .. }) if path.exists() => put_aside(self.disk(), &path),
+            Err(CoversError::ChangedTable { .. }) | Ok(()) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
     /// Reads the run's settings; where their file is lost, from the newest intact checkpoint.
     ///
     /// # Errors
@@ -194,13 +285,36 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &Labels,
     ) -> Result<Box<dyn Learner>, CoversError> {
-        let found =
-            checkpoints::newest(&self.checkpoints(), |path| learner.load(path, spec, labels))?;
+        self.load_with_policies(learner, spec, labels)
+            .map(|loaded| loaded.0)
+    }
+
+    /// The learner of the newest intact checkpoint, and the own policies of groups; none of a
+    /// packed folder, which has no books.
+    ///
+    /// # Errors
+    /// As [`RunFolder::load_learner`].
+    pub fn load_with_policies(
+        &self,
+        learner: &LearnerSettings,
+        spec: &EnvSpec,
+        labels: &Labels,
+    ) -> Result<(Box<dyn Learner>, OwnPolicies), CoversError> {
+        let load = |path: &Path| {
+            let (learner, note) = learner.load(path, spec, labels)?;
+            if note.is_empty() {
+                return Ok((learner, OwnPolicies::default()));
+            }
+            let mut signed = Signed::parse(path, &note)?;
+            signed.recount(path)?;
+            Ok((learner, signed.note.ledger.own_policies()))
+        };
+        let found = checkpoints::newest(&self.checkpoints(), load)?;
         let none = || CoversError::NoCheckpoint {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.value.0).ok_or_else(none)
+        found.map(|found| found.value).ok_or_else(none)
     }
 
     /// Creates a folder with settings and one checkpoint, which no run works on. Nothing is created

@@ -1,8 +1,16 @@
 //! Which policy was opened for which group, and how often the right one was assigned.
 
+use std::cmp::Reverse;
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::OwnPolicies;
+
 use super::heirs::acting;
+
+/// For each group the policies that served it, and in how many rollouts of this group alone.
+pub type Served = BTreeMap<String, BTreeMap<usize, usize>>;
 
 /// What the stream knows and the learner does not: the books of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -14,6 +22,10 @@ pub struct Ledger {
     /// turn ([`crate::Turn::heirs`]). The counts below follow them: a policy counts as its heir.
     #[serde(default)]
     pub heirs: Vec<Option<usize>>,
+    /// Rollouts of one group, by group and by the policy that served it. A checkpoint leaves them
+    /// out: the rows of its `metrics.csv` hold them.
+    #[serde(skip)]
+    pub served: Served,
     /// Rollouts learnt from.
     pub rollouts: usize,
     /// Decisions taken while learning.
@@ -50,6 +62,7 @@ impl Ledger {
     pub(crate) fn record(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
         self.opened_for[policy].get_or_insert_with(|| group.to_owned());
+        count_served(&mut self.served, group, policy);
         let own = acting(&self.heirs, policy);
         let right = usize::from(self.policy_of(group) == Some(own));
         self.rollouts += 1;
@@ -65,6 +78,22 @@ impl Ledger {
         self.open(policy);
         self.rollouts += 1;
         self.straddled += 1;
+    }
+
+    /// The policy that served each group in most of its rollouts, of equals the first; a policy
+    /// counts as the one that acts for its group. Two groups may share one.
+    pub fn own_policies(&self) -> OwnPolicies {
+        let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
+            let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
+            for (&policy, &rollouts) in served {
+                *acted.entry(acting(&self.heirs, policy)).or_default() += rollouts;
+            }
+            let most = acted
+                .into_iter()
+                .max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
+            Some((group.clone(), most.0))
+        };
+        self.served.iter().filter_map(own).collect()
     }
 
     /// The policy that acts for a group; none where it was another group's before.
@@ -101,6 +130,12 @@ impl Ledger {
     pub fn return_accuracy(&self) -> Option<f64> {
         share(self.right_returns, self.returns)
     }
+}
+
+/// Counts one rollout of one group.
+pub(crate) fn count_served(served: &mut Served, group: &str, policy: usize) {
+    let of_group = served.entry(group.to_owned()).or_default();
+    *of_group.entry(policy).or_default() += 1;
 }
 
 fn share(part: usize, whole: usize) -> Option<f64> {
@@ -183,6 +218,22 @@ mod tests {
             assert_eq!((ledger.returns, ledger.right_returns), (2, 1));
             assert_eq!(ledger.right, 3);
         }
+    }
+
+    #[test]
+    fn a_groups_own_policy_served_it_most() {
+        let own = |ledger: &Ledger| {
+            let own = ledger.own_policies();
+            [B, D].map(|group| own.get(group).copied())
+        };
+        let mut ledger = ledger(&[(B, false, 1), (B, false, 0), (D, false, 0)]);
+        assert_eq!(own(&ledger), [Some(0), Some(0)], "of equals the first");
+        ledger.record(B, true, 1);
+        ledger.record_straddling(2);
+        assert_eq!(own(&ledger), [Some(1), Some(0)]);
+        ledger.record_heirs(&[Some(2), None, None]);
+        assert_eq!(own(&ledger), [Some(1), Some(2)]);
+        assert_eq!(own(&Ledger::default()), [None, None]);
     }
 
     #[test]

@@ -1,18 +1,18 @@
 //! The CSV files of a run. Those of metrics and scores hold no clock time, so equal runs give equal
 //! bytes.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::error::CoversError;
 use crate::evaluation::{Dormancy, Recognition, Score};
 
-use super::folder::RunFolder;
+use super::folder::{RunFolder, TIMINGS, checksum};
 use super::progress::{Evaluation, Progress};
 use super::rows::Rows;
 use super::table::Table;
 use super::timings::{Timing, Timings, first_rows};
-
-const TIMINGS: &str = "timings.csv";
 
 /// The files; every row is written before the next rollout.
 pub(super) struct Logs {
@@ -59,9 +59,23 @@ impl Logs {
 
     /// Brings all rows to the disk.
     pub fn sync(&self) -> Result<(), CoversError> {
-        let tables = [&self.metrics, &self.scores, &self.units, &self.recognition];
-        let mut tables = tables.into_iter().chain([&self.timings]);
-        tables.try_for_each(Table::sync)
+        self.tables().into_iter().try_for_each(Table::sync)
+    }
+
+    /// Checksums of all tables by file name.
+    pub fn checksums(&self) -> BTreeMap<String, String> {
+        let sum = |table: &Table| (table.name(), checksum(table.text()));
+        self.tables().map(sum).into_iter().collect()
+    }
+
+    fn tables(&self) -> [&Table; 5] {
+        [
+            &self.metrics,
+            &self.scores,
+            &self.units,
+            &self.recognition,
+            &self.timings,
+        ]
     }
 
     /// Adds the row of a rollout.
@@ -109,6 +123,10 @@ struct ScoreRow<'a> {
     success: f64,
     success_at_end: f64,
     reward: f64,
+    own_policy: Option<usize>,
+    own_success: Option<f64>,
+    own_success_at_end: Option<f64>,
+    own_reward: Option<f64>,
 }
 
 impl<'a> ScoreRow<'a> {
@@ -124,6 +142,10 @@ impl<'a> ScoreRow<'a> {
             success: score.success,
             success_at_end: score.success_at_end,
             reward: score.reward,
+            own_policy: score.own.map(|own| own.policy),
+            own_success: score.own.map(|own| own.success),
+            own_success_at_end: score.own.map(|own| own.success_at_end),
+            own_reward: score.own.map(|own| own.reward),
         }
     }
 }
@@ -192,4 +214,55 @@ fn row(progress: &Progress) -> Vec<(String, String)> {
     let logged = turn.metrics.iter();
     let logged = logged.map(|(name, metric)| (name.to_owned(), metric.to_string()));
     known.into_iter().chain(logged).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use envs::TaskGroup;
+    use symmetry::D2;
+
+    use super::super::rows::OWN;
+    use super::*;
+    use crate::evaluation::{Findings, PolicyScore};
+
+    #[test]
+    fn scores_end_with_those_of_the_groups_own_policy() {
+        let evaluation = Evaluation {
+            rollouts: 3,
+            decisions: 240,
+            findings: Findings::default(),
+        };
+        let score = |own| Score {
+            group: TaskGroup::GOAL_REACH,
+            element: D2::FlipX,
+            seen: true,
+            policy: 1,
+            episodes: 4,
+            success: 0.5,
+            success_at_end: 0.25,
+            reward: 100.0,
+            own,
+        };
+        let own = PolicyScore {
+            policy: 0,
+            success: 1.0,
+            success_at_end: 0.75,
+            reward: 400.5,
+        };
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        for score in [score(None), score(Some(own))] {
+            writer
+                .serialize(ScoreRow::new(&evaluation, &score))
+                .unwrap();
+        }
+        let text = String::from_utf8(writer.into_inner().unwrap()).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].ends_with(&format!("reward,{}", OWN.join(","))));
+        assert_eq!(
+            lines[1],
+            "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,,,,"
+        );
+        let expected = "3,240,goal-reach,flip x,true,1,4,0.5,0.25,100.0,0,1.0,0.75,400.5";
+        assert_eq!(lines[2], expected);
+    }
 }

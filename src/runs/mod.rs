@@ -27,6 +27,7 @@ pub use progress::{Evaluation, Event, Progress};
 pub use provenance::Provenance;
 pub(crate) use provenance::{instructions, processor};
 pub use run::Run;
+pub(crate) use scoring::looks;
 pub use stop::Stop;
 pub use summary::Summary;
 pub use workers::thread_pool;

@@ -9,6 +9,7 @@ use crate::experiment::Experiment;
 use crate::learners::read_note;
 use crate::schedule::MAX_DECISIONS;
 
+use super::checkpoints::rollouts_of;
 use super::ledger::Ledger;
 use super::rows::Rows;
 
@@ -57,12 +58,35 @@ impl Signed {
     /// Reads a note that stands in the checkpoint at `path`.
     ///
     /// # Errors
-    /// [`CoversError::Read`], also for counts and rows that no run has.
+    /// [`CoversError::Read`], also for counts and rows that no run has, and for a checkpoint under
+    /// another one's name.
     pub fn parse(path: &Path, note: &str) -> Result<Self, CoversError> {
         let signed: Self = serde_json::from_str(note).map_err(|e| CoversError::read(path, e))?;
         let wrong = |what: &str| CoversError::damaged(path, format!("the run's note: {what}"));
         signed.check().map_err(wrong)?;
-        Ok(signed)
+        let rollouts = signed.note.ledger.rollouts;
+        match rollouts_of(path) {
+            // under a higher number it would stay the newest for ever
+            Some(named) if named != rollouts => Err(CoversError::damaged(
+                path,
+                format!(
+                    "it is the checkpoint after {rollouts} rollouts under the name of the one \
+                     after {named}"
+                ),
+            )),
+            _ => Ok(signed),
+        }
+    }
+
+    /// Counts what a checkpoint leaves out, from the rows that it keeps.
+    ///
+    /// # Errors
+    /// [`CoversError::Read`] for rows that do not say which policy served a group.
+    pub fn recount(&mut self, path: &Path) -> Result<(), CoversError> {
+        let rows = &mut self.note.rows;
+        let wrong = |error| CoversError::damaged(path, format!("the rows of the run: {error}"));
+        self.note.ledger.served = rows.served().map_err(wrong)?;
+        rows.upgrade().map_err(wrong)
     }
 
     fn check(&self) -> Result<(), &'static str> {

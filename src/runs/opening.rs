@@ -8,6 +8,7 @@ use crate::error::CoversError;
 use crate::experiment::Experiment;
 use crate::groupings::Labels;
 use crate::learners::{DeviceChoice, Learner};
+use crate::memory;
 use crate::overrides::same;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
@@ -44,7 +45,8 @@ pub(super) fn start(
     folder: RunFolder,
 ) -> Result<Opened, CoversError> {
     experiment.check(&tasks)?;
-    let lock = Lock::take(folder.path())?;
+    memory::check_run(&experiment)?;
+    let (folder, lock) = folder.lock()?;
     if !folder.is_free()? {
         return Err(CoversError::Occupied {
             folder: folder.path().to_owned(),
@@ -100,10 +102,11 @@ pub(super) fn resume(
         let folder = folder.path().to_owned();
         return Err(CoversError::NoRun { folder });
     }
-    let lock = Lock::take(folder.path())?;
+    let (folder, lock) = folder.lock()?;
     let mut experiment = folder.experiment()?.with_device(device)?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
+    memory::check_run(&experiment)?;
     let claim = Claim {
         lock,
         experiment,
@@ -114,9 +117,17 @@ pub(super) fn resume(
     let (spec, labels) = (Stream::spec_of(&experiment.envs), Labels::default());
     let read = |path: &Path| {
         let (learner, note) = experiment.learner.resume(path, &spec, &labels)?;
-        Ok((learner, Signed::parse(path, &note)?))
+        let mut signed = Signed::parse(path, &note)?;
+        signed.recount(path)?;
+        Ok((learner, signed))
     };
     let Some(found) = newest(&claim.folder.checkpoints(), read)? else {
+        if claim.folder.is_finished() {
+            return Err(CoversError::NoCheckpoint {
+                folder: claim.folder.path().to_owned(),
+                problems: "the run has ended, and its checkpoints were removed".to_owned(),
+            });
+        }
         let notice = "there is no checkpoint yet: begun anew".to_owned();
         return begin(claim, false, notice);
     };

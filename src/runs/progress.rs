@@ -1,6 +1,7 @@
 //! What a run reports: rollouts and evaluations.
 
 use envs::TaskGroup;
+use rl::RewardWarning;
 
 use crate::evaluation::Findings;
 use crate::learners::Turn;
@@ -21,6 +22,8 @@ pub struct Progress {
     pub straddles: bool,
     /// What the learner did.
     pub turn: Turn,
+    /// Rewards too large or too small to be learnt from: once after a start, where they first were.
+    pub warning: Option<RewardWarning>,
     /// Factor from a return to the paper's scale, on which a perfect episode earns 500.
     pub reward_scale: f64,
     /// Wall-clock seconds of all that the learner did, without the evaluation.

@@ -47,6 +47,8 @@ pub struct Run {
     last_scores: Vec<Score>,
     /// Rollouts and rounds due in the newest checkpoint.
     saved: Option<(usize, usize)>,
+    /// `true` after a warning of the rewards' scale, which is given once.
+    warned: bool,
     /// Whether an error left the learner in between.
     broken: bool,
     stop: Stop,
@@ -126,6 +128,9 @@ impl Run {
         // last: where anything else fails, no rows are cut off
         folder.prepare()?;
         checkpoints::put_aside(folder.disk(), &opened.passed_over)?;
+        if folder.is_finished() {
+            folder.drop_changed_timings()?;
+        }
         let logs = Logs::open(&folder, ledger.rollouts, rows)?;
         ledger.seconds = logs.timings().seconds;
         let run = Self {
@@ -142,6 +147,7 @@ impl Run {
             ledger,
             due,
             last_scores: Vec::new(),
+            warned: false,
             broken: false,
             stop: Stop::default(),
             notice: opened.notice,
@@ -284,6 +290,8 @@ impl Run {
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
+        let warning = turn.rollout.reward_warning();
+        let warning = warning.filter(|_| !self.warned);
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
@@ -291,11 +299,16 @@ impl Run {
             last_group: self.tasks.get(&world.visit(world.last_shown()).0.group)?,
             straddles: world.straddles(),
             turn,
+            warning,
             reward_scale: world.stream().reward_scale(),
             seconds,
             environment_seconds: world.stream().seconds() - spent,
         };
         self.logs.write_rollout(&progress)?;
+        if let Some(warning) = warning {
+            self.warned = true;
+            self.log(&format!("warning: {warning}"))?;
+        }
         Ok(progress)
     }
 
@@ -328,7 +341,13 @@ impl Run {
 
     fn scoring<'a>(&'a mut self, stop: &'a Stop) -> Scoring<'a> {
         let (learner, evaluator) = (&mut *self.learner, &mut self.evaluator);
-        Scoring::new(&self.pool, learner, evaluator, stop)
+        Scoring::new(
+            &self.pool,
+            learner,
+            evaluator,
+            self.ledger.own_policies(),
+            stop,
+        )
     }
 
     /// Writes a checkpoint, unless the newest is of this very moment.
@@ -390,6 +409,7 @@ impl Run {
             return_accuracy: ledger.return_accuracy(),
             groups: by_group(&self.last_scores),
             variants: self.last_scores.clone(),
+            tables: self.logs.checksums(),
         };
         if self.is_finished() {
             summary.write(&self.folder)?;

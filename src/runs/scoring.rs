@@ -4,7 +4,7 @@ use envs::TaskVariant;
 use rayon::ThreadPool;
 
 use crate::error::CoversError;
-use crate::evaluation::{Evaluator, Findings};
+use crate::evaluation::{Evaluator, Findings, OwnPolicies};
 use crate::experiment::Experiment;
 use crate::learners::Learner;
 
@@ -13,18 +13,19 @@ use super::workers::guarded;
 
 /// How often the learner is asked after the stream which policy a variant belongs to: not at all
 /// where it has no choice.
-pub(super) fn looks(experiment: &Experiment) -> usize {
+pub(crate) fn looks(experiment: &Experiment) -> usize {
     match experiment.learner.cannot_be_asked() {
         Some(_) => 0,
         None => experiment.evaluation.looks,
     }
 }
 
-/// Who is scored, by whom, and who may stop it.
+/// Who is scored, by whom, beside which policies, and who may stop it.
 pub(super) struct Scoring<'a> {
     pool: &'a ThreadPool,
     learner: &'a mut dyn Learner,
     evaluator: &'a mut Evaluator,
+    own: OwnPolicies,
     stop: &'a Stop,
 }
 
@@ -33,12 +34,14 @@ impl<'a> Scoring<'a> {
         pool: &'a ThreadPool,
         learner: &'a mut dyn Learner,
         evaluator: &'a mut Evaluator,
+        own: OwnPolicies,
         stop: &'a Stop,
     ) -> Self {
         Self {
             pool,
             learner,
             evaluator,
+            own,
             stop,
         }
     }
@@ -47,8 +50,9 @@ impl<'a> Scoring<'a> {
     /// of them belongs to, `looks` times; none after a stop.
     pub fn score(&mut self, rounds: usize, looks: usize) -> Result<Option<Findings>, CoversError> {
         let mut findings = Findings::default();
+        let own = self.own.clone();
         let scored = self.each(|evaluator, learner, variant| {
-            evaluator.variant(learner, variant, rounds, &mut findings)
+            evaluator.variant(learner, variant, &own, rounds, &mut findings)
         })?;
         let done = scored
             && (looks == 0

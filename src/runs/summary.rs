@@ -1,5 +1,7 @@
 //! The figures of a whole run.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use crate::error::CoversError;
@@ -34,6 +36,9 @@ pub struct Summary {
     pub groups: Vec<GroupScore>,
     /// Scores of all their variants.
     pub variants: Vec<Score>,
+    /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. Tables
+    /// that change later no longer belong to these figures.
+    pub tables: BTreeMap<String, String>,
 }
 
 impl Summary {

@@ -32,21 +32,33 @@ impl Table {
             text,
             names,
         };
-        let there = fs::read(&table.path).unwrap_or_default();
-        if !there.starts_with(&table.text) && !table.text.starts_with(&there) {
-            let aside = free_name(&table.path);
-            let moved = table.disk.rename(&table.path, &aside);
-            moved.map_err(|error| CoversError::write(&aside, error))?;
-        }
-        if there != table.text || there.is_empty() {
-            table.rewrite()?;
-        }
+        table.restore()?;
         Ok(table)
+    }
+
+    /// Makes the file hold exactly the contents. A file that is neither a part of them nor begins
+    /// with them is put aside.
+    fn restore(&self) -> Result<(), CoversError> {
+        let file = fs::read(&self.path).ok();
+        let there = file.as_deref().unwrap_or_default();
+        if !there.starts_with(&self.text) && !self.text.starts_with(there) {
+            put_aside(&*self.disk, &self.path)?;
+        }
+        if file.as_ref() != Some(&self.text) {
+            self.rewrite()?;
+        }
+        Ok(())
     }
 
     /// The contents.
     pub fn text(&self) -> &[u8] {
         &self.text
+    }
+
+    /// Name of the file.
+    pub fn name(&self) -> String {
+        let name = self.path.file_name().unwrap_or_default();
+        name.to_string_lossy().into_owned()
     }
 
     /// Adds one row of named cells. All rows of a file have the same names.
@@ -85,11 +97,9 @@ impl Table {
         self.add(writer)
     }
 
-    /// Brings the file to the disk.
+    /// Brings the file to the disk, and restores it if somebody changed it.
     pub fn sync(&self) -> Result<(), CoversError> {
-        if !self.is_there(self.text.len()) {
-            return self.rewrite();
-        }
+        self.restore()?;
         let synced = self.disk.sync(&self.path);
         synced.map_err(|error| CoversError::write(&self.path, error))
     }
@@ -103,10 +113,11 @@ impl Table {
             let added = self.disk.append(&self.path, &rows);
             return added.map_err(|error| CoversError::write(&self.path, error));
         }
-        self.rewrite()
+        self.restore()
     }
 
-    /// Whether the file has this length: somebody may have removed or changed it meanwhile.
+    /// `true` if the file has this length: somebody may have removed or cut it. Other changes are
+    /// found by [`Table::sync`], which reads the whole file.
     fn is_there(&self, length: usize) -> bool {
         fs::metadata(&self.path).is_ok_and(|file| file.len() == length as u64)
     }
@@ -118,6 +129,16 @@ impl Table {
     fn refuse(&self, problem: String) -> CoversError {
         CoversError::write(&self.path, Error::other(problem))
     }
+}
+
+/// Gives a file another name.
+///
+/// # Errors
+/// [`CoversError::Write`].
+pub(super) fn put_aside(disk: &dyn Disk, path: &Path) -> Result<(), CoversError> {
+    let aside = free_name(path);
+    let moved = disk.rename(path, &aside);
+    moved.map_err(|error| CoversError::write(&aside, error))
 }
 
 /// The path with the first ending of `old`, `old2` and so on that no file has.
@@ -216,6 +237,20 @@ mod tests {
             fs::remove_file(path.with_added_extension(ending)).unwrap();
         }
         fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn an_edit_that_keeps_the_length_is_found_and_put_aside() {
+        let table = table("edited");
+        let edited = b"rollout,loss\n0,9.9\n";
+        assert_eq!(edited.len(), ONE.len());
+        fs::write(&table.path, edited).unwrap();
+        table.sync().unwrap();
+        assert_eq!(fs::read(&table.path).unwrap(), ONE);
+        let aside = table.path.with_added_extension("old");
+        assert_eq!(fs::read(&aside).unwrap(), edited);
+        fs::remove_file(aside).unwrap();
+        fs::remove_file(&table.path).unwrap();
     }
 
     #[test]

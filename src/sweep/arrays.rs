@@ -6,6 +6,9 @@ use serde_json::{Value, json};
 
 use crate::error::CoversError;
 
+/// Number of times that a job which fails is tried again.
+const RETRIES: usize = 3;
+
 /// Where the containers of a Kubernetes job see the volume.
 const MOUNT: &str = "/covers";
 
@@ -24,7 +27,8 @@ pub struct ArrayJob<'a> {
 
 impl ArrayJob<'_> {
     /// A Slurm script. A member that is told to stop leaves a checkpoint (exit code 3) and is put
-    /// into the queue again.
+    /// into the queue again, as often as that happens. One that fails or is killed, as for memory,
+    /// is tried again [`RETRIES`] times; its failures stand in a file beside the output of Slurm.
     pub fn slurm(&self, program: &Path) -> String {
         let (last, threads) = (self.jobs.saturating_sub(1), self.threads);
         let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);
@@ -35,12 +39,25 @@ impl ArrayJob<'_> {
 #SBATCH --cpus-per-task={threads}
 #SBATCH --mem=4G
 #SBATCH --requeue
+#SBATCH --open-mode=append
 #SBATCH --signal=TERM@120
 srun --cpus-per-task={threads} {program} sweep {plan} --runs {runs} --threads {threads} \
   --job "$SLURM_ARRAY_TASK_ID"
 code=$?
-if [ $code -eq 3 ]; then
-  scontrol requeue "${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
+member="${{SLURM_ARRAY_JOB_ID}}_${{SLURM_ARRAY_TASK_ID}}"
+failures="slurm-$member.failures"
+case $code in
+  0) exit 0 ;;
+  2) echo "job $SLURM_ARRAY_TASK_ID: wrong options, not tried again" >&2; exit 2 ;;
+  3) scontrol requeue "$member"; exit 3 ;;
+esac
+echo "exit code $code" >> "$failures"
+count=$(wc -l < "$failures")
+if [ "$count" -le {RETRIES} ]; then
+  echo "job $SLURM_ARRAY_TASK_ID: failed with exit code $code, tried again" >&2
+  scontrol requeue "$member"
+else
+  echo "job $SLURM_ARRAY_TASK_ID: failed $count times, given up: see $failures" >&2
 fi
 exit $code
 "#
@@ -80,7 +97,7 @@ exit $code
                 "completionMode": "Indexed",
                 "completions": self.jobs,
                 "parallelism": self.jobs,
-                "backoffLimitPerIndex": 3,
+                "backoffLimitPerIndex": RETRIES,
                 "podFailurePolicy": {"rules": stops},
                 "template": {"spec": {
                     "restartPolicy": "Never",
@@ -114,6 +131,7 @@ fn quoted(path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::path::PathBuf;
     use std::process::Command;
 
     use super::*;
@@ -127,15 +145,24 @@ mod tests {
         }
     }
 
-    /// The script runs with a program that prints its arguments, `srun` that runs it, and
-    /// `scontrol` that prints what it is told.
-    #[test]
-    fn a_member_of_the_slurm_array_does_its_job_and_is_put_back_after_a_stop() {
-        let script = array().slurm(Path::new("covers"));
-        for line in ["#SBATCH --array=0-8", "#SBATCH --cpus-per-task=3"] {
-            assert!(script.lines().any(|said| said == line), "{script}");
+    /// A folder of the test's own in which the script runs with a program that prints its
+    /// arguments, `srun` that runs it, and `scontrol` that prints its arguments.
+    struct Cluster {
+        folder: PathBuf,
+        script: String,
+    }
+
+    impl Cluster {
+        fn new(name: &str) -> Self {
+            let name = format!("covers-slurm-{name}-{}", std::process::id());
+            let folder = std::env::temp_dir().join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            let script = array().slurm(Path::new("covers"));
+            Self { folder, script }
         }
-        for (code, requeued) in [(0, ""), (1, ""), (3, "scontrol|requeue|77_4|")] {
+
+        /// Standard output and exit code of the script where the program ends with `code`.
+        fn run(&self, code: i32) -> (String, i32) {
             let doubles = format!(
                 "srun() {{ echo \"$1\"; shift; \"$@\"; }}
                 covers() {{ printf '%s|' \"$@\"; return {code}; }}
@@ -143,15 +170,55 @@ mod tests {
                 SLURM_ARRAY_JOB_ID=77 SLURM_ARRAY_TASK_ID=4\n"
             );
             let output = Command::new("bash")
-                .args(["-c", &(doubles + &script)])
+                .args(["-c", &(doubles + &self.script)])
+                .current_dir(&self.folder)
                 .output()
                 .unwrap();
-            let said = String::from_utf8(output.stdout).unwrap();
+            let printed = String::from_utf8(output.stdout).unwrap();
+            (printed, output.status.code().unwrap())
+        }
+    }
+
+    impl Drop for Cluster {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.folder);
+        }
+    }
+
+    const REQUEUED: &str = "scontrol|requeue|77_4|";
+
+    #[test]
+    fn a_member_of_the_slurm_array_does_its_job_and_is_put_back_after_a_stop() {
+        let cluster = Cluster::new("stop");
+        for line in [
+            "#SBATCH --array=0-8",
+            "#SBATCH --cpus-per-task=3",
+            "#SBATCH --open-mode=append",
+        ] {
+            let script = &cluster.script;
+            assert!(script.lines().any(|said| said == line), "{script}");
+        }
+        for (code, requeued) in [(0, ""), (2, ""), (3, REQUEUED)] {
             let plan = array().plan.display();
             let expected = format!(
                 "--cpus-per-task=3\nsweep|{plan}|--runs|/covers/runs|--threads|3|--job|4|{requeued}"
             );
-            assert_eq!((said, output.status.code()), (expected, Some(code)));
+            // stops are no failures: there is no limit to their number
+            for _ in 0..5 {
+                assert_eq!(cluster.run(code), (expected.clone(), code));
+            }
+        }
+    }
+
+    #[test]
+    fn a_member_that_fails_or_is_killed_is_tried_again_a_few_times() {
+        for code in [1, 137, 139] {
+            let cluster = Cluster::new(&format!("fails-{code}"));
+            for attempt in 1..=5 {
+                let (printed, ended) = cluster.run(code);
+                let again = printed.ends_with(REQUEUED);
+                assert_eq!((again, ended), (attempt <= RETRIES, code), "{attempt}");
+            }
         }
     }
 

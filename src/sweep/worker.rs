@@ -39,8 +39,7 @@ enum Fate {
 /// folder of a run and its lock are all that workers share.
 ///
 /// # Errors
-/// [`CoversError::Write`] for runs whose folder cannot be made and for an `out` that cannot be
-/// written to.
+/// [`CoversError::Write`] for runs whose folder cannot be made.
 pub fn work(
     jobs: &[Job],
     runs: &Path,
@@ -55,8 +54,9 @@ pub fn work(
         stop,
         out,
         failed: Vec::new(),
+        lost: Vec::new(),
     };
-    let stopped = worker.work(jobs)?;
+    let stopped = worker.work(jobs);
     let failed = worker.failed;
     Ok(Ended { stopped, failed })
 }
@@ -67,56 +67,60 @@ struct Worker<'a, W> {
     stop: &'a Stop,
     out: &'a mut W,
     failed: Vec<String>,
+    /// Names of the jobs that other processes took over from this one.
+    lost: Vec<String>,
 }
 
 impl<W: Write> Worker<'_, W> {
-    /// Goes through the jobs again and again until none is left; true for a stop before that.
-    fn work(&mut self, jobs: &[Job]) -> Result<bool, CoversError> {
+    /// Goes through the jobs again and again until none is left; `true` for a stop before that.
+    fn work(&mut self, jobs: &[Job]) -> bool {
         let mut left: Vec<&Job> = jobs.iter().collect();
-        let mut told = Vec::new();
+        let mut waited_for = Vec::new();
         while !left.is_empty() {
-            let Some(taken) = self.pass(&left)? else {
-                return Ok(true);
+            let Some(taken) = self.pass(&left) else {
+                return true;
             };
             if taken.len() == left.len() {
-                self.tell_of(&taken, &mut told)?;
+                self.announce(&taken, &mut waited_for);
                 self.wait();
             }
             left = taken;
         }
-        Ok(false)
+        false
     }
 
-    /// Tries each job once. Returns those that other workers have; none after a stop.
-    fn pass<'j>(&mut self, jobs: &[&'j Job]) -> Result<Option<Vec<&'j Job>>, CoversError> {
+    /// Tries each job once. Returns those that other workers have; `None` after a stop.
+    fn pass<'j>(&mut self, jobs: &[&'j Job]) -> Option<Vec<&'j Job>> {
         let mut taken = Vec::new();
         for &job in jobs {
             match self.run(job) {
-                Ok(Fate::Done) => self.say(job, "done")?,
+                Ok(Fate::Done) => self.say(job, "done"),
                 Ok(Fate::Taken) => taken.push(job),
-                Ok(Fate::Stopped) => return Ok(None),
+                Ok(Fate::Stopped) => return None,
+                // Another process took the run over, since this one was frozen or since the file
+                // server does not share locks. To claim it back would stop that process in turn.
+                Err(error @ CoversError::TakenOver(_)) => {
+                    self.say(job, &error.to_string());
+                    self.lost.push(job.name.clone());
+                    taken.push(job);
+                }
                 Err(error) => {
-                    self.say(job, &format!("error: {error}"))?;
+                    self.say(job, &format!("error: {error}"));
                     self.failed.push(job.name.clone());
                 }
             }
         }
-        Ok(Some(taken))
+        Some(taken)
     }
 
-    /// Tells once of each job that is waited for.
-    fn tell_of<'j>(
-        &mut self,
-        taken: &[&'j Job],
-        told: &mut Vec<&'j str>,
-    ) -> Result<(), CoversError> {
+    /// Prints once for each job that it is waited for.
+    fn announce<'j>(&mut self, taken: &[&'j Job], waited_for: &mut Vec<&'j str>) {
         for &job in taken {
-            if !told.contains(&job.name.as_str()) {
-                self.say(job, "another worker has it: waiting")?;
-                told.push(&job.name);
+            if !waited_for.contains(&job.name.as_str()) {
+                self.say(job, "another worker has it: waiting");
+                waited_for.push(&job.name);
             }
         }
-        Ok(())
     }
 
     fn wait(&self) {
@@ -132,8 +136,17 @@ impl<W: Write> Worker<'_, W> {
             // a run of other settings is not even opened
             refuse_others(job, &folder, &folder.experiment()?)?;
             if folder.is_finished() {
-                return Ok(Fate::Done);
+                match folder.verify_tables() {
+                    Ok(()) => return Ok(Fate::Done),
+                    Err(changed @ CoversError::ChangedTable { .. }) => {
+                        self.say(job, &format!("{changed}: restoring the tables"));
+                    }
+                    Err(error) => return Err(error),
+                }
             }
+        }
+        if self.lost.contains(&job.name) {
+            return Ok(Fate::Taken);
         }
         if self.stop.requested() {
             return Ok(Fate::Stopped);
@@ -146,11 +159,11 @@ impl<W: Write> Worker<'_, W> {
 
     fn finish(&mut self, job: &Job, mut run: Run) -> Result<Fate, CoversError> {
         run.stop_at(self.stop.clone());
-        self.say(job, run.notice())?;
+        self.say(job, run.notice());
         while let Some(event) = run.advance()? {
             if let Event::Evaluation(evaluation) = event {
                 let rollouts = evaluation.rollouts;
-                self.say(job, &format!("evaluated after {rollouts} rollouts"))?;
+                self.say(job, &format!("evaluated after {rollouts} rollouts"));
             }
         }
         if run.is_finished() && run.summary()?.is_some() {
@@ -158,13 +171,24 @@ impl<W: Write> Worker<'_, W> {
         }
         run.save()?;
         let rollouts = run.ledger().rollouts;
-        self.say(job, &format!("stopped after {rollouts} rollouts"))?;
+        self.say(job, &format!("stopped after {rollouts} rollouts"));
         Ok(Fate::Stopped)
     }
 
-    fn say(&mut self, job: &Job, line: &str) -> Result<(), CoversError> {
+    /// Prints a line about a job. An output that is closed stops the worker, which then leaves a
+    /// checkpoint.
+    fn say(&mut self, job: &Job, line: &str) {
         let written = writeln!(self.out, "{}: {line}", job.name).and_then(|()| self.out.flush());
-        written.map_err(|error| CoversError::write(Path::new("standard output"), error))
+        if let Err(error) = written
+            && !self.stop.requested()
+        {
+            // a terminal that is gone reads nothing, and is no reason to fail
+            let _ = writeln!(
+                std::io::stderr(),
+                "standard output is closed ({error}): stopping"
+            );
+            self.stop.request();
+        }
     }
 }
 

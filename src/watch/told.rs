@@ -77,16 +77,29 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
     }
 }
 
-/// The mean success of each group's variants.
+/// The mean success of each group's variants, and that of the groups' own policies where other ones
+/// played.
 fn successes(scores: &[&ScoreRow]) -> String {
-    let groups = distinct(scores.iter().map(|row| row.group.as_str()));
-    let success = |group: &str| {
-        let own = scores.iter().filter(|row| row.group == group);
-        let own: Vec<f64> = own.map(|row| row.success).collect();
-        format!("{group} {}", number(Some(mean(&own)), 2))
+    let of = |figure: fn(&ScoreRow) -> Option<f64>| {
+        let groups = distinct(scores.iter().map(|row| row.group.as_str()));
+        let success = |group: &str| {
+            let rows = scores.iter().filter(|row| row.group == group);
+            let figures: Option<Vec<f64>> = rows.map(|row| figure(row)).collect();
+            format!("{group} {}", number(figures.map(|own| mean(&own)), 2))
+        };
+        let successes: Vec<String> = groups.into_iter().map(success).collect();
+        format!("[{}]", successes.join(", "))
     };
-    let successes: Vec<String> = groups.into_iter().map(success).collect();
-    format!("success [{}]", successes.join(", "))
+    let success = format!("success {}", of(|row| Some(row.success)));
+    match scores.iter().filter(|row| row.is_mismatch()).count() {
+        0 => success,
+        mismatches => format!(
+            "{success}, {mismatches} of {} variants by another policy than the group's own, own \
+             policies {}",
+            scores.len(),
+            of(|row| row.own_success)
+        ),
+    }
 }
 
 /// Remembers what was told.
@@ -186,6 +199,7 @@ mod tests {
                 success: 0.5,
                 success_at_end: 0.5,
                 reward: 100.0,
+                ..ScoreRow::default()
             });
         }
     }
@@ -220,6 +234,25 @@ mod tests {
         assert_eq!(teller.news(&run(2)).len(), 1);
         assert!(teller.news(&run(0)).is_empty());
         assert_eq!(teller.news(&run(2)).len(), 2);
+    }
+
+    /// One of four variants is played by another policy than the group's own.
+    #[test]
+    fn both_scores_are_told_where_another_policy_played() {
+        let mut run = run(1);
+        evaluate(&mut run, 1, 4);
+        for (variant, row) in run.scores.iter_mut().enumerate() {
+            row.policy = Some(usize::from(variant == 2));
+            row.own_policy = Some(0);
+            row.own_success = Some(if variant == 2 { 0.9 } else { row.success });
+        }
+        let line = Teller::default().news(&run)[1].line();
+        let expected = "success [goal-reach 0.50], 1 of 4 variants by another policy than the \
+            group's own, own policies [goal-reach 0.60]";
+        assert!(line.ends_with(expected), "{line}");
+        run.scores[2].policy = Some(0);
+        let line = Teller::default().news(&run)[1].line();
+        assert!(line.ends_with("success [goal-reach 0.50]"), "{line}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{CoversError, Experiment, Run, RunFolder};
+use covers::{CoversError, Experiment, Labels, Run, RunFolder, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -60,6 +60,27 @@ fn a_damaged_checkpoint_is_passed_over_and_named() {
     }
     fs::write(&path, b"a file of another program").unwrap();
     assert_same(&finish(resume(&folder).unwrap()), expected());
+}
+
+#[test]
+fn a_checkpoint_under_a_higher_number_is_passed_over_and_named() {
+    let scratch = Scratch::new("renamed");
+    let folder = interrupted(&scratch);
+    let path = newest(&folder);
+    let renamed = path.with_file_name("000099.safetensors");
+    fs::copy(checkpoints(&folder).first().unwrap(), &renamed).unwrap();
+    let experiment = RunFolder::open(&folder).experiment().unwrap();
+    let spec = Stream::spec_of(&experiment.envs);
+    let learner = RunFolder::open(&folder)
+        .load_learner(&experiment.learner, &spec, &Labels::default())
+        .unwrap();
+    assert_eq!(learner.policies(), 2, "an evaluation passes it over, too");
+    let run = resume(&folder).unwrap();
+    assert_eq!(run.ledger().rollouts, 3, "{}", run.notice());
+    let problem = "it is the checkpoint after 1 rollouts under the name of the one after 99";
+    assert!(run.notice().contains(problem), "{}", run.notice());
+    fs::remove_file(renamed.with_added_extension("damaged")).unwrap();
+    assert_same(&finish(run), expected());
 }
 
 #[test]

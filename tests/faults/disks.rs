@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use covers::presets::Method;
 use covers::{CoversError, Disk, LocalDisk, Run, RunFolder};
 
-use crate::common::{Scratch, assert_same, begun, expected, finish, full, tiny};
+use crate::common::{Scratch, assert_same, checkpoints, expected, finish, full, tiny};
 
 /// A disk whose operations fail from the nth on; a write that fails leaves half of its bytes.
 #[derive(Debug)]
@@ -147,17 +147,58 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
     println!("failures after {cases:?} operations");
 }
 
-/// `/dev/full` is a disk without room.
+/// A disk on which the parts of one checkpoint find no room: they are links to `/dev/full`.
+#[derive(Debug)]
+struct Full;
+
+impl Disk for Full {
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        if path.to_str().unwrap().contains("000002.safetensors") {
+            std::os::unix::fs::symlink("/dev/full", path)?;
+        }
+        LocalDisk.write(path, bytes)
+    }
+
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        LocalDisk.append(path, bytes)
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        LocalDisk.sync(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        LocalDisk.rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        LocalDisk.remove(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        LocalDisk.create_folder(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        LocalDisk.sync_folder(path)
+    }
+}
+
 #[test]
 fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let scratch = Scratch::new("full");
-    let (mut run, folder) = begun(&scratch);
-    let next = folder.join("checkpoints/000002.safetensors.partial");
-    std::os::unix::fs::symlink("/dev/full", &next).unwrap();
+    let disk = scratch.run("run").with_disk(Arc::new(Full));
+    let mut run = Run::start(tiny(Method::Covers), disk).unwrap();
+    run.advance().unwrap();
+    let folder = run.folder().path().to_owned();
     let message = run.advance().unwrap_err().to_string();
     assert!(message.contains("000002.safetensors"), "{message}");
     assert!(message.contains("No space left"), "{message}");
-    assert!(!next.exists(), "what is not whole is removed");
+    assert_eq!(
+        checkpoints(&folder).len(),
+        1,
+        "what is not whole is removed"
+    );
     drop(run);
     let run = Run::resume(&folder, None).unwrap();
     assert_eq!(run.ledger().rollouts, 1);

@@ -1,6 +1,7 @@
 //! Numbers that are not finite and threads that panic: a named error before a checkpoint is
 //! poisoned, or a failure of one environment alone.
 
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::Method;
@@ -13,6 +14,34 @@ use envs::{
 use rand_chacha::ChaCha8Rng;
 
 use crate::common::{Scratch, checkpoints, newest, tiny};
+
+/// Libraries that cannot get memory end the process without an error of ours, some by SIGSEGV.
+#[test]
+fn a_limit_of_memory_that_is_too_low_is_an_error_and_begins_no_run() {
+    let scratch = Scratch::new("memory");
+    for (kibibytes, code) in [
+        (200_000, 1),
+        (400_000, 1),
+        (600_000, 1),
+        (800_000, 1),
+        (1_200_000, 0),
+    ] {
+        let folder = scratch.0.join(format!("limit-{kibibytes}"));
+        let script = format!("ulimit -v {kibibytes} && exec \"$@\"");
+        let output = Command::new("bash")
+            .args(["-c", &script, "bash", env!("CARGO_BIN_EXE_covers"), "train"])
+            .args(["--budget", "smoke", "--threads", "1", "--folder"])
+            .arg(&folder)
+            .output()
+            .unwrap();
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(code), "{kibibytes}: {message}");
+        if code == 1 {
+            assert!(message.contains("`ulimit -v`"), "{message}");
+            assert!(!folder.join("experiment.json").exists(), "nothing began");
+        }
+    }
+}
 
 /// Drawer Close, until its reward was asked for this many times; then the fault.
 struct Faulty {

@@ -1,5 +1,7 @@
-//! Ctrl-C and SIGTERM: the first ends a run in good order, the second at once.
+//! Signals and closed outputs: they end a run in good order. The second Ctrl-C or SIGTERM ends it at
+//! once.
 
+use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread::sleep;
@@ -17,10 +19,12 @@ struct Process {
 }
 
 impl Process {
-    fn start(arguments: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_covers"));
-        let command = command.args(arguments).stdout(Stdio::piped());
-        let mut child = command.spawn().unwrap();
+    fn start<A: AsRef<OsStr>>(arguments: impl IntoIterator<Item = A>) -> Self {
+        Self::of(Command::new(env!("CARGO_BIN_EXE_covers")).args(arguments))
+    }
+
+    fn of(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let out = BufReader::new(child.stdout.take().unwrap());
         Self { child, out }
     }
@@ -52,11 +56,20 @@ impl Process {
 }
 
 fn train(scratch: &Scratch, experiment: &Experiment) -> Process {
+    Process::start(train_arguments(scratch, experiment))
+}
+
+fn train_arguments(scratch: &Scratch, experiment: &Experiment) -> [OsString; 5] {
     let config = scratch.0.join("settings.json");
     std::fs::write(&config, serde_json::to_string(experiment).unwrap()).unwrap();
-    let folder = scratch.0.join("run");
-    let (config, folder) = (config.to_str().unwrap(), folder.to_str().unwrap());
-    Process::start(&["train", "--config", config, "--folder", folder])
+    let folder = scratch.0.join("run").into();
+    [
+        "train".into(),
+        "--config".into(),
+        config.into(),
+        "--folder".into(),
+        folder,
+    ]
 }
 
 /// Sends the signal when the process has printed `moment` and waits for the end.
@@ -78,7 +91,7 @@ fn prepared(name: &str, adapt: impl FnOnce(&mut Experiment)) -> (Scratch, Experi
 /// Resumes and expects what a run that nothing happened to writes.
 fn goes_on(scratch: &Scratch, expected: &Bytes) {
     let folder = scratch.0.join("run");
-    let resumed = Process::start(&["resume", folder.to_str().unwrap(), "--threads", "1"]);
+    let resumed = Process::start(["resume", folder.to_str().unwrap(), "--threads", "1"]);
     // all that it prints, so that it never waits for a reader
     let lines: Vec<String> = resumed.out.lines().map(Result::unwrap).collect();
     assert!(lines[0].contains("goes on after"), "{}", lines[0]);
@@ -88,7 +101,7 @@ fn goes_on(scratch: &Scratch, expected: &Bytes) {
 #[test]
 fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
     let mut expected = None;
-    for signal in ["INT", "TERM"] {
+    for signal in ["INT", "TERM", "HUP"] {
         // no checkpoint but the one that the signal asks for
         let (scratch, experiment) = prepared(signal, |e| e.checkpoints.every = 100);
         let said = stop_after("policy 0", train(&scratch, &experiment), signal);
@@ -98,6 +111,44 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
             expected.get_or_insert_with(|| reference(&experiment)),
         );
     }
+}
+
+#[test]
+fn a_terminal_that_closes_may_hang_up_more_than_once() {
+    let (scratch, experiment) = prepared("hangups", |e| e.checkpoints.every = 100);
+    let mut process = train(&scratch, &experiment);
+    process.wait_for("policy 0");
+    process.signal("HUP");
+    // two signals that are waiting count as one
+    sleep(Duration::from_millis(20));
+    process.signal("HUP");
+    let said = process.wait_for("stopped after");
+    assert_eq!(process.end(), Some(3), "{said}");
+    goes_on(&scratch, &reference(&experiment));
+}
+
+#[test]
+fn a_run_under_nohup_ignores_that_the_terminal_closes() {
+    let (scratch, experiment) = prepared("nohup", |_| {});
+    let arguments = train_arguments(&scratch, &experiment);
+    let mut command = Command::new("nohup");
+    command.arg(env!("CARGO_BIN_EXE_covers")).args(arguments);
+    let mut process = Process::of(&mut command);
+    process.wait_for("policy 0");
+    process.signal("HUP");
+    process.wait_for("files:");
+    assert_eq!(process.end(), Some(0));
+}
+
+#[test]
+fn an_output_that_is_closed_ends_the_rollout_and_leaves_a_checkpoint() {
+    let (scratch, experiment) = prepared("pipe", |e| e.checkpoints.every = 100);
+    let mut process = train(&scratch, &experiment);
+    process.wait_for("policy 0");
+    let Process { mut child, out } = process;
+    drop(out);
+    assert_eq!(child.wait().unwrap().code(), Some(3));
+    goes_on(&scratch, &reference(&experiment));
 }
 
 #[test]
@@ -124,7 +175,7 @@ fn a_signal_ends_the_scoring_of_a_finished_run() {
     let (scratch, experiment) = prepared("scoring", |e| e.evaluation.rounds = 20);
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
-    let resumed = Process::start(&["resume", folder.to_str().unwrap()]);
+    let resumed = Process::start(["resume", folder.to_str().unwrap()]);
     let said = stop_after("goes on after", resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
     assert!(!folder.join("summary.json").exists());

@@ -108,6 +108,65 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
 }
 
 #[test]
+fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
+    let sweep = Sweep::new();
+    let job = &sweep.jobs()[0];
+    let folder = job.folder(&sweep.runs);
+    let mut frozen = sweep.worker(&["--job", "0"]);
+    wait_until(&mut frozen, || has_checkpoint(&folder));
+    signal(&frozen, "STOP");
+    // a file server that lost the frozen client grants its lock to another one
+    fs::remove_file(folder.join("lock")).unwrap();
+    let other = sweep.worker(&["--job", "0"]).wait_with_output().unwrap();
+    assert_eq!(other.status.code(), Some(0));
+    let finished = bytes(&folder);
+    assert_same(&finished, &reference(&job.experiment));
+    signal(&frozen, "CONT");
+    let output = frozen.wait_with_output().unwrap();
+    let printed = said(&output);
+    assert_eq!(output.status.code(), Some(0), "{printed}");
+    let taken_over = printed.find("was taken over by process").unwrap();
+    let done = printed.find("covers-seed1000: done").unwrap();
+    assert!(taken_over < done, "{printed}");
+    assert_same(&bytes(&folder), &finished);
+    RunFolder::open(&folder).verify_tables().unwrap();
+}
+
+#[test]
+fn a_job_whose_tables_changed_after_its_end_is_not_done() {
+    let sweep = Sweep::new();
+    let folder = sweep.jobs()[0].folder(&sweep.runs);
+    let work = || said(&sweep.worker(&["--job", "0"]).wait_with_output().unwrap());
+    work();
+    let finished = bytes(&folder);
+    for file in ["metrics.csv", "evaluation.csv", "recognition.csv"] {
+        fs::write(folder.join(file), "").unwrap();
+    }
+    let printed = work();
+    assert!(printed.contains("restoring the tables"), "{printed}");
+    assert_same(&bytes(&folder), &finished);
+    let printed = work();
+    assert_eq!(printed, "covers-seed1000: done\n");
+}
+
+#[test]
+fn a_worker_whose_output_is_closed_leaves_a_checkpoint() {
+    let sweep = Sweep::new();
+    let folder = sweep.jobs()[0].folder(&sweep.runs);
+    let mut worker = sweep.worker(&["--job", "0"]);
+    drop(worker.stdout.take());
+    assert_eq!(worker.wait().unwrap().code(), Some(3));
+    assert!(!RunFolder::open(&folder).is_finished());
+    assert!(has_checkpoint(&folder));
+}
+
+fn signal(process: &Child, name: &str) {
+    let id = process.id().to_string();
+    let status = Command::new("kill").args(["-s", name, &id]).status();
+    assert!(status.unwrap().success());
+}
+
+#[test]
 fn runs_of_other_settings_are_left_alone() {
     let sweep = Sweep::new();
     for job in sweep.jobs() {

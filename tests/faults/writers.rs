@@ -1,5 +1,6 @@
 //! Two processes on one folder, runs that are over, files that disappear, and clocks.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -7,7 +8,7 @@ use covers::presets::Method;
 use covers::{CoversError, Provenance, Run};
 
 use crate::common::{
-    Scratch, TABLES, assert_same, begun, crash_after, expected, finish, interrupted, tiny,
+    Scratch, TABLES, assert_same, begun, bytes, crash_after, expected, finish, interrupted, tiny,
 };
 
 #[test]
@@ -34,6 +35,92 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     drop(run);
     let mut run = Run::resume(folder.path(), None).unwrap();
     assert!(run.advance().unwrap().is_some(), "the first writer is gone");
+}
+
+/// All files of a run, byte for byte.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let inside = [folder.to_owned(), folder.join("checkpoints")];
+    let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
+    let paths = entries.map(|entry| entry.unwrap().path());
+    let files = paths.filter(|path| path.is_file());
+    files
+        .map(|path| (path.clone(), fs::read(path).unwrap()))
+        .collect()
+}
+
+/// A file server that lost a client grants the client's lock to another one. Here the lock file is
+/// replaced, so that the system's lock on it is free.
+fn lose_lock(folder: &Path) {
+    fs::remove_file(folder.join("lock")).unwrap();
+}
+
+#[test]
+fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
+    let scratch = Scratch::new("frozen");
+    let (mut frozen, folder) = begun(&scratch);
+    lose_lock(&folder);
+    let mut run = Run::resume(&folder, Some(1)).unwrap();
+    while run.advance().unwrap().is_some() {}
+    run.summary().unwrap().unwrap();
+    assert_same(&bytes(&folder), expected());
+    drop(run);
+    let before = files(&folder);
+    let error = frozen.advance().unwrap_err();
+    assert!(matches!(error, CoversError::TakenOver(_)), "{error}");
+    let message = error.to_string();
+    let process = format!("was taken over by process {}", std::process::id());
+    assert!(message.contains(&process), "{message}");
+    assert!(frozen.save().is_err());
+    drop(frozen);
+    assert!(files(&folder) == before, "the frozen writer changed a file");
+}
+
+#[test]
+fn a_writer_whose_folder_was_moved_away_leaves_its_successor_alone() {
+    let scratch = Scratch::new("moved");
+    let (mut first, folder) = begun(&scratch);
+    let aside = scratch.0.join("aside");
+    fs::rename(&folder, &aside).unwrap();
+    let message = first.advance().unwrap_err().to_string();
+    assert!(message.contains("was moved"), "{message}");
+    assert!(!folder.exists(), "nothing was written in the old place");
+    drop(first);
+    // the run itself has lost nothing that its checkpoint holds
+    assert_same(&finish(Run::resume(&aside, Some(1)).unwrap()), expected());
+}
+
+#[test]
+fn tables_that_change_after_the_end_are_found_and_restored() {
+    let scratch = Scratch::new("edited");
+    let mut run = Run::start(tiny(Method::Covers), scratch.run("run")).unwrap();
+    while run.advance().unwrap().is_some() {}
+    run.summary().unwrap().unwrap();
+    let folder = run.folder().clone();
+    drop(run);
+    folder.verify_tables().unwrap();
+    for file in ["metrics.csv", "evaluation.csv"] {
+        let path = folder.path().join(file);
+        let whole = fs::read(&path).unwrap();
+        // one digit of the last row, and a table that lost its tail
+        let mut edited = whole.clone();
+        let digit = edited.iter_mut().rev().find(|byte| byte.is_ascii_digit());
+        *digit.unwrap() ^= 1;
+        for changed in [&edited[..], &whole[..whole.len() - 7]] {
+            fs::write(&path, changed).unwrap();
+            let message = folder.verify_tables().unwrap_err().to_string();
+            assert!(
+                message.contains(file) && message.contains("covers resume"),
+                "{message}"
+            );
+            Run::resume(folder.path(), Some(1))
+                .unwrap()
+                .summary()
+                .unwrap();
+            folder.verify_tables().unwrap();
+            assert!(fs::read(&path).unwrap() == whole);
+        }
+    }
+    assert_same(&bytes(folder.path()), expected());
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Values of small transport problems, found without the crate's solver.
 
 /// Returns the optimal value where one side is one or two points, or where up to eight meet as many
-/// of equal weight.
+/// of equal weight. Weights may have any common sum.
 pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
     let (n, m) = (a.len(), b.len());
     let transposed = || -> Vec<f64> { (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect() };
@@ -12,7 +12,7 @@ pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
         (2, _) => Some(two_sources(cost, a[0], b)),
         (_, 2) => Some(two_sources(&transposed(), b[0], a)),
         _ if n == m && n <= 8 && equal(a) && equal(b) => {
-            Some(cheapest_matching(cost, n, 0, &mut vec![false; n]) / n as f64)
+            Some(cheapest_matching(cost, n, 0, &mut vec![false; n]) * a[0])
         }
         _ => None,
     }

@@ -8,6 +8,9 @@ use crate::error::{ClusterError, Result};
 /// magnitude, whichever is less (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
+/// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude.
+pub const COST_TOLERANCE: f64 = 1e-9;
+
 /// Row and column sums of a plan.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
@@ -34,9 +37,16 @@ pub(crate) struct Scratch {
 /// `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's
 /// own `cost` field is held to the same value.
 ///
+/// Potentials far larger than the cost of the plan would make that a proof of nothing. So `gap +
+/// violation`, by which the plan's cost may exceed the optimum, must not exceed [`COST_TOLERANCE`]
+/// times `|cost|`. Costs of zero or close to it are held to [`RELATIVE_TOLERANCE`] times the
+/// smallest positive `c_ij` that carries mass or, where costs are negative and may cancel, times
+/// the plan's cost less the least `c_ij`.
+///
 /// # Errors
 /// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
-/// not hold, with its numbers. NaN anywhere is a failure, never a pass.
+/// not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere is a
+/// failure, never a pass.
 pub fn certify(
     cost: &[f64],
     sources: Weights,
@@ -65,6 +75,7 @@ pub(crate) fn certify_into(
     let tolerance = RELATIVE_TOLERANCE * scale + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
+    check_precision(cost, plan, gap + violation, last_bit)?;
     Ok(Certificate {
         marginal_error,
         violation,
@@ -204,6 +215,36 @@ fn check_gap(
         }
     }
     Ok((primal - dual).abs())
+}
+
+/// Checks that the cost of a plan exceeds the optimum by a small part of itself at most.
+fn check_precision(cost: &[f64], plan: &TransportPlan, excess: f64, last_bit: f64) -> Result<()> {
+    let relative = COST_TOLERANCE * plan.cost.abs() + last_bit;
+    if at_least(relative, excess) {
+        return Ok(());
+    }
+    let tolerance = relative.max(RELATIVE_TOLERANCE * scale_near_zero(cost, plan));
+    if at_least(tolerance, excess) {
+        return Ok(());
+    }
+    Err(ClusterError::Imprecise {
+        cost: plan.cost,
+        excess,
+        tolerance,
+    })
+}
+
+/// Returns the size of costs beside which the cost of a plan may be rounding alone: weights that
+/// differ in their last bits move some mass, and costs of both signs cancel.
+fn scale_near_zero(cost: &[f64], plan: &TransportPlan) -> f64 {
+    let least = cost.iter().fold(0.0_f64, |least, c| least.min(*c));
+    if least < 0.0 {
+        return plan.cost - least;
+    }
+    let sinks = plan.sink_potentials.len();
+    let paid = plan.entries.iter().map(|e| cost[e.source * sinks + e.sink]);
+    let smallest = paid.filter(|c| *c > 0.0).fold(f64::INFINITY, f64::min);
+    if smallest.is_finite() { smallest } else { 0.0 }
 }
 
 /// Returns the mean of the potentials under the weights.

@@ -14,9 +14,10 @@ mod problem;
 mod solver;
 mod start;
 
-pub use certificate::{RELATIVE_TOLERANCE, certify};
+pub use certificate::{COST_TOLERANCE, RELATIVE_TOLERANCE, certify};
 pub use plan::{Certificate, Entry, TransportPlan};
 pub use problem::{MAX_COST, Weights};
 pub use solver::{Solver, transport};
 
+pub(crate) use mass::Balance;
 pub(crate) use problem::check_weights_of;

@@ -19,14 +19,16 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
 ///
 /// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
-/// Costs too large for the optimum to use, which forbid a pair, take nothing from its precision;
-/// among costs that it does use, and the potentials that link them, differences below 1e-14 of the
-/// largest are not seen. [`Solver`] is the same with memory that is kept.
+/// Costs too large for the optimum to use, which forbid a pair, take nothing from its precision:
+/// where they would, the problem is solved again with such costs lowered. Among costs that the
+/// optimum does use, differences below some 1e-14 of the largest are not seen. [`Solver`] is the
+/// same with memory that is kept.
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
 /// cost that is not finite or exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the
-/// certificate refuses.
+/// certificate refuses: [`ClusterError::Imprecise`] where rounding leaves more than
+/// [`COST_TOLERANCE`](crate::COST_TOLERANCE) of the cost open.
 ///
 /// ```
 /// use cluster::{Weights, transport};
@@ -58,6 +60,8 @@ pub struct Solver {
     pricing: Pricing,
     plan: TransportPlan,
     scratch: Scratch,
+    /// Costs with a ceiling, for problems that need one.
+    lowered: Vec<f64>,
 }
 
 impl Solver {
@@ -110,8 +114,52 @@ impl Solver {
     fn finish(&mut self, cost: &[f64], sources: Weights, sinks: Weights) -> Result<&TransportPlan> {
         self.plan.pivots = self.improve(cost)?;
         self.read_plan(cost);
-        self.plan.certificate = certify_into(&mut self.scratch, cost, sources, sinks, &self.plan)?;
-        Ok(&self.plan)
+        let mut ceiling = f64::INFINITY;
+        loop {
+            match certify_into(&mut self.scratch, cost, sources, sinks, &self.plan) {
+                Err(error @ ClusterError::Imprecise { .. }) => {
+                    ceiling = self.lower_ceiling(cost, ceiling).ok_or(error)?;
+                }
+                certificate => {
+                    self.plan.certificate = certificate?;
+                    return Ok(&self.plan);
+                }
+            }
+            self.plan.pivots += self.improve_below(ceiling, cost)?;
+            self.read_plan(cost);
+        }
+    }
+
+    /// Returns a cost that no optimum exceeds, if it takes half or more of the range of costs up to
+    /// `ceiling` away.
+    ///
+    /// Two plans differ by cycles of at most `k = min(n, m)` arcs of either. Where the present plan
+    /// uses no arc above `t`, exchanging a cycle with an arc above `k t - (k - 1) least` for arcs
+    /// of the present plan lowers the cost.
+    fn lower_ceiling(&self, cost: &[f64], ceiling: f64) -> Option<f64> {
+        let plan = &self.plan;
+        let (n, m) = (plan.source_potentials.len(), plan.sink_potentials.len());
+        let least = cost.iter().copied().fold(f64::INFINITY, f64::min);
+        let largest = cost.iter().copied().fold(least, f64::max).min(ceiling);
+        let used = plan.entries.iter().map(|e| cost[e.source * m + e.sink]);
+        let dearest = used.fold(least, f64::max);
+        let span = (n.min(m) as f64 + 1.0) * (dearest - least);
+        (span < (largest - least) / 2.0).then_some(least + span)
+    }
+
+    /// Pivots on, with costs above `ceiling` lowered to it; returns the number of pivots.
+    ///
+    /// Where nothing cheap links two parts of the basis, dear arcs without mass do, and potentials
+    /// as large as their costs hide the differences between all others. Potentials that are
+    /// feasible for lowered costs are feasible for the costs as given, too.
+    fn improve_below(&mut self, ceiling: f64, cost: &[f64]) -> Result<usize> {
+        let mut lowered = std::mem::take(&mut self.lowered);
+        lowered.clear();
+        lowered.extend(cost.iter().map(|c| c.min(ceiling)));
+        self.basis.refresh_prices(&lowered);
+        let pivots = self.improve(&lowered);
+        self.lowered = lowered;
+        pivots
     }
 
     /// Pivots until no arc has a negative reduced cost; returns the number of pivots.

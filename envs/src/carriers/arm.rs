@@ -112,7 +112,7 @@ impl Arm {
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_deref())?,
-            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?,
+            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
             chain,
             settings,
         })

@@ -208,3 +208,44 @@ fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
         assert_eq!(sane.step(), hurt.step());
     }
 }
+
+/// A child that was forked has the memory of its parent and none of the worker threads. The process
+/// is pretended to be another one here; `python/tests/test_fork.py` forks.
+#[test]
+fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
+    for threads in [1, 2] {
+        let mut rig = Rig::new(threads);
+        rig.reset();
+        let scene = Arc::downgrade(&rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
+        let (here, elsewhere) = (rig.env.process, rig.env.process + 1);
+        rig.env.process = elsewhere;
+        let mut actions = [0.0; N * ACTION_DIM];
+        let turns = [Turn::Reset; N];
+        let reset = rig.env.reset(rig.batch.observations()).map(|_| ());
+        let step = rig.env.step(&actions, rig.batch.step()).map(|_| ());
+        let advance = rig.env.advance(&actions, &turns, rig.batch.step());
+        for refused in [
+            reset,
+            step,
+            advance.map(|_| ()),
+            rig.env.expert_actions(&mut actions),
+            rig.env.reseed(1),
+            rig.env.prepare(&[TaskGroup::DRAWER_CLOSE]),
+            rig.env.set_tasks(TaskGroup::DRAWER_CLOSE, &D2::ALL),
+        ] {
+            let error = refused.unwrap_err();
+            let EnvError::OtherProcess { made_in, process } = error else {
+                panic!("{error}");
+            };
+            assert_eq!((made_in, process), (elsewhere, here));
+        }
+        drop(rig);
+        assert!(scene.strong_count() > 0, "the workers go on");
+        // in its own process the same drop ends them
+        let mut rig = Rig::new(threads);
+        rig.reset();
+        let scene = Arc::downgrade(&rig.env.scenes[&TaskGroup::DRAWER_CLOSE]);
+        drop(rig);
+        assert_eq!(scene.strong_count(), 0);
+    }
+}

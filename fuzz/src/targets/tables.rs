@@ -87,10 +87,16 @@ fn tables() -> Vec<Vec<u8>> {
          0,80,1.5,0.5,0.5,0.25,0.25\n1,80,2,1,0,0,1\n2,80,1e3,1,1,1,1\n\0\
          {\"rollouts\":0,\"started\":-1,\"command\":[\"covers\"],\"version\":\"0.1.0\",\
          \"commit\":\"0123456789abcdef\",\"clean\":false,\"mujoco\":\"2.2.2\",\"renderer\":\"none\",\
-         \"processor\":\"a\",\"instructions\":[],\"system\":\"linux\",\"threads\":1}\n",
+         \"processor\":\"a\",\"instructions\":[],\"system\":\"linux\",\"threads\":1}\n\0\
+         rollouts,decisions,policy,units,dormant\n3,240,0,8,1\n\0\
+         group,element,episodes,policy,times\na,identity,1,0,1\na,identity,4,0,1\n\
+         a,identity,20,,1\nb,flip x,1,1,1\nb,flip x,4,1,1\nb,flip x,20,0,1\n",
         "decisions,group,last_group,straddles,policy,reward,success\n8,a,a,false,0,1,1\n\0\
-         rollouts,decisions,group,element,seen,policy,episodes,success,success_at_end,reward\n\
-         1,8,a,identity,true,0,8,1,1,1\n",
+         rollouts,decisions,group,element,seen,policy,episodes,success,success_at_end,reward,\
+         own_policy,own_success,own_success_at_end,own_reward\n\
+         1,8,a,identity,true,1,8,1,1,1,0,0.5,0.5,2\n\0\0\0\0\
+         group,element,episodes,policy,times\na,identity,1,1,1\na,identity,4,0,1\n\
+         a,identity,20,0,1\n",
         "\0\0\0",
         "decisions,group\n\"8\",\"a\"\"b\"\n",
     ])

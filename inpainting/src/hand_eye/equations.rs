@@ -1,7 +1,7 @@
-//! Normal equations of least squares in nine unknowns, some of which may be held.
+//! Normal equations of least squares in up to ten unknowns.
 
-/// The camera's turn (3), its place (3), and the ball's place in the hand (3).
-pub(super) const UNKNOWNS: usize = 9;
+/// The camera's turn (3), its place (3), the ball's place in the hand (3), and the focal length.
+pub(super) const UNKNOWNS: usize = 10;
 
 pub(super) type Vector = [f64; UNKNOWNS];
 type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
@@ -10,7 +10,7 @@ type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
 /// Beyond it, rounding decides.
 const LARGEST_INFLATION: f64 = 1e12;
 
-/// Sums of rows: the matrix, and the right-hand side. The unknowns from `free` on are held.
+/// Sums of rows: the matrix, and the right-hand side. Unknowns from `free` on are not there.
 #[derive(Clone, Debug)]
 pub(super) struct Equations {
     matrix: Matrix,
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn consistent_equations_are_solved_and_held_unknowns_stay_zero() {
         let known: Vector = std::array::from_fn(|i| i as f64 - 3.5);
-        for free in [6, 9] {
+        for free in [6, 9, 10] {
             let mut equations = Equations::new(free);
             for row in rows() {
                 equations.add(&row, dot(&row, &known, free));
@@ -169,7 +169,7 @@ mod tests {
             let solved = unit.solve(0.0).unwrap()[i];
             assert!((solved - variance).abs() <= 1e-12 * variance, "{i}");
         }
-        assert_eq!(variances[6..], [0.0; 3]);
+        assert_eq!(variances[6..], [0.0; 4]);
     }
 
     #[test]

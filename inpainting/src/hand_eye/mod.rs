@@ -23,6 +23,9 @@ const LARGEST_DILUTION: [f64; 2] = [0.1, 5.0 * std::f64::consts::PI / 180.0];
 const STEPS: usize = 200;
 /// Its first damping, its largest, and the factor from one to the next.
 const DAMPING: [f64; 3] = [1e-3, 1e12, 10.0];
+/// Standard deviations from which on a focal length is wrong, and the least part by which it then
+/// is: lenses that are not quite as the calibration has them leave less.
+const WRONG_FOCAL: [f64; 2] = [3.5, 0.01];
 /// A step that lowers the sum of squares by less than this part of it is the last one.
 const SETTLED: f64 = 1e-12;
 
@@ -37,6 +40,15 @@ pub struct Uncertainty {
     pub offset: DVec3,
 }
 
+/// Focal length that the poses themselves tell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Focal {
+    /// It, as a part of the one that was given.
+    pub ratio: f64,
+    /// One standard deviation of the ratio.
+    pub sigma: f64,
+}
+
 /// A camera that was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandEye {
@@ -46,8 +58,10 @@ pub struct HandEye {
     pub offset: DVec3,
     /// Of every pose, in the order given.
     pub residuals: Vec<Residual>,
-    /// By the residuals themselves.
+    /// By the residuals themselves; it holds for the focal lengths that were given.
     pub uncertainty: Uncertainty,
+    /// Check of the focal lengths; none where the poses do not tell them.
+    pub focal: Option<Focal>,
     /// What a pixel of noise would leave: how well the poses are spread.
     pub dilution: Uncertainty,
 }
@@ -62,8 +76,9 @@ impl HandEye {
     /// # Errors
     /// [`InpaintingError::TooFewPoses`], [`InpaintingError::Value`] for numbers out of range,
     /// [`InpaintingError::Unseen`] where `start` looks elsewhere, [`InpaintingError::Misfit`] for a
-    /// residual of more than [`LARGEST_RESIDUAL`], and [`InpaintingError::Undetermined`] for poses
-    /// that do not tell the camera's place.
+    /// residual of more than [`LARGEST_RESIDUAL`], [`InpaintingError::Undetermined`] for poses that
+    /// do not tell the camera's place, and [`InpaintingError::WrongFocal`] for a focal length that
+    /// the poses contradict.
     pub fn solve(
         start: &Calibration,
         offset: Offset,
@@ -80,7 +95,10 @@ impl HandEye {
         let dilution = dilution.filter(tolerable);
         let dilution = dilution.ok_or_else(|| undetermined(&best))?;
         let noise = best.noise();
+        let focal = focal(&best);
+        focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
         Ok(Self {
+            focal,
             calibration: best.calibration(),
             offset: best.offset(),
             residuals: best.residuals(),
@@ -176,6 +194,30 @@ fn settle(mut fit: Fit<'_>) -> Fit<'_> {
         }
     }
     fit
+}
+
+/// Solves once more, for the focal length, too.
+fn focal(best: &Fit<'_>) -> Option<Focal> {
+    let fit = settle(best.with_free_focal());
+    let variance = fit.equations().variances()?[fit.focal_index()];
+    let focal = |fit: &Fit<'_>| fit.calibration().intrinsics.focal[0];
+    let ratio = focal(&fit) / focal(best);
+    let sigma = ratio * fit.noise() * variance.sqrt();
+    Some(Focal { ratio, sigma })
+}
+
+fn check_focal(focal: Focal, start: &Calibration) -> Result<(), InpaintingError> {
+    let [sigmas, part] = WRONG_FOCAL;
+    let off = (focal.ratio - 1.0).abs();
+    if off <= part || off <= sigmas * focal.sigma {
+        return Ok(());
+    }
+    let given = start.intrinsics.focal;
+    Err(InpaintingError::WrongFocal {
+        given,
+        fitted: given.map(|given| focal.ratio * given),
+        sigma: focal.sigma * given[0],
+    })
 }
 
 fn dilution_of(variances: &[f64; UNKNOWNS]) -> Uncertainty {

@@ -32,6 +32,8 @@ pub(super) fn turned(calibration: &Calibration, quarters: usize) -> Calibration 
 pub(super) struct Fit<'a> {
     calibration: Calibration,
     offset: Offset,
+    /// `true` if the focal length is solved for.
+    free_focal: bool,
     /// The offset, where it is unknown.
     guess: DVec3,
     sightings: &'a [Sighting],
@@ -51,13 +53,13 @@ impl<'a> Fit<'a> {
             Offset::Known(offset) => offset,
             Offset::Unknown => DVec3::ZERO,
         };
-        Self::at(calibration, offset, guess, sightings)
+        Self::at(calibration, offset, (guess, false), sightings)
     }
 
     fn at(
         calibration: Calibration,
         offset: Offset,
-        guess: DVec3,
+        (guess, free_focal): (DVec3, bool),
         sightings: &'a [Sighting],
     ) -> Option<Self> {
         let residual = |sighting: &Sighting| {
@@ -71,6 +73,7 @@ impl<'a> Fit<'a> {
         cost.is_finite().then_some(Self {
             calibration,
             offset,
+            free_focal,
             guess,
             sightings,
             residuals,
@@ -101,11 +104,25 @@ impl<'a> Fit<'a> {
         }
     }
 
-    fn free(&self) -> usize {
-        match self.offset {
-            Offset::Known(_) => UNKNOWNS - 3,
-            Offset::Unknown => UNKNOWNS,
+    /// The same guess, its focal length being solved for.
+    pub fn with_free_focal(&self) -> Self {
+        Self {
+            free_focal: true,
+            ..self.clone()
         }
+    }
+
+    /// Index of the focal length among the unknowns, after the camera's turn and place and the
+    /// offset.
+    pub fn focal_index(&self) -> usize {
+        match self.offset {
+            Offset::Known(_) => 6,
+            Offset::Unknown => 9,
+        }
+    }
+
+    fn free(&self) -> usize {
+        self.focal_index() + usize::from(self.free_focal)
     }
 
     /// Standard deviation (pixels) that the residuals speak for.
@@ -118,21 +135,26 @@ impl<'a> Fit<'a> {
     pub fn equations(&self) -> Equations {
         let mut equations = Equations::new(self.free());
         let seen = self.sightings.iter().zip(&self.residuals);
-        let rows =
-            seen.flat_map(|(sighting, residual)| self.rows(sighting).into_iter().zip(residual));
-        rows.for_each(|(row, &value)| equations.add(&row, value));
+        let rows = seen.flat_map(|(sighting, residual)| {
+            self.rows(sighting, *residual).into_iter().zip(*residual)
+        });
+        rows.for_each(|(row, value)| equations.add(&row, value));
         equations
     }
 
-    /// Derivatives of the column and of the row by the unknowns.
-    fn rows(&self, sighting: &Sighting) -> [Vector; 2] {
+    /// Derivatives of the column and of the row by the unknowns; by the logarithm of the focal
+    /// length.
+    fn rows(&self, sighting: &Sighting, residual: [f64; 2]) -> [Vector; 2] {
         let Extrinsics {
             rotation,
             translation,
         } = self.calibration.extrinsics;
         let ball = sighting.position + sighting.rotation * self.guess;
         let seen = rotation * ball + translation;
-        self.calibration.slopes(seen).map(|slope| {
+        let slopes = self.calibration.slopes(seen);
+        let centre = self.calibration.intrinsics.centre;
+        [0, 1].map(|axis| {
+            let slope = slopes[axis];
             let in_world = rotation.transpose() * slope;
             let [turn, place, offset] = [
                 seen.cross(slope),
@@ -140,7 +162,12 @@ impl<'a> Fit<'a> {
                 sighting.rotation.conjugate() * in_world,
             ];
             let parts = [turn, place, offset].map(|part| part.to_array());
-            std::array::from_fn(|i| parts[i / 3][i % 3])
+            let mut row = [0.0; UNKNOWNS];
+            row[..9].copy_from_slice(parts.as_flattened());
+            if self.free_focal {
+                row[self.focal_index()] = sighting.pixel[axis] - residual[axis] - centre[axis];
+            }
+            row
         })
     }
 
@@ -150,15 +177,27 @@ impl<'a> Fit<'a> {
         let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
         let rotation = DMat3::from_quat((turn * old).normalize());
         let position = self.calibration.position() + DVec3::from_slice(&step[3..6]);
-        let calibration = Calibration {
+        let mut calibration = Calibration {
             extrinsics: Extrinsics {
                 rotation,
                 translation: -(rotation * position),
             },
             ..self.calibration
         };
-        let guess = self.guess + DVec3::from_slice(&step[6..]);
-        Self::at(calibration, self.offset, guess, self.sightings)
+        if self.free_focal {
+            let growth = step[self.focal_index()].exp();
+            calibration.intrinsics.focal = calibration.intrinsics.focal.map(|f| growth * f);
+        }
+        let guess = match self.offset {
+            Offset::Known(offset) => offset,
+            Offset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
+        };
+        Self::at(
+            calibration,
+            self.offset,
+            (guess, self.free_focal),
+            self.sightings,
+        )
     }
 
     /// What is left of every pose.

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
-use crate::error::{RlError, check_all_finite, check_len};
+use crate::error::{RlError, check_len, check_rows_finite};
 use crate::experience::Experience;
 use crate::policy::Actor;
 use crate::replay::episode::{Episode, Sizes};
@@ -85,9 +85,9 @@ impl Replay {
     ) -> Result<(), RlError> {
         let n = self.spec.num_envs;
         observations.check(&self.spec, n)?;
-        observations.check_finite()?;
+        observations.check_finite(&self.spec)?;
         check_len("actions", "[N, A]", actions.len(), n * self.sizes.action)?;
-        check_all_finite("an action", actions)?;
+        check_rows_finite("an action", actions, self.sizes.action)?;
         transition.check(&self.spec)?;
         (0..n).try_for_each(|env| self.check_continued(env, observations, transition))?;
         for env in 0..n {

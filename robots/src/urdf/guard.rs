@@ -1,5 +1,6 @@
 //! What is refused before any parser sees it: parsers of XML recurse, and take long over long
-//! files. `RustyXML`, which `urdf-rs` reads with, panics over some texts that no URDF needs.
+//! files, and readers of URDF skip what `xacro` would have expanded. `RustyXML`, which `urdf-rs`
+//! reads with, panics over some texts that no URDF needs.
 
 use super::scan::{Kind, Piece, Pieces, Tag};
 use crate::error::DescriptionError;
@@ -11,14 +12,21 @@ pub const MAX_DEPTH: usize = 64;
 /// Most namespaces that a URDF may declare.
 const MAX_NAMESPACES: usize = 32;
 
-/// Refuses a text that is too long, too deep, or unlike a URDF.
+/// Refuses a text that is too long, too deep, a template, or unlike a URDF.
 pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
     if text.len() > MAX_BYTES {
         return Err(DescriptionError::TooLong { limit: MAX_BYTES });
     }
     let mut pieces = Pieces::new(text);
     let mut elements = Elements::default();
+    let mut templates = Templates::default();
     while let Some(piece) = pieces.next() {
+        if let Ok(Piece::Tag(tag)) = &piece
+            && let Some(found) = templates.find(tag, elements.open.len())
+        {
+            let line = pieces.line();
+            return Err(DescriptionError::Xacro { line, found });
+        }
         let checked = piece.and_then(|piece| elements.check(&piece));
         checked.map_err(|reason| DescriptionError::Syntax {
             message: format!("line {}: {reason}", pieces.line()),
@@ -28,6 +36,46 @@ pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
         }
     }
     Ok(())
+}
+
+/// Elements of xacro below `<robot>` that old files write without a prefix.
+const OLD_XACRO: [&str; 4] = ["include", "insert_block", "macro", "property"];
+/// Most characters of an attribute's value in a message.
+const MAX_QUOTED: usize = 80;
+
+/// Search for what `xacro` would have expanded. A declaration of its namespace alone is none of
+/// that: the tool leaves it in its output.
+#[derive(Default)]
+struct Templates<'a> {
+    /// Prefixes that are declared for xacro's namespace, beside `xacro` itself.
+    prefixes: Vec<&'a str>,
+}
+
+impl<'a> Templates<'a> {
+    /// The element or attribute of a tag, `level` elements deep, that is xacro.
+    fn find(&mut self, tag: &Tag<'a>, level: usize) -> Option<String> {
+        for &[name, value] in &tag.attributes {
+            if let Some(prefix) = name.strip_prefix("xmlns:")
+                && value.to_ascii_lowercase().contains("xacro")
+            {
+                self.prefixes.push(prefix);
+            }
+        }
+        let is_old = level == 1 && OLD_XACRO.contains(&tag.name);
+        if is_old || self.is_prefixed(tag.name) {
+            return Some(format!("`<{}>`", tag.name));
+        }
+        let unexpanded = |value: &str| value.contains("${") || value.contains("$(");
+        let mut attributes = tag.attributes.iter();
+        let found = attributes.find(|[name, value]| self.is_prefixed(name) || unexpanded(value))?;
+        let value: String = found[1].chars().take(MAX_QUOTED).collect();
+        Some(format!("`{}` of `<{}>`, {value:?},", found[0], tag.name))
+    }
+
+    fn is_prefixed(&self, name: &str) -> bool {
+        let prefix = name.split_once(':').map(|(prefix, _)| prefix);
+        prefix.is_some_and(|prefix| prefix == "xacro" || self.prefixes.contains(&prefix))
+    }
 }
 
 /// The elements that have not ended.

@@ -8,6 +8,7 @@ mod inertia;
 mod joints;
 mod links;
 mod mesh;
+mod mimic;
 mod names;
 mod scan;
 mod tree;
@@ -60,11 +61,13 @@ impl Description {
         let tree = tree::Tree::new(&file)?;
         let link = |&index: &usize| links::link(&file.links[index], folder);
         let links = tree.links.iter().map(link);
-        let (joints, dofs) = joints::joints(&file, &tree)?;
+        let (mut joints, dofs) = joints::joints(&file, &tree)?;
+        let restrictions = mimic::restrict(&mut joints)?;
         let description = Self {
             links: links.collect::<Result<_, _>>()?,
             joints,
             dofs,
+            restrictions,
             base: Pose::IDENTITY,
             name: file.name,
         };

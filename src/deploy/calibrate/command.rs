@@ -7,8 +7,8 @@ use std::str::FromStr;
 use clap::Args;
 use envs::Camera;
 use envs::carriers::Arm;
-use glam::{DQuat, DVec3};
-use inpainting::{Ball, Calibration, Offset, Uncertainty};
+use glam::DVec3;
+use inpainting::{Ball, Calibration, Focal, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::cli::say;
@@ -17,6 +17,7 @@ use crate::error::CoversError;
 
 use super::super::faults::Fault;
 use super::super::options::{RigOptions, RobotKind};
+use super::super::plausibility;
 use super::super::rig::{Rig, Trial};
 use super::super::simulated::{SimulatedRig, SimulationSettings};
 use super::file::CalibrationFile;
@@ -156,11 +157,8 @@ impl CalibrateOptions {
 
 /// How far two cameras are apart (mm), and how far they are turned (degrees).
 pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
-    let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
-    let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
-    let angle = angle.min(std::f64::consts::TAU - angle);
-    let place = one.position().distance(other.position());
-    [1e3 * place, angle.to_degrees()]
+    let [place, angle] = plausibility::apart(one, other);
+    [1e3 * place, angle]
 }
 
 /// A distance on the table, for people.
@@ -203,6 +201,10 @@ fn object(calibrated: &Calibrated) -> Value {
         "residuals": residuals.collect::<Vec<_>>(),
         "sigma": uncertainty(&found.uncertainty),
         "sigma_of_a_pixel": uncertainty(&found.dilution),
+        "focal_by_the_poses": found.focal.map(|focal| json!({
+            "ratio": focal.ratio,
+            "sigma": focal.sigma,
+        })),
         "moved_mm": moved,
         "turned_degrees": turned,
         "left_out": calibrated.left_out,
@@ -253,6 +255,16 @@ fn text(calibrated: &Calibrated) -> String {
         );
         lines.push(ball);
     }
+    lines.push(match found.focal {
+        Some(Focal { ratio, sigma }) => format!(
+            "that holds for the focal lengths that were given; the poses have them {:+.1} % from \
+             there, give or take {:.1}",
+            1e2 * (ratio - 1.0),
+            1e2 * sigma
+        ),
+        None => "that holds for the focal lengths that were given, which the poses do not tell"
+            .to_owned(),
+    });
     let of = &found.dilution;
     lines.push(format!(
         "a pixel of noise would leave {:.1} mm and {:.2} degrees",

@@ -73,8 +73,9 @@ impl MaskCheck {
     /// before an error is returned.
     ///
     /// # Errors
-    /// [`CoversError::Rig`], [`CoversError::Robot`], [`CoversError::StalePicture`],
-    /// [`CoversError::PictureOfTheFuture`]; what perception says of the camera.
+    /// [`CoversError::OtherCamera`], before the arm moves; [`CoversError::Rig`],
+    /// [`CoversError::Robot`], [`CoversError::StalePicture`], [`CoversError::PictureOfTheFuture`];
+    /// what perception says of the camera.
     pub fn measure(
         deployment: &Deployment,
         rig: &mut dyn Rig,
@@ -82,6 +83,7 @@ impl MaskCheck {
         poses: &[Pose],
         trial: &Trial,
     ) -> Result<Self, CoversError> {
+        deployment.check_calibration(rig)?;
         let size = deployment.camera().size;
         let watched = watch(deployment, rig, arm, trial);
         let measured = watched.and_then(|(sight, background)| {

@@ -14,7 +14,7 @@ use crate::tables::number;
 
 use super::{Pace, curves, distances, groups, ink, picture, strips};
 
-/// Least columns and rows of a screen that shows everything.
+/// Least columns and rows of a screen that shows every panel. Long names are cut at this width.
 const WHOLE: [u16; 2] = [100, 30];
 /// Least rows of what is not head or foot, where there are tables.
 const MOST: u16 = 20;

@@ -32,6 +32,9 @@ const SIGNALLED: usize = 128;
 /// That after Ctrl-C.
 const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
 
+/// Exit code after SIGHUP.
+const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
+
 /// Shows the run of another process until somebody quits. Returns the exit code: 0 after `q`, 128
 /// and its number after a signal.
 ///
@@ -123,14 +126,19 @@ impl Onlooker {
             };
             show(&mut self.screen, &self.view, picture, keys)?;
             let since = wished.map(|wished| wished.elapsed());
-            if let Some(code) = self.wish.uttered()?.filter(|&code| counts(code, since)) {
-                if self.stop.requested() {
+            match self.wish.uttered()?.filter(|&code| counts(code, since)) {
+                None => {}
+                // a terminal that closes may send SIGHUP twice, and SIGTERM may follow
+                Some(HUNG_UP) => self.stop.request(),
+                Some(code) if wished.is_some() => {
                     drop(self.screen);
                     // `q` ends a run as Ctrl-C does
                     low_level::exit(i32::from(if code == 0 { INTERRUPTED } else { code }));
                 }
-                wished = Some(Instant::now());
-                self.stop.request();
+                Some(_) => {
+                    wished = Some(Instant::now());
+                    self.stop.request();
+                }
             }
             unreadable = self.view.refresh().err().map(|error| error.to_string());
         }
@@ -232,7 +240,7 @@ impl Wish {
     }
 }
 
-/// Whether a wish to end with this code counts, so long after the last one.
+/// `true` if a wish to end with this code counts, `since` the last one.
 fn counts(code: u8, since: Option<Duration>) -> bool {
     code != 0 || since.is_none_or(|since| since >= HELD)
 }

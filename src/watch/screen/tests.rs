@@ -60,6 +60,7 @@ fn score(group: &str, element: D2) -> ScoreRow {
         success: 0.25,
         success_at_end: 0.25,
         reward: 100.0,
+        ..ScoreRow::default()
     }
 }
 

@@ -1,0 +1,144 @@
+//! Rewards of another scale than 1: where PPO stops learning, and the warning that says so.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, Algorithm, Encoder, EnvSpec, MAX_RETURN, MIN_RETURN, Observations, Ppo,
+    PpoSettings, RewardWarning, RolloutBuffer, RolloutState, RolloutStats, VectorEnv, collect,
+    evaluate,
+};
+use symmetry::Irrep;
+
+use crate::common::joint::joint;
+use crate::common::parts::{Spoiling, policy};
+use crate::common::toy::{Toy, Toys};
+
+/// N goals in [-0.9, 0.9], which the vector shows. An episode is one decision; its reward is
+/// `scale` times 1 minus the distance of the action from the goal.
+struct Bandit {
+    scale: f32,
+    goals: Vec<f32>,
+    rng: ChaCha8Rng,
+}
+
+impl Bandit {
+    fn envs(num_envs: usize, scale: f32) -> Toys<Self> {
+        let bandit = Self {
+            scale,
+            goals: vec![0.0; num_envs],
+            rng: ChaCha8Rng::seed_from_u64(1),
+        };
+        let spec = EnvSpec {
+            num_envs,
+            image: [1, 1, 1],
+            vector: vec![Irrep::X],
+            action: vec![Irrep::X],
+        };
+        Toys::of(bandit, spec)
+    }
+}
+
+impl Toy for Bandit {
+    const EPISODE: usize = 1;
+
+    fn restart(&mut self, n: usize) {
+        self.goals[n] = self.rng.random_range(-0.9..0.9);
+    }
+
+    fn observe(&self, n: usize, out: &mut Observations) {
+        out.vectors[n] = self.goals[n];
+    }
+
+    fn act(&mut self, n: usize, action: &[f32]) -> (f32, bool) {
+        let distance = (action[0] - self.goals[n]).abs();
+        (self.scale * (1.0 - distance), distance < 0.1)
+    }
+}
+
+/// What 30 rollouts of 512 decisions lead PPO to: the success of its mean actions, and the last
+/// rollout.
+fn ppo(scale: f32) -> (f64, RolloutStats) {
+    let mut env = Bandit::envs(32, scale);
+    let mut policy = ActorCriticPolicy::new(&joint(Encoder::Blind, 2), env.spec(), 2).unwrap();
+    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), 16).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut last = RolloutStats::default();
+    for _ in 0..30 {
+        last = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+        ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+    }
+    let success = evaluate(&mut env, &mut policy, 16).unwrap().success_rate();
+    (success.unwrap(), last)
+}
+
+#[test]
+fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
+    // (scale, success of mean actions, success of drawn ones): at 1e6 the mean is still learnt, but
+    // exploration never shrinks
+    for (scale, mean, drawn) in [
+        (1.0, 0.9..=1.0, 0.8..=1.0),
+        (MIN_RETURN as f32 * 1.001, 0.9..=1.0, 0.3..=1.0),
+        (MAX_RETURN as f32 * 0.99, 0.9..=1.0, 0.3..=1.0),
+        (1e-6, 0.0..=0.3, 0.0..=0.2),
+        (1e6, 0.9..=1.0, 0.0..=0.25),
+    ] {
+        let (success, last) = ppo(scale);
+        let found = (success, last.success_rate().unwrap());
+        assert!(mean.contains(&found.0), "{scale:e}: {found:?}");
+        assert!(drawn.contains(&found.1), "{scale:e}: {found:?}");
+        let warning = last.reward_warning();
+        match scale {
+            1e-6 => assert!(matches!(warning, Some(RewardWarning::TooSmall { .. }))),
+            1e6 => assert!(matches!(warning, Some(RewardWarning::TooLarge { .. }))),
+            _ => assert_eq!(warning, None),
+        }
+    }
+}
+
+/// One rollout of the bandit.
+fn rollout(scale: f32) -> RolloutStats {
+    let mut env = Bandit::envs(4, scale);
+    let mut policy = ActorCriticPolicy::new(&joint(Encoder::Blind, 2), env.spec(), 2).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap()
+}
+
+#[test]
+fn rewards_of_nothing_but_zero_say_nothing() {
+    assert_eq!(rollout(0.0).reward_warning(), None);
+    assert_eq!(RolloutStats::default().reward_warning(), None);
+}
+
+#[test]
+fn the_sign_does_not_matter_and_the_message_names_value_and_bounds() {
+    for scale in [3e38, -3e38] {
+        let stats = rollout(scale);
+        assert!(stats.largest_return > 1e38);
+        let message = stats.reward_warning().unwrap().to_string();
+        assert!(message.contains("e38 in magnitude"), "{message}");
+        assert!(message.contains("between 1e-2 and 1e3"), "{message}");
+    }
+}
+
+/// Returns count, not rewards: many small ones add up.
+#[test]
+fn long_episodes_of_small_rewards_are_not_warned_of() {
+    let mut env = Spoiling::new(|t| t.rewards.fill(2e-3));
+    let mut policy = policy();
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut after = |steps| {
+        let mut buffer = RolloutBuffer::new(env.spec(), steps).unwrap();
+        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap()
+    };
+    let short = after(3).reward_warning();
+    assert!(matches!(short, Some(RewardWarning::TooSmall { .. })));
+    // the episodes go on, and end within the next rollout
+    let long = after(7);
+    assert_eq!(long.reward_warning(), None);
+    assert!((long.largest_return - 0.02).abs() < 1e-6);
+}
