@@ -114,9 +114,9 @@ pub enum CoversError {
     OtherCamera {
         /// Part of the calibration.
         what: &'static str,
-        /// Its value.
+        /// Value of that part.
         value: String,
-        /// What the rig's camera lets expect.
+        /// Values that would be accepted.
         expected: String,
     },
     /// The thread pool.

@@ -7,7 +7,7 @@ pub(crate) fn printable(text: &str) -> String {
     escaped_but(text, |_| false)
 }
 
-/// The same for text of several lines, whose line ends and tabs stay.
+/// Escapes the characters of several lines that steer a terminal; line ends and tabs stay.
 pub(crate) fn printable_lines(text: &str) -> String {
     escaped_but(text, |sign| matches!(sign, '\n' | '\t'))
 }
@@ -26,8 +26,7 @@ fn escaped_but(text: &str, stays: fn(char) -> bool) -> String {
 
 /// `true` for characters that a terminal or a page obeys instead of showing them.
 fn steers(sign: char) -> bool {
-    let turns =
-        matches!(sign, '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    let turns = matches!(sign, '\u{61c}' | '\u{200e}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     // separators of lines and paragraphs
     let ends = matches!(sign, '\u{2028}'..='\u{2029}');
     sign.is_control() || turns || ends

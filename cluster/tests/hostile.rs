@@ -3,11 +3,12 @@
 use std::cmp::Ordering;
 
 use cluster::{
-    Certificate, ClusterError, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein, Weights,
-    certify, transport, wasserstein1, wasserstein1_line,
+    Certificate, ClusterError, Entry, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein,
+    Weights, certify, transport, wasserstein1, wasserstein1_line,
 };
 use lapjv::{Matrix, lapjv};
 use rand::SeedableRng;
+use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::common::{normals, random_costs, uniform};
@@ -231,6 +232,98 @@ fn costs_that_forbid_pairs_across_blocks_leave_the_optimum_of_the_blocks() {
             let got = uniform(&cost, 40, 40).unwrap().cost;
             let error = (got - expected).abs();
             assert!(error < 1e-12, "{seed}, {forbidden:e}: {got} {expected}");
+        }
+    }
+}
+
+#[test]
+fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
+    // potentials near the price of a forbidden pair round to the same number for each small cost
+    for forbidden in [1e9, 1e16, 1e18, 1e30, 1e60, MAX_COST] {
+        let f = forbidden;
+        let three = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
+        let got = uniform(&three, 3, 3).unwrap().cost;
+        assert!((got + 2.0 / 3.0).abs() < 1e-12, "{f:e}: {got}");
+        let four = [
+            [-2.0, 1.0, f, f],
+            [2.0, f, -2.0, f],
+            [3.0, 1.0, f, f],
+            [1.0, 0.0, 3.0, -2.0],
+        ];
+        let got = uniform(four.as_flattened(), 4, 4).unwrap().cost;
+        assert!((got + 1.25).abs() < 1e-12, "{f:e}: {got}");
+    }
+}
+
+#[test]
+fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
+    // the cost of the plan exceeds the optimum by 2/3; so large potentials make sums of zero
+    for f in [1e18, 1e30, MAX_COST] {
+        let cost = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
+        let plan = TransportPlan {
+            entries: (0..3)
+                .map(|k| Entry {
+                    source: k,
+                    sink: k,
+                    mass: 1.0 / 3.0,
+                })
+                .collect(),
+            source_potentials: vec![f, f, 0.0],
+            sink_potentials: vec![-f, -f, 0.0],
+            ..TransportPlan::default()
+        };
+        let (three, weights) = (Weights::Uniform(3), [1.0 / 3.0; 3]);
+        for sides in [(three, three), (Weights::Given(&weights), three)] {
+            let error = certify(&cost, sides.0, sides.1, &plan).unwrap_err();
+            assert!(matches!(error, ClusterError::Imprecise { .. }), "{error}");
+        }
+    }
+}
+
+#[test]
+fn potentials_that_overflow_are_refused() {
+    let (two, half) = (Weights::Uniform(2), 0.5);
+    let plan = TransportPlan {
+        entries: (0..2)
+            .map(|k| Entry {
+                source: k,
+                sink: k,
+                mass: half,
+            })
+            .collect(),
+        source_potentials: vec![f64::MAX, 0.0],
+        sink_potentials: vec![f64::MAX, 0.0],
+        ..TransportPlan::default()
+    };
+    let error = certify(&[0.0; 4], two, two, &plan).unwrap_err();
+    assert!(
+        matches!(error, ClusterError::DualInfeasible { .. }),
+        "{error}"
+    );
+}
+
+#[test]
+fn clouds_that_differ_in_one_point_of_many_are_not_refused() {
+    for (n, dim) in [(10, 2), (500, 1), (500, 2), (501, 3), (2000, 1), (2000, 2)] {
+        for seed in 0..2 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let x = normals(&mut rng, n * dim);
+            let mut order: Vec<usize> = (0..n).collect();
+            order.shuffle(&mut rng);
+            let points = order.iter().map(|i| &x[i * dim..][..dim]);
+            let copy: Vec<f32> = points.flatten().copied().collect();
+            assert_eq!(wasserstein1(&x, &copy, dim).unwrap(), 0.0);
+            for step in [1e-4, 0.5 / n as f32, 4.0 / n as f32] {
+                let mut y = copy.clone();
+                y[..dim].iter_mut().for_each(|v| *v += step);
+                let square = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b)).powi(2);
+                let moved = y.iter().zip(&copy).map(square).sum::<f64>().sqrt();
+                // all but one point stay, or a chain of points in between moves up
+                let expected = moved / n as f64;
+                let got = wasserstein1(&x, &y, dim).unwrap();
+                let error = (got / expected - 1.0).abs();
+                assert!(error < 1e-9, "{n}, {dim}, {seed}, {step}: {got} {expected}");
+            }
         }
     }
 }

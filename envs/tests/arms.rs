@@ -199,6 +199,23 @@ fn made(settings: ArmSettings) -> Embodiment {
     Embodiment::of(Box::leak(Box::new(Arm::new(settings).unwrap())))
 }
 
+/// A tip as large as the arm touches links that are joints away.
+#[test]
+fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
+    let ball = "<link name=\"tip\"><collision><geometry><sphere radius=\"2\"/></geometry></collision>\
+                </link>";
+    let urdf = SIX_JOINT.replacen("<link name=\"tip\"/>", ball, 1);
+    let robot = envs::robots::Description::from_urdf(&urdf).unwrap();
+    let arm = Arm::new(ArmSettings {
+        robot,
+        ..six_joint("six_joint_with_a_ball")
+    });
+    let pair = ["column", "tip"].map(str::to_owned);
+    assert!(arm.unwrap().excluded().contains(&pair));
+    let thin = Arm::new(six_joint("six_joint")).unwrap();
+    assert!(!thin.excluded().contains(&pair));
+}
+
 /// Scenes, settings and experts take an arm of somebody else's as they take their own.
 #[test]
 fn an_arm_of_somebody_elses_drives_a_scripted_expert() {

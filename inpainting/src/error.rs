@@ -70,7 +70,7 @@ pub enum InpaintingError {
     },
     /// A focal length that the poses contradict.
     #[error(
-        "the focal lengths are given as {:.1} and {:.1} pixels, but the poses tell {:.1} and {:.1}, \
+        "the focal lengths are given as {:.1} and {:.1} pixels, but the poses fit {:.1} and {:.1}, \
          give or take {sigma:.1}: correct the intrinsics that the rig gives (those of this size of \
          picture), and look whether joints and the lens are as they are said to be", .given[0],
         .given[1], .fitted[0], .fitted[1]
@@ -78,7 +78,7 @@ pub enum InpaintingError {
     WrongFocal {
         /// Focal lengths across and down that were given (pixels).
         given: [f64; 2],
-        /// Those that fit the poses best (pixels).
+        /// Focal lengths that fit the poses best (pixels).
         fitted: [f64; 2],
         /// One standard deviation of the first of these (pixels).
         sigma: f64,

@@ -12,7 +12,8 @@ import covers_envs
 
 if "COVERS_POLICIES" not in os.environ:
     pytest.skip("COVERS_POLICIES does not name a folder of exported policies", allow_module_level=True)
-pytest.importorskip("onnxruntime")
+import onnxruntime  # noqa: E402, F401  where policies are named, it must be there
+
 POLICIES = Path(os.environ["COVERS_POLICIES"])
 
 #: Policy, success and return of 500 of each group, by assets/pretrained/README.md.

@@ -8,7 +8,7 @@ use crate::error::{BoxError, Place, RlError, check_finite_at, check_len};
 use crate::require::{require, require_memory};
 
 /// Largest magnitude accepted in an observation vector, whose components are to be of order 1:
-/// squares of larger numbers overflow the gradients of a network.
+/// a margin below the numbers whose squares overflow (1.8e19).
 pub const MAX_OBSERVATION: f32 = 1e12;
 
 /// Sizes and symmetry types of a [`VectorEnv`].

@@ -256,7 +256,7 @@ pub enum RlError {
     NotFinite {
         /// Name of the quantity.
         what: &'static str,
-        /// Where it was found.
+        /// Environment, component and step.
         place: Place,
         /// Its value.
         value: f64,
@@ -269,7 +269,7 @@ pub enum RlError {
     TooLarge {
         /// Name of the quantity.
         what: &'static str,
-        /// Where it was found.
+        /// Environment, component and step.
         place: Place,
         /// Its value.
         value: f32,
@@ -281,7 +281,7 @@ pub enum RlError {
     Environment(#[source] BoxError),
 }
 
-/// Where a number stands among those of N environments, as far as that is known.
+/// Environment, component and step of a number, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Place {
     /// Index of the environment, in 0..N.
@@ -316,10 +316,10 @@ impl fmt::Display for Place {
 }
 
 impl RlError {
-    /// Adds the step to an error that names an environment, given the `lengths` of its episode.
-    pub(crate) fn at_step(mut self, length: impl Fn(usize) -> usize) -> Self {
+    /// Adds the `step` in the episode of an environment to an error that names the environment.
+    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> usize) -> Self {
         if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
-            place.step = place.env.map(length);
+            place.step = place.env.map(step);
         }
         self
     }

@@ -22,7 +22,8 @@ pub const MIN_RETURN: f64 = 1e-2;
 /// | drawn | 0.11 | 0.16 | 0.45 | 0.89 | 0.90 | 0.84 | 0.37 | 0.36 | 0.34 | 0.24 | 0.16 | 0.13 |
 ///
 /// So learning is best for returns of order 1, and slow at the bounds. A return of zero says
-/// nothing: while all rewards are zero, there is no warning.
+/// nothing: while all rewards are zero, there is no warning. Returns are sums without a discount,
+/// so episodes of thousands of steps may exceed the bound although their discounted values do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardWarning {
     /// Returns are beyond [`MAX_RETURN`].
@@ -38,7 +39,7 @@ pub enum RewardWarning {
 }
 
 impl RewardWarning {
-    /// Judges the largest magnitude of an episode's return.
+    /// Returns the warning for the largest magnitude of an episode's return, if there is one.
     pub fn of(largest: f64) -> Option<Self> {
         if largest > MAX_RETURN {
             Some(Self::TooLarge { largest })
@@ -52,12 +53,14 @@ impl RewardWarning {
 
 impl fmt::Display for RewardWarning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (Self::TooLarge { largest } | Self::TooSmall { largest }) = self;
+        let (largest, effect) = match self {
+            Self::TooLarge { largest } => (largest, "exploration may not shrink"),
+            Self::TooSmall { largest } => (largest, "little or nothing may be learnt"),
+        };
         write!(
             f,
             "returns of episodes reach {largest:.1e} in magnitude, expected between {MIN_RETURN:e} \
-             and {MAX_RETURN:e}: little or nothing is learnt from such rewards; divide them by \
-             their usual size in the environment"
+             and {MAX_RETURN:e}: {effect}; divide rewards by their usual size in the environment"
         )
     }
 }

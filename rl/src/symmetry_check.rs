@@ -75,7 +75,7 @@ pub fn check_symmetry(
     })
 }
 
-/// What is looked at in every step. Indices count the entries of a view and the components of the
+/// Quantity that is compared in every step. Indices count the entries of a view and the components of the
 /// action.
 #[derive(Clone, Copy, Debug)]
 enum Term {

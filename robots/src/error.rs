@@ -181,19 +181,20 @@ pub enum DescriptionError {
     },
     /// A joint that follows another one out of its own range.
     #[error(
-        "the joint `{joint}` follows `{followed}` to positions from {} to {}, which its own range, \
-         {} to {}, does not hold: correct `<limit>` or `<mimic>` of `{joint}`",
-        .led[0], .led[1], .range[0], .range[1]
+        "the joint `{joint}` follows `{followed}`, which moves from {} to {}{}, to positions from \
+         {} to {}, outside its own range, {} to {}: correct `<limit>` or `<mimic>` of `{joint}`{}",
+        .ranges.followed[0], .ranges.followed[1], kept_by(.other), .ranges.led[0], .ranges.led[1],
+        .ranges.own[0], .ranges.own[1], or_of(.other)
     )]
     FollowerRange {
         /// The joint.
         joint: String,
         /// The joint that it follows.
         followed: String,
-        /// Positions to which the followed joint leads it (radians, metres).
-        led: [f64; 2],
-        /// Its own range.
-        range: [f64; 2],
+        /// Ranges of both.
+        ranges: Box<FollowerRanges>,
+        /// Another joint that follows the same one and has made its range smaller, if any.
+        other: Option<String>,
     },
     /// A collision shape from a file that cannot be used.
     #[error("the link `{link}` collides as the mesh `{file}`, which cannot be used: {reason}")]
@@ -301,6 +302,29 @@ pub enum ControlError {
         /// Why it was not.
         source: Box<ControlError>,
     },
+}
+
+/// Ranges (radians, metres) of a joint that follows another one out of its own range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FollowerRanges {
+    /// Range of the followed joint.
+    pub followed: [f64; 2],
+    /// Positions to which the followed joint leads the follower.
+    pub led: [f64; 2],
+    /// Range of the follower.
+    pub own: [f64; 2],
+}
+
+fn kept_by(other: &Option<String>) -> String {
+    let of = other.as_ref();
+    of.map_or_else(String::new, |other| {
+        format!(" to keep `{other}` in its range")
+    })
+}
+
+fn or_of(other: &Option<String>) -> String {
+    let of = other.as_ref();
+    of.map_or_else(String::new, |other| format!(" or of `{other}`"))
 }
 
 fn at_limit(joint: &Option<String>) -> String {

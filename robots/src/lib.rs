@@ -24,7 +24,7 @@ pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
 pub use control::{CartesianControl, ControlSettings};
 pub use description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind, Restriction};
-pub use error::{ControlError, DescriptionError};
+pub use error::{ControlError, DescriptionError, FollowerRanges};
 pub use kinematic_arm::KinematicArm;
 pub use mjcf::{Addition, Mjcf, MjcfSettings, Servo};
 pub use pose::Pose;

@@ -17,7 +17,7 @@ use crate::capsule::{PlacedShape, Shape};
 use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
 use crate::error::DescriptionError;
 use crate::number::{finite, require};
-use crate::overlap;
+use crate::overlap::Solids;
 use crate::pose::Pose;
 
 /// Most links that hang on each other in a row. With the document and two elements around them
@@ -29,9 +29,8 @@ const MAX_ROW: usize = 96;
 pub struct Mjcf {
     /// The MJCF.
     pub text: String,
-    /// Names of links whose shapes touch while the robot rests ([`Description::rest`]), although
-    /// more than one joint lies between them. Such contacts would push the robot away from where it
-    /// is told to be, so these pairs do not collide, in any pose.
+    /// Pairs of links that touch at rest ([`Description::rest`]) and that nothing else keeps from
+    /// colliding. They do not collide in any pose.
     pub excluded: Vec<[String; 2]>,
 }
 
@@ -47,8 +46,9 @@ pub struct MjcfSettings {
     pub additions: Vec<Addition>,
 }
 
-/// Elements of MJCF inside a link's body, for instance sites and cameras. The mass of added geoms
-/// counts only in a link that has neither mass nor shapes; bodies of their own have theirs.
+/// Elements of MJCF inside a link's body, for instance sites and cameras. Geoms that are added
+/// contribute mass only to a link that has neither mass nor shapes; bodies that are added have
+/// masses of their own.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Addition {
     /// Name of the link.
@@ -129,8 +129,8 @@ impl Description {
         Ok(Mjcf { text, ..sections })
     }
 
-    /// The same as a part for a scene to include. The scene must count angles in radians and, with
-    /// servos, use an implicit integrator.
+    /// Model of the robot as a part for a scene to include. The scene must count angles in radians
+    /// and, with servos, use an implicit integrator.
     ///
     /// # Errors
     /// As [`Description::to_mjcf`].
@@ -235,16 +235,18 @@ impl Description {
                 || moves_on(other, one)
                 || self.neighbours(b).contains(&a)
         };
-        let touch = |pair: [usize; 2]| {
-            overlap::touch(pair.map(|link| (&self.links[link].shapes[..], &poses[link])))
-        };
+        let links = self.links.iter().zip(&poses);
+        let solids: Vec<Solids> = links
+            .map(|(link, pose)| Solids::new(&link.shapes, pose))
+            .collect();
+        let touch = |[a, b]: [usize; 2]| solids[a].touch(&solids[b]);
         let pairs = (0..self.links.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
         pairs
-            .filter(|&pair| !never_collide(pair) && touch(pair))
+            .filter(|&pair| touch(pair) && !never_collide(pair))
             .collect()
     }
 
-    /// Of each link, the first link of those that are fixed to each other with it.
+    /// First of the links that are fixed to each other, for each link.
     fn rigid_bodies(&self) -> Vec<usize> {
         let mut bodies = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {

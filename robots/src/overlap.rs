@@ -6,7 +6,8 @@ use glam::{DMat3, DVec3};
 use crate::capsule::{PlacedShape, Shape};
 use crate::pose::Pose;
 
-/// Shapes that are nearer than this (metres) touch: a simulated arm sags by as much.
+/// Shapes that are nearer than this (metres) touch. A scene may give shapes a margin of as much,
+/// and within it MuJoCo already pushes them apart.
 const CLEARANCE: f64 = 1e-3;
 /// Most steps of the search. Shapes that it leaves undecided are at the clearance, but for
 /// rounding.
@@ -19,6 +20,8 @@ struct Solid {
     shape: Shape,
     pose: Pose,
     radius: f64,
+    /// Distance of its furthest point from the middle.
+    reach: f64,
 }
 
 impl Solid {
@@ -27,10 +30,24 @@ impl Solid {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => radius,
             Shape::Cylinder { .. } | Shape::Box { .. } => 0.0,
         };
+        let reach = match placed.shape {
+            Shape::Sphere { radius } => radius,
+            Shape::Capsule { radius, length } => radius + 0.5 * length,
+            Shape::Cylinder { radius, length } => radius.hypot(0.5 * length),
+            Shape::Box { half } => half.length(),
+        };
         Self {
             shape: placed.shape,
             pose: *link * placed.pose,
             radius,
+            reach,
+        }
+    }
+
+    fn sphere(&self) -> Sphere {
+        Sphere {
+            centre: self.pose.position,
+            radius: self.reach,
         }
     }
 
@@ -51,6 +68,9 @@ impl Solid {
     }
 
     fn touches(&self, other: &Self) -> bool {
+        if self.sphere().is_apart(&other.sphere()) {
+            return false;
+        }
         let limit = self.radius + other.radius + CLEARANCE;
         // differences of a point of one solid and a point of the other: the nearest one to zero so
         // far, and those that it lies between
@@ -110,12 +130,133 @@ fn foot(corners: &[DVec3]) -> Option<DVec3> {
     }
 }
 
-/// `true` where a shape of one link touches a shape of another one, their frames being in one
-/// world.
-pub(crate) fn touch([a, b]: [(&[PlacedShape], &Pose); 2]) -> bool {
-    let solids = |(shapes, pose): (&[PlacedShape], &Pose)| -> Vec<Solid> {
-        shapes.iter().map(|shape| Solid::new(shape, pose)).collect()
-    };
-    let [a, b] = [a, b].map(solids);
-    a.iter().any(|one| b.iter().any(|other| one.touches(other)))
+/// A sphere around something.
+#[derive(Clone, Copy)]
+struct Sphere {
+    centre: DVec3,
+    radius: f64,
+}
+
+impl Sphere {
+    /// `true` if what the spheres hold cannot touch.
+    fn is_apart(&self, other: &Self) -> bool {
+        let limit = self.radius + other.radius + CLEARANCE;
+        self.centre.distance_squared(other.centre) > limit * limit
+    }
+}
+
+/// Collision shapes of a link in the world.
+pub(crate) struct Solids {
+    solids: Vec<Solid>,
+    around: Sphere,
+}
+
+impl Solids {
+    /// Shapes of a link whose frame in the world is `link`.
+    pub(crate) fn new(shapes: &[PlacedShape], link: &Pose) -> Self {
+        let solids: Vec<Solid> = shapes.iter().map(|shape| Solid::new(shape, link)).collect();
+        let places = solids.iter().map(|solid| solid.pose.position);
+        let centre = places.sum::<DVec3>() / solids.len().max(1) as f64;
+        let reaches = solids
+            .iter()
+            .map(|solid| solid.pose.position.distance(centre) + solid.reach);
+        let radius = reaches.fold(0.0, f64::max);
+        Self {
+            solids,
+            around: Sphere { centre, radius },
+        }
+    }
+
+    /// `true` if a shape of one link touches a shape of the other one.
+    pub(crate) fn touch(&self, other: &Self) -> bool {
+        let near = |solid: &&Solid| !solid.sphere().is_apart(&other.around);
+        !self.around.is_apart(&other.around)
+            && self
+                .solids
+                .iter()
+                .filter(near)
+                .any(|one| other.solids.iter().any(|of| one.touches(of)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DQuat;
+
+    use super::*;
+
+    /// Pairs of shapes that a gap separates in the direction z.
+    #[test]
+    fn shapes_less_than_a_millimetre_apart_touch() {
+        let ball = Shape::Sphere { radius: 0.05 };
+        let (radius, length) = (0.03, 0.2);
+        let cylinder = Shape::Cylinder { radius, length };
+        let capsule = Shape::Capsule { radius, length };
+        let cube = Shape::Box {
+            half: DVec3::new(0.1, 0.2, 0.05),
+        };
+        let beam = Shape::Box {
+            half: DVec3::new(0.1, 0.05, 0.05),
+        };
+        let lying = DQuat::from_rotation_y(0.5 * std::f64::consts::PI);
+        // it stands on its rim
+        let tilted = DQuat::from_rotation_y(0.6);
+        let rim = 0.5 * length * 0.6_f64.cos() + radius * 0.6_f64.sin();
+        let edge = DQuat::from_rotation_x(0.25 * std::f64::consts::PI);
+        let half_diagonal = 0.05 * 2.0_f64.sqrt();
+        let upright = DQuat::IDENTITY;
+        // each with its turn and the height of its middle over its lowest point
+        for ([lower, upper], above) in [
+            ([ball, ball], [(upright, 0.05), (upright, 0.05)]),
+            ([cube, cube], [(upright, 0.05), (upright, 0.05)]),
+            ([cube, beam], [(upright, 0.05), (edge, half_diagonal)]),
+            ([cube, cylinder], [(upright, 0.05), (tilted, rim)]),
+            ([cube, cylinder], [(upright, 0.05), (upright, 0.1)]),
+            ([cube, cylinder], [(upright, 0.05), (lying, 0.03)]),
+            ([capsule, cube], [(upright, 0.13), (upright, 0.05)]),
+            ([capsule, beam], [(lying, 0.03), (edge, half_diagonal)]),
+            ([ball, capsule], [(upright, 0.05), (lying, 0.03)]),
+        ] {
+            let [(first, top), (second, bottom)] = above;
+            let link = |shape, rotation, height| {
+                let pose = Pose {
+                    position: height * DVec3::Z,
+                    rotation,
+                };
+                Solids::new(&[PlacedShape { pose, shape }], &Pose::IDENTITY)
+            };
+            for (gap, touch) in [(0.9e-3, true), (1.1e-3, false)] {
+                let [one, other] = [
+                    link(lower, first, 0.0),
+                    link(upper, second, top + gap + bottom),
+                ];
+                let found = [one.touch(&other), other.touch(&one)];
+                assert_eq!(found, [touch; 2], "{lower:?} {upper:?} {gap}");
+            }
+        }
+    }
+
+    /// Spheres around links only spare work.
+    #[test]
+    fn links_of_many_shapes_touch_where_one_shape_does() {
+        let ball = |x: f64| PlacedShape {
+            pose: Pose {
+                position: x * DVec3::X,
+                rotation: DQuat::IDENTITY,
+            },
+            shape: Shape::Sphere { radius: 0.1 },
+        };
+        let row: Vec<_> = (0..20).map(|index| ball(f64::from(index))).collect();
+        let row = Solids::new(&row, &Pose::IDENTITY);
+        for (place, touch) in [(19.2, true), (19.3, false), (9.5, false), (9.15, true)] {
+            let other = Solids::new(&[ball(place)], &Pose::IDENTITY);
+            assert_eq!(
+                (row.touch(&other), other.touch(&row)),
+                (touch, touch),
+                "{place}"
+            );
+        }
+        let nothing = Solids::new(&[], &Pose::IDENTITY);
+        assert!(!nothing.touch(&row) && !row.touch(&nothing));
+    }
 }

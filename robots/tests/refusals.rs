@@ -144,7 +144,21 @@ fn followers_must_follow_a_free_joint() {
     );
 }
 
-/// No position of the joint that it follows keeps it within its own range.
+/// A hinge without end stays one where a follower hardly moves.
+#[test]
+fn endless_joints_that_hardly_move_their_followers_stay_endless() {
+    for multiplier in ["1e-310", "-1e-9"] {
+        let mimic = format!("<mimic joint=\"turn\" multiplier=\"{multiplier}\"");
+        let urdf = SIX_JOINT.replacen("<mimic joint=\"swing\" multiplier=\"-0.5\"", &mimic, 1);
+        assert_ne!(urdf, SIX_JOINT);
+        let arm = Description::from_urdf(&urdf).unwrap();
+        let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
+        assert_eq!(turn.unwrap().1.range, None);
+        assert!(arm.restrictions().is_empty());
+    }
+}
+
+/// Followers that are outside their own ranges wherever the joint is that they follow.
 #[test]
 fn followers_must_be_able_to_stay_within_their_ranges() {
     all_refused(
@@ -153,6 +167,24 @@ fn followers_must_be_able_to_stay_within_their_ranges() {
         multiplier="-0.5" offset="0.2"              | multiplier="0" offset="5"                | `balance`; from 5 to 5; -4 to 4
         "#,
     );
+    // `twist` leaves `swing` the range from 0.4 to its end, in which `balance` is at 0 and below
+    let two = SIX_JOINT
+        .replacen(
+            "<limit lower=\"-3\" upper=\"3\"",
+            "<mimic joint=\"swing\"/><limit lower=\"0.4\" upper=\"3\"",
+            1,
+        )
+        .replacen("lower=\"-4\" upper=\"4\"", "lower=\"0.1\" upper=\"4\"", 1);
+    let message = Description::from_urdf(&two).unwrap_err().to_string();
+    println!("{message}");
+    for words in [
+        "`balance` follows `swing`, which moves from 0.4 to ",
+        " to keep `twist` in its range",
+        "outside its own range, 0.1 to 4",
+        "of `balance` or of `twist`",
+    ] {
+        assert!(message.contains(words), "{words}: {message}");
+    }
     let endless = SIX_JOINT.replacen("<mimic joint=\"swing\"", "<mimic joint=\"turn\"", 1);
     let arm = Description::from_urdf(&endless).unwrap();
     let turn = arm.free_joints().find(|(joint, _)| joint.name == "turn");
@@ -322,7 +354,7 @@ fn a_file_holds_one_robot_and_nothing_else() {
     Description::from_urdf(&framed).unwrap();
 }
 
-/// Everything that the template would have added is missing from a robot that is read without it.
+/// A robot that is read from a template lacks all that xacro would have added.
 #[test]
 fn templates_that_were_not_expanded_are_refused() {
     let declared = SIX_JOINT.replacen("<robot ", "<robot xmlns:xacro=\"http://ros.org/xacro\" ", 1);
@@ -357,6 +389,26 @@ fn templates_that_were_not_expanded_are_refused() {
         ),
         (end, "<macro name=\"hand\"/></robot>", "`<macro>`"),
         (
+            end,
+            "<if value=\"1\"><link name=\"c\"/></if></robot>",
+            "`<if>`",
+        ),
+        (
+            end,
+            "<unless value=\"1\"><link name=\"c\"/></unless></robot>",
+            "`<unless>`",
+        ),
+        (
+            end,
+            "<hand xmlns=\"http://www.ros.org/wiki/xacro\"/></robot>",
+            "`xmlns` of `<hand>`, \"http://www.ros.org/wiki/xacro\"",
+        ),
+        (
+            end,
+            "<!--\n-->\n<xacro:hand\n  parent=\"tip\"\n/>\n</robot>",
+            "`<xacro:hand>`",
+        ),
+        (
             "xyz=\"0 0 2\"",
             "xyz=\"0 0 ${2 * L}\"",
             "`xyz` of `<axis>`, \"0 0 ${2 * L}\"",
@@ -375,11 +427,19 @@ fn templates_that_were_not_expanded_are_refused() {
         let whole = declared.replacen(old, new, 1);
         assert_ne!(whole, declared, "{old}");
         let message = Description::from_urdf(&whole).unwrap_err().to_string();
-        let line = whole[..whole.find(new).unwrap()].matches('\n').count() + 1;
+        // of the tag, not of the comment before it
+        let at = whole.find(new).unwrap() + new.find("<xacro:hand\n").unwrap_or(0);
+        let line = whole[..at].matches('\n').count() + 1;
         let expected = format!("line {line}: {found}");
         assert!(message.starts_with(&expected), "{expected}: {message}");
         assert!(message.contains("run `xacro FILE > arm.urdf`"), "{message}");
     }
+    // of a long value, what would have been expanded
+    let long = format!("xyz=\"{} 0 ${{2 * L}}\"", "0".repeat(90));
+    refused("xyz=\"0 0 2\"", &long, &["`xyz` of `<axis>`, \"${2 * L}\""]);
+    // a namespace of another tool, whose address only names xacro
+    let other = "<x:note xmlns:x=\"http://example.org/xacro-editor\"/></robot>";
+    Description::from_urdf(&SIX_JOINT.replacen(end, other, 1)).unwrap();
     // nothing but templates, whose robot would have no links
     let all =
         "<robot name=\"r\" xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";

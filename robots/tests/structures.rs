@@ -147,7 +147,11 @@ impl Draw {
 
     /// A joint whose range has its middle at `middle` follows one to whose middle that belongs.
     fn mimic(&mut self, (leader, its_middle): (usize, f64), middle: f64) -> String {
-        let multiplier = self.0.random_range(-2.0..2.0);
+        let multiplier = match self.0.random_range(0..4) {
+            0 => self.scale([1e-310, 1e-3]),
+            1 => -self.scale([1e-310, 1e-3]),
+            _ => self.0.random_range(-2.0..2.0),
+        };
         let offset = middle - multiplier * its_middle;
         format!("<mimic joint=\"joint {leader}\" multiplier=\"{multiplier}\" offset=\"{offset}\"/>")
     }

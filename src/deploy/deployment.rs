@@ -142,13 +142,14 @@ impl Deployment {
     }
 
     /// Refuses a calibration from a file that cannot be of the rig's camera, before the arm moves.
+    /// The rig's standing estimate is the same in every trial, and so is the answer.
     ///
     /// # Errors
     /// [`CoversError::OtherCamera`].
     pub(super) fn check_calibration(&self, rig: &dyn Rig) -> Result<(), CoversError> {
         let file = self.sight.calibration;
         file.map_or(Ok(()), |file| {
-            plausibility::check(&file, &rig.calibration())
+            plausibility::check(&file, &rig.standing_calibration())
         })
     }
 

@@ -174,6 +174,10 @@ impl Rig for DryRun<'_> {
         self.rig.calibration()
     }
 
+    fn standing_calibration(&self) -> Calibration {
+        self.rig.standing_calibration()
+    }
+
     fn now(&self) -> Duration {
         self.rig.now()
     }

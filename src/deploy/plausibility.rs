@@ -46,10 +46,16 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Cover
             expected.centre
         )
     })?;
+    let value = |shift| match shift {
+        Shift::Pixels(pixels) => format!("bent by up to {pixels:.0} pixels against the rig's"),
+        Shift::Hidden(pixel) => {
+            format!("one that shows nothing at pixel {pixel:?}, where the rig's does")
+        }
+    };
     let shift = shift(file, known);
-    let value = format!("bent by up to {shift:.0} pixels against the rig's");
-    require(shift <= most, "lens", value, || {
-        format!("at most {most:.0} pixels")
+    let holds = matches!(shift, Shift::Pixels(pixels) if pixels <= most);
+    require(holds, "lens", value(shift), || {
+        format!("at most {most:.0} pixels from where the rig's shows a point")
     })?;
     let [place, angle] = apart(file, known);
     let value = format!("{:.3} m", file.position());
@@ -66,7 +72,7 @@ pub(super) fn check(file: &Calibration, known: &Calibration) -> Result<(), Cover
     })
 }
 
-/// How far (metres) one camera is from another, and how far it is turned (degrees).
+/// Distance (metres) between two cameras, and the angle between them (degrees).
 pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
     let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
@@ -77,22 +83,34 @@ pub(super) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     ]
 }
 
-/// Largest distance (pixels) between the places at which two lenses show one direction; infinite
-/// where one shows what the other does not.
-fn shift(file: &Calibration, known: &Calibration) -> f64 {
+/// Difference of two lenses.
+enum Shift {
+    /// Largest distance between the places at which they show one direction.
+    Pixels(f64),
+    /// Place at which the known lens shows a direction that the other one does not show.
+    Hidden([f64; 2]),
+}
+
+fn shift(file: &Calibration, known: &Calibration) -> Shift {
     let bent = Calibration {
         distortion: file.distortion,
         ..*known
     };
     let size = [known.intrinsics.width, known.intrinsics.height];
-    let shift = |index: usize| {
+    let mut largest: f64 = 0.0;
+    for index in 0..PLACES * PLACES {
         let parts = [index % PLACES, index / PLACES].map(|i| i as f64 / (PLACES - 1) as f64);
         let pixel = [0, 1].map(|axis| parts[axis] * size[axis] as f64);
-        let [column, row] = bent.pixel(known.direction(pixel)?)?;
-        Some((column - pixel[0]).hypot(row - pixel[1]))
-    };
-    let shifts = (0..PLACES * PLACES).map(|index| shift(index).unwrap_or(f64::INFINITY));
-    shifts.fold(0.0, f64::max)
+        // a lens may leave the corners of its picture dark
+        let Some(way) = known.direction(pixel) else {
+            continue;
+        };
+        let Some([column, row]) = bent.pixel(way) else {
+            return Shift::Hidden(pixel);
+        };
+        largest = largest.max((column - pixel[0]).hypot(row - pixel[1]));
+    }
+    Shift::Pixels(largest)
 }
 
 fn require(
@@ -169,6 +187,19 @@ mod tests {
         check(&inside(|of| of.centre = [300.0, 255.0]), &known()).unwrap();
     }
 
+    /// The corners of such a picture are dark.
+    #[test]
+    fn lenses_that_show_nothing_in_corners_are_compared_elsewhere() {
+        for radial in [[-0.37, 0.0], [-0.4, 0.0], [-0.49, -0.49]] {
+            let lens = bent(radial);
+            check(&lens, &lens).unwrap();
+            assert!(lens.direction([640.0, 480.0]).is_none());
+        }
+        check(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
+        let message = check(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();
+        assert!(message.contains("bent by up to"), "{message}");
+    }
+
     #[test]
     fn other_cameras_are_refused_with_what_was_expected() {
         let at = |x: f64, z: f64| hung(DMat3::IDENTITY, DVec3::new(x, 0.0, z));
@@ -209,6 +240,10 @@ mod tests {
             (at(0.0, 3.0), ["position", "3.000", "0.15 m"]),
             (at(0.2, 1.5), ["position", "0.200", "0.15 m"]),
             (bent([0.49, 0.49]), ["lens", "bent by up to", "64 pixels"]),
+            (
+                bent([-0.49, -0.49]),
+                ["lens", "shows nothing at pixel [0.0, 0.0]", "64 pixels"],
+            ),
         ] {
             let message = check(&file, &known()).unwrap_err().to_string();
             let advice = ["`covers calibrate`", "`covers check mask`"];

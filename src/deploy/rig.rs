@@ -93,7 +93,7 @@ pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Durati
     Ok(taken)
 }
 
-/// The same of a picture that is at most [`OLDEST`].
+/// Copies the newest picture, as [`newest_picture`] does, and refuses one older than [`OLDEST`].
 ///
 /// # Errors
 /// As [`newest_picture`]; [`CoversError::StalePicture`].
@@ -122,6 +122,13 @@ pub trait Rig: Robot {
 
     /// What is known of the camera, from the last [`Rig::set_up`] on. A rehearsal asks without one.
     fn calibration(&self) -> Calibration;
+
+    /// Estimate of the camera that is the same for all trials, asked for before [`Rig::set_up`]. A
+    /// calibration from a file is held to it. By default it is [`Rig::calibration`], which must
+    /// then answer at any time.
+    fn standing_calibration(&self) -> Calibration {
+        self.calibration()
+    }
 
     /// Time since some moment; it does not go back.
     fn now(&self) -> Duration;

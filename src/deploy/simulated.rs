@@ -100,7 +100,7 @@ impl SimulatedRig {
         ))
     }
 
-    /// The same, whose arm carries a ball in magenta that `covers calibrate` looks for.
+    /// A rig whose arm carries a ball in magenta that `covers calibrate` looks for.
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
@@ -364,6 +364,11 @@ impl Rig for SimulatedRig {
     fn calibration(&self) -> Calibration {
         let table = self.table.as_ref();
         table.map_or_else(|| self.truth(), |table| *table.camera.calibration())
+    }
+
+    /// The true camera: no trial misjudges it.
+    fn standing_calibration(&self) -> Calibration {
+        self.truth()
     }
 
     fn now(&self) -> Duration {

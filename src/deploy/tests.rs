@@ -314,6 +314,39 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     }
 }
 
+/// Every trial misjudges the camera in its own way, and none of that is held against the file.
+#[test]
+fn calibrations_are_held_to_the_same_camera_in_every_trial() {
+    let mut settings = SimulationSettings::OFF;
+    settings.imperfections.position_error = 0.08;
+    let camera = *deployment().camera();
+    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let (arm, truth) = (rig.arm().clone(), rig.truth());
+    rig.set_up(&TRIAL).unwrap();
+    let misjudged = rig.calibration().position() - truth.position();
+    assert!((misjudged.length() - 0.08).abs() < 1e-9, "{misjudged}");
+    // 18 cm from what the first trial takes the camera for
+    let position = truth.position() - 0.1 * misjudged.normalize();
+    let rotation = truth.extrinsics.rotation;
+    let file = Calibration {
+        extrinsics: Extrinsics {
+            rotation,
+            translation: -(rotation * position),
+        },
+        ..truth
+    };
+    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut deployment = seeing(SightSettings {
+        calibration: Some(file),
+        ..SightSettings::default()
+    });
+    for number in [1, 2] {
+        let trial = Trial { number, ..TRIAL };
+        deployment.trial(&mut rig, &arm, &trial, None).unwrap();
+    }
+    MaskCheck::measure(&deployment, &mut rig, &arm, &poses(&arm)[..1], &TRIAL).unwrap();
+}
+
 /// Its background is taken before any decision, and must show the table as it is now.
 #[test]
 fn a_rehearsal_takes_no_old_background() {

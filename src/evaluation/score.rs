@@ -40,11 +40,11 @@ pub struct Score {
 pub struct PolicyScore {
     /// Index of the policy.
     pub policy: usize,
-    /// As in [`Score`].
+    /// Share of episodes that succeeded at any step, in `[0, 1]`.
     pub success: f64,
-    /// As in [`Score`].
+    /// Share that still did at the last step.
     pub success_at_end: f64,
-    /// As in [`Score`].
+    /// Mean return on the paper's scale, in `[0, 500]`.
     pub reward: f64,
 }
 

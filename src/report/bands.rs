@@ -26,7 +26,8 @@ struct Moment {
 
 /// Mean-action success of every method over the decisions spent in a group; none where no method
 /// was scored at two moments of them. Of evaluations with as many decisions the first one counts.
-/// The first method is the subject of a report: its line is wide and lies upon the others.
+/// The first method is the subject of a report: its line is wide, and the others are drawn upon it, so
+/// that curves which coincide show both.
 pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
     let moments = |method: &MethodRuns| {
         let curves = method.runs.iter().map(|run| {
@@ -54,11 +55,11 @@ pub fn of_group(methods: &[MethodRuns], group: &str) -> Option<String> {
         drawing.legend(&line.method.name, &line.stroke);
     }
     drawing.panel(group, HEIGHT, [-0.03, 1.03], &SHARES);
-    // no band lies upon a line, and the first method comes last
-    for line in lines.iter().rev() {
+    // no band lies upon a line, and the wide line lies below the narrow ones
+    for line in &lines {
         line.draw_band(&mut drawing);
     }
-    for line in lines.iter().rev() {
+    for line in &lines {
         line.draw(&mut drawing);
     }
     Some(drawing.finish(&format!("Success in {group}")))
@@ -195,33 +196,25 @@ mod tests {
             let keys = strokes(&svg, "line key");
             assert_eq!(keys.len(), methods);
             assert!(are_distinct(keys.iter()), "{keys:?}");
-            // lines have the strokes of their names, the last name first
-            let mut lines = strokes(&svg, "line");
-            lines.extend(strokes(&svg, "line wide"));
-            lines.reverse();
+            // lines have the strokes of their names
+            let mut lines = strokes(&svg, "line wide");
+            lines.extend(strokes(&svg, "line"));
             assert_eq!(lines, keys);
         }
     }
 
     #[test]
-    fn the_first_method_lies_upon_the_others_and_is_wide() {
+    fn the_first_method_is_wide_and_shows_on_both_sides_of_the_others() {
         let svg = drawing(11);
         let drawn: Vec<&str> = tags(&svg).into_iter().map(|(tag, _)| tag).collect();
-        let last = |name: &str| drawn.iter().rposition(|tag| tag.starts_with(name)).unwrap();
-        let line = drawn[last("polyline")];
+        let is = |name: &'static str| move |tag: &&str| tag.starts_with(name);
+        let first = drawn.iter().position(is("polyline")).unwrap();
+        let line = drawn[first];
         assert_eq!(attribute(line, "class"), Some("line wide"));
         assert_eq!(attribute(line, "stroke"), Some(stroke(0).colour));
-        assert!(
-            last("polygon")
-                < drawn
-                    .iter()
-                    .position(|tag| tag.starts_with("polyline"))
-                    .unwrap()
-        );
-        assert_eq!(
-            attribute(drawn[last("circle")], "fill"),
-            Some(stroke(0).colour)
-        );
+        let wide = |tag: &&&str| attribute(tag, "class") == Some("line wide");
+        assert_eq!(drawn.iter().filter(wide).count(), 1);
+        assert!(drawn.iter().rposition(is("polygon")).unwrap() < first);
         let widths = svg.split("stroke-width:").skip(1);
         let widths = widths.map(|rest| rest.split('}').next().unwrap().parse::<f64>().unwrap());
         assert!(widths.is_sorted_by(|narrow, wide| 2.0 * narrow < *wide));

@@ -102,13 +102,13 @@ pub struct ScoreRow {
     /// and below, where the group had none yet, and in rows of older versions.
     #[serde(default)]
     pub own_policy: Option<usize>,
-    /// As in [`PolicyScore`](crate::evaluation::PolicyScore).
+    /// Success of the group's own policy, in `[0, 1]`.
     #[serde(default)]
     pub own_success: Option<f64>,
-    /// As there.
+    /// Success of the group's own policy at the last step, in `[0, 1]`.
     #[serde(default)]
     pub own_success_at_end: Option<f64>,
-    /// As there.
+    /// Return of the group's own policy, in `[0, 500]`.
     #[serde(default)]
     pub own_reward: Option<f64>,
 }

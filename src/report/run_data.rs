@@ -393,7 +393,7 @@ fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, CoversError> {
     // a cell that was cut short would pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
-            was cut off, restore it or go on with `covers resume`";
+            was cut off: restore it, or resume the run if its checkpoints are there";
         return Err(CoversError::damaged(path, problem.to_owned()));
     }
     let rows = csv::Reader::from_reader(&text[..]).into_deserialize();

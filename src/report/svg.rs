@@ -98,7 +98,7 @@ impl Drawing {
         self.polyline(points, stroke, "line");
     }
 
-    /// A line that shows on both sides of any other one that it lies upon.
+    /// A line so wide that it shows on both sides of others that are drawn upon it.
     pub fn wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
         self.polyline(points, stroke, "line wide");
     }
@@ -310,7 +310,7 @@ mod tests {
     }
 }
 
-/// What tests read of a drawing.
+/// Elements of a drawing, for tests.
 #[cfg(test)]
 pub(super) mod read {
     use super::text_width;

@@ -29,7 +29,7 @@ pub(super) struct Rows {
     pub recognition: String,
 }
 
-/// What a row of `metrics.csv` says of the policy that served a group.
+/// Columns of `metrics.csv` about the policy that served a group.
 #[derive(Deserialize)]
 struct Service {
     group: String,

@@ -20,7 +20,7 @@ pub(crate) fn looks(experiment: &Experiment) -> usize {
     }
 }
 
-/// Who is scored, by whom, beside which policies, and who may stop it.
+/// One evaluation of a learner: its environments, its threads, and the request to stop.
 pub(super) struct Scoring<'a> {
     pool: &'a ThreadPool,
     learner: &'a mut dyn Learner,

@@ -127,6 +127,19 @@ fn a_terminal_that_closes_may_hang_up_more_than_once() {
     goes_on(&scratch, &reference(&experiment));
 }
 
+/// A session that ends may send SIGHUP first and SIGTERM soon after.
+#[test]
+fn a_sigterm_after_a_sighup_is_the_first_of_its_kind() {
+    let (scratch, experiment) = prepared("hup-term", |e| e.checkpoints.every = 100);
+    let mut process = train(&scratch, &experiment);
+    process.wait_for("policy 0");
+    process.signal("HUP");
+    sleep(Duration::from_millis(20));
+    process.signal("TERM");
+    process.wait_for("stopped after");
+    assert_eq!(process.end(), Some(3));
+}
+
 #[test]
 fn a_run_under_nohup_ignores_that_the_terminal_closes() {
     let (scratch, experiment) = prepared("nohup", |_| {});

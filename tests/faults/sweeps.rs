@@ -132,6 +132,25 @@ fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
     RunFolder::open(&folder).verify_tables().unwrap();
 }
 
+/// Two machines whose file server does not share locks: the later worker finishes the run, and the
+/// earlier one does not take it back.
+#[test]
+fn of_two_live_workers_without_shared_locks_one_finishes_the_run() {
+    let sweep = Sweep::new();
+    let job = &sweep.jobs()[0];
+    let folder = job.folder(&sweep.runs);
+    let mut first = sweep.worker(&["--job", "0"]);
+    wait_until(&mut first, || has_checkpoint(&folder));
+    fs::remove_file(folder.join("lock")).unwrap();
+    let second = sweep.worker(&["--job", "0"]);
+    for worker in [second, first] {
+        let output = worker.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    }
+    assert_same(&bytes(&folder), &reference(&job.experiment));
+    assert_eq!(Provenance::read(&folder).unwrap().len(), 2);
+}
+
 #[test]
 fn a_job_whose_tables_changed_after_its_end_is_not_done() {
     let sweep = Sweep::new();

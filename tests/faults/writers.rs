@@ -75,6 +75,17 @@ fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
     assert!(files(&folder) == before, "the frozen writer changed a file");
 }
 
+/// Clones of a run's folder outlive the run.
+#[test]
+fn a_folder_of_a_run_that_ended_serves_the_next_one() {
+    let scratch = Scratch::new("clones");
+    let (run, _) = begun(&scratch);
+    let folder = run.folder().clone();
+    drop(run);
+    let run = Run::start(tiny(Method::Covers), folder.overwriting()).unwrap();
+    assert_same(&finish(run), expected());
+}
+
 #[test]
 fn a_writer_whose_folder_was_moved_away_leaves_its_successor_alone() {
     let scratch = Scratch::new("moved");
@@ -98,6 +109,18 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
     let folder = run.folder().clone();
     drop(run);
     folder.verify_tables().unwrap();
+    // no checkpoint holds times: those that somebody edited are put aside
+    let times = fs::read_to_string(folder.path().join("timings.csv")).unwrap();
+    fs::write(folder.path().join("timings.csv"), times.replace("0.", "9.")).unwrap();
+    Run::resume(folder.path(), Some(1))
+        .unwrap()
+        .summary()
+        .unwrap();
+    folder.verify_tables().unwrap();
+    assert_eq!(
+        fs::read_to_string(folder.path().join("timings.csv")).unwrap(),
+        ""
+    );
     for file in ["metrics.csv", "evaluation.csv"] {
         let path = folder.path().join(file);
         let whole = fs::read(&path).unwrap();
@@ -121,6 +144,21 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
         }
     }
     assert_same(&bytes(folder.path()), expected());
+    // without a checkpoint there is nothing to restore from, and nothing is begun anew
+    fs::remove_dir_all(folder.checkpoints()).unwrap();
+    let metrics = fs::read(folder.path().join("metrics.csv")).unwrap();
+    let message = Run::resume(folder.path(), Some(1))
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(
+        message.contains("its checkpoints were removed"),
+        "{message}"
+    );
+    assert_eq!(
+        fs::read(folder.path().join("metrics.csv")).unwrap(),
+        metrics
+    );
 }
 
 #[test]

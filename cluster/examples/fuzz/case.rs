@@ -34,6 +34,7 @@ pub fn run(seed: u64) -> Result<Outcome, String> {
     let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
     let mut solve = |rng: &mut ChaCha8Rng, with_points| match with_points {
         true => clouds(rng, &mut workspace),
+        false if rng.random_ratio(1, 4) => forbidden_pairs(rng, &mut solver),
         false => matrix(rng, &mut solver),
     };
     let with_points = rng.random_ratio(1, 3);
@@ -88,15 +89,18 @@ fn tolerance(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> f64 {
     let paid = plan.entries.iter().map(|e| cost[e.source * sinks + e.sink]);
     let smallest = paid.filter(|c| *c > 0.0).fold(f64::INFINITY, f64::min);
     let least = cost.iter().fold(0.0_f64, |least, c| least.min(*c));
-    let near_zero = match (least < 0.0, smallest.is_finite()) {
-        (true, _) => plan.cost - least,
-        (false, true) => smallest,
-        (false, false) => 0.0,
+    let near_zero = if least < 0.0 {
+        plan.cost - least
+    } else if !equal(a, b) && smallest.is_finite() {
+        smallest
+    } else {
+        0.0
     };
     let promised = (COST_TOLERANCE * plan.cost.abs()).max(RELATIVE_TOLERANCE * near_zero);
-    let rounded = match (a, b) {
-        (Side::Uniform(_), Side::Uniform(_)) => 0.0,
-        _ => 1e-15 * largest(cost),
+    let rounded = if equal(a, b) {
+        0.0
+    } else {
+        1e-15 * largest(cost)
     };
     promised + rounded + 1e-320
 }
@@ -130,6 +134,35 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
         plan.cost,
         oracle(&cost, &a, &b),
         tolerance(&cost, &a, &b, plan),
+    )
+}
+
+/// Solves small whole costs of both signs and forbidden pairs between equal weights, for which
+/// rounding is no excuse.
+fn forbidden_pairs(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> {
+    let n = rng.random_range(3..=8);
+    let prices = [1e9, 1e16, 1e18, 1e30, MAX_COST];
+    let one_price = rng
+        .random::<bool>()
+        .then(|| rng.random_range(0..prices.len()));
+    let share = rng.random_range(1..6);
+    let cost: Vec<f64> = (0..n * n)
+        .map(|_| match rng.random_ratio(share, 10) {
+            true => prices[one_price.unwrap_or_else(|| rng.random_range(0..prices.len()))],
+            false => f64::from(rng.random_range(-3..=3)),
+        })
+        .collect();
+    let side = Side::Uniform(n);
+    let plan = match rng.random::<bool>() {
+        true => solver.solve(&cost, side.weights(), side.weights()),
+        false => solver.solve_again(&cost, side.weights(), side.weights()),
+    };
+    let plan = plan.map_err(|error| format!("a well-formed input was refused: {error}"))?;
+    recertify(&cost, &side, &side, plan)?;
+    agree(
+        plan.cost,
+        oracle(&cost, &side, &side),
+        tolerance(&cost, &side, &side, plan),
     )
 }
 

@@ -8,8 +8,13 @@ use crate::error::{ClusterError, Result};
 /// magnitude, whichever is less (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
-/// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude.
+/// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude. See
+/// [`certify`] for what negative costs and given weights are held to where that cost is close to
+/// zero.
 pub const COST_TOLERANCE: f64 = 1e-9;
+
+/// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
+const MAX_POTENTIAL: f64 = 1e300;
 
 /// Row and column sums of a plan.
 #[derive(Clone, Debug, Default)]
@@ -39,9 +44,13 @@ pub(crate) struct Scratch {
 ///
 /// Potentials far larger than the cost of the plan would make that a proof of nothing. So `gap +
 /// violation`, by which the plan's cost may exceed the optimum, must not exceed [`COST_TOLERANCE`]
-/// times `|cost|`. Costs of zero or close to it are held to [`RELATIVE_TOLERANCE`] times the
-/// smallest positive `c_ij` that carries mass or, where costs are negative and may cancel, times
-/// the plan's cost less the least `c_ij`.
+/// times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`] times another number if
+/// that is more: those with negative costs, which may cancel, to the plan's cost less the least
+/// `c_ij`, and those with given weights, whose sums round, to the smallest positive `c_ij` that
+/// carries mass.
+///
+/// Both are measured in twice the precision of an `f64`, since costs far smaller than the
+/// potentials would otherwise vanish in them.
 ///
 /// # Errors
 /// Those of [`transport`](crate::transport()) about weights and costs, and the first fact that does
@@ -75,7 +84,8 @@ pub(crate) fn certify_into(
     let tolerance = RELATIVE_TOLERANCE * scale + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
-    check_precision(cost, plan, gap + violation, last_bit)?;
+    let equal = matches!((sources, sinks), (Weights::Uniform(_), Weights::Uniform(_)));
+    check_precision(cost, plan, equal, gap + violation, last_bit)?;
     Ok(Certificate {
         marginal_error,
         violation,
@@ -152,11 +162,12 @@ fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f
 
 fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Result<f64> {
     let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
-    let finite = u.iter().chain(v).all(|p| p.is_finite());
+    // beyond that, slacks may overflow to NaN, which a minimum passes over
+    let moderate = u.iter().chain(v).all(|p| p.abs() <= MAX_POTENTIAL);
     let mut least = 0.0_f64;
     for (source_index, (row, u)) in cost.chunks_exact(v.len()).zip(u).enumerate() {
         let slack = least_slack(row, v, *u);
-        if !(finite && slack >= -tolerance) {
+        if !(moderate && slack >= -tolerance) {
             refuse(source_index, row, v, *u, tolerance)?;
         }
         least = least.min(slack);
@@ -164,24 +175,41 @@ fn check_reduced_costs(cost: &[f64], plan: &TransportPlan, tolerance: f64) -> Re
     Ok(least.abs())
 }
 
-/// Returns the smallest `c_j - v_j - u` of finite numbers, in lanes: a single minimum would wait
-/// for each comparison in turn.
+/// Returns `c - v - u` as exactly as an `f64` holds it: where potentials are so large that `c`
+/// drowns in them, the rounding of `c - v` is all that is left.
+#[inline(always)]
+fn slack(c: f64, v: f64, u: f64) -> f64 {
+    let (rounded, error) = two_sum(c, -v);
+    rounded - u + error
+}
+
+/// Returns a sum and its rounding error (D. E. Knuth, "The art of computer programming", volume 2,
+/// section 4.2.2).
+#[inline(always)]
+fn two_sum(a: f64, b: f64) -> (f64, f64) {
+    let sum = a + b;
+    let added = sum - a;
+    (sum, (a - (sum - added)) + (b - added))
+}
+
+/// Returns the smallest slack of a row of finite numbers, in lanes: a single minimum would wait for
+/// each comparison in turn.
 fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     let lower = |a: f64, b: f64| if b < a { b } else { a };
     let mut lanes = [f64::INFINITY; 8];
     let ((costs, cost_rest), (vs, v_rest)) = (row.as_chunks::<8>(), v.as_chunks::<8>());
     for (c, v) in costs.iter().zip(vs) {
         for k in 0..8 {
-            lanes[k] = lower(lanes[k], c[k] - v[k] - u);
+            lanes[k] = lower(lanes[k], slack(c[k], v[k], u));
         }
     }
-    let rest = cost_rest.iter().zip(v_rest).map(|(c, v)| c - v - u);
+    let rest = cost_rest.iter().zip(v_rest).map(|(c, v)| slack(*c, *v, u));
     lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
 }
 
 /// Refuses the first pair of a row whose slack is too small or not a number, if there is one.
 fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -> Result<()> {
-    let slacks = row.iter().zip(v).map(|(c, v)| c - v - u);
+    let slacks = row.iter().zip(v).map(|(c, v)| slack(*c, *v, u));
     match slacks
         .enumerate()
         .find(|&(_, slack)| !at_least(slack, -tolerance))
@@ -203,8 +231,8 @@ fn check_gap(
     plan: &TransportPlan,
     tolerance: f64,
 ) -> Result<f64> {
-    let primal = plan.priced(cost);
-    let dual = value(sources, &plan.source_potentials) + value(sinks, &plan.sink_potentials);
+    let (primal, slack) = priced(cost, plan);
+    let dual = dual(sources, sinks, plan);
     for value in [primal, plan.cost] {
         if !at_least(tolerance, (value - dual).abs()) {
             return Err(ClusterError::DualityGap {
@@ -214,16 +242,95 @@ fn check_gap(
             });
         }
     }
-    Ok((primal - dual).abs())
+    let gaps = [primal - dual, plan.cost - dual, slack];
+    Ok(gaps.into_iter().fold(0.0, |top, gap| top.max(gap.abs())))
+}
+
+/// Returns the cost of the entries of a plan, and what their slacks add to it: the gap of exact
+/// marginals, without the potentials, whose sums round.
+fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
+    let (mut primal, mut open) = (Sum::default(), 0.0);
+    for entry in &plan.entries {
+        let c = cost[entry.source * plan.sink_potentials.len() + entry.sink];
+        let v = plan.sink_potentials[entry.sink];
+        let u = plan.source_potentials[entry.source];
+        primal.add_product(entry.mass, c);
+        open += entry.mass * slack(c, v, u).abs();
+    }
+    (primal.value(), open)
+}
+
+/// Returns the value of the potentials under the weights. Divisions come last: those of two large
+/// values that cancel would leave their rounding.
+fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
+    let (u, a) = weighted(sources, &plan.source_potentials);
+    let (v, b) = weighted(sinks, &plan.sink_potentials);
+    let mut sum = Sum::default();
+    for (value, other) in [(u, b), (v, a)] {
+        sum.add_product(value.high, other.high);
+        sum.add_product(value.high, other.low);
+        sum.add_product(value.low, other.high);
+    }
+    sum.value() / (a.value() * b.value())
+}
+
+/// Returns the weighted sum of the potentials of a side, and the sum of the weights.
+fn weighted(weights: Weights, potentials: &[f64]) -> (Sum, Sum) {
+    let (mut value, mut whole) = (Sum::default(), Sum::default());
+    match weights {
+        Weights::Uniform(points) => {
+            potentials.iter().for_each(|p| value.add(*p));
+            whole.add(points as f64);
+        }
+        Weights::Given(given) => {
+            for (weight, potential) in given.iter().zip(potentials) {
+                value.add_product(*weight, *potential);
+                whole.add(*weight);
+            }
+        }
+    }
+    (value, whole)
+}
+
+/// A sum in twice the precision of an `f64`: cancellation leaves correct digits (T. Ogita, S. M.
+/// Rump and S. Oishi, "Accurate sum and dot product" (2005)).
+#[derive(Clone, Copy, Debug, Default)]
+struct Sum {
+    high: f64,
+    low: f64,
+}
+
+impl Sum {
+    fn add(&mut self, value: f64) {
+        let (high, error) = two_sum(self.high, value);
+        self.high = high;
+        self.low += error;
+    }
+
+    fn add_product(&mut self, a: f64, b: f64) {
+        let product = a * b;
+        self.add(product);
+        self.low += a.mul_add(b, -product);
+    }
+
+    fn value(self) -> f64 {
+        self.high + self.low
+    }
 }
 
 /// Checks that the cost of a plan exceeds the optimum by a small part of itself at most.
-fn check_precision(cost: &[f64], plan: &TransportPlan, excess: f64, last_bit: f64) -> Result<()> {
+fn check_precision(
+    cost: &[f64],
+    plan: &TransportPlan,
+    equal: bool,
+    excess: f64,
+    last_bit: f64,
+) -> Result<()> {
     let relative = COST_TOLERANCE * plan.cost.abs() + last_bit;
     if at_least(relative, excess) {
         return Ok(());
     }
-    let tolerance = relative.max(RELATIVE_TOLERANCE * scale_near_zero(cost, plan));
+    let tolerance = relative.max(RELATIVE_TOLERANCE * scale_near_zero(cost, plan, equal));
     if at_least(tolerance, excess) {
         return Ok(());
     }
@@ -235,22 +342,20 @@ fn check_precision(cost: &[f64], plan: &TransportPlan, excess: f64, last_bit: f6
 }
 
 /// Returns the size of costs beside which the cost of a plan may be rounding alone: weights that
-/// differ in their last bits move some mass, and costs of both signs cancel.
-fn scale_near_zero(cost: &[f64], plan: &TransportPlan) -> f64 {
+/// differ in their last bits move some mass, and costs of both signs cancel. Zero where neither can
+/// be.
+fn scale_near_zero(cost: &[f64], plan: &TransportPlan, equal: bool) -> f64 {
     let least = cost.iter().fold(0.0_f64, |least, c| least.min(*c));
     if least < 0.0 {
         return plan.cost - least;
+    }
+    if equal {
+        return 0.0;
     }
     let sinks = plan.sink_potentials.len();
     let paid = plan.entries.iter().map(|e| cost[e.source * sinks + e.sink]);
     let smallest = paid.filter(|c| *c > 0.0).fold(f64::INFINITY, f64::min);
     if smallest.is_finite() { smallest } else { 0.0 }
-}
-
-/// Returns the mean of the potentials under the weights.
-fn value(weights: Weights, potentials: &[f64]) -> f64 {
-    let weighted = potentials.iter().enumerate();
-    weighted.map(|(i, p)| weights.get(i) * p).sum::<f64>() / weights.sum()
 }
 
 /// False for NaN on either side, which a negated `<` would let through.

@@ -39,15 +39,7 @@ pub struct Certificate {
     pub marginal_error: f64,
     /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
     pub violation: f64,
-    /// Cost of the plan less the value of the potentials, in magnitude, in the costs' unit.
+    /// Cost of the plan less the value of the potentials, in magnitude, or what the entries cost
+    /// above their potentials if that is more, in the costs' unit.
     pub gap: f64,
-}
-
-impl TransportPlan {
-    /// Returns the cost of the entries under `cost` `[n, m]`.
-    pub(crate) fn priced(&self, cost: &[f64]) -> f64 {
-        let sinks = self.sink_potentials.len();
-        let price = |e: &Entry| e.mass * cost[e.source * sinks + e.sink];
-        self.entries.iter().map(price).sum()
-    }
 }

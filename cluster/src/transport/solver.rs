@@ -135,7 +135,8 @@ impl Solver {
     ///
     /// Two plans differ by cycles of at most `k = min(n, m)` arcs of either. Where the present plan
     /// uses no arc above `t`, exchanging a cycle with an arc above `k t - (k - 1) least` for arcs
-    /// of the present plan lowers the cost.
+    /// of the present plan lowers the cost. Nor does a cheaper plan use an arc, one unit at least,
+    /// that alone exceeds `least` by more than all units of the present plan do.
     fn lower_ceiling(&self, cost: &[f64], ceiling: f64) -> Option<f64> {
         let plan = &self.plan;
         let (n, m) = (plan.source_potentials.len(), plan.sink_potentials.len());
@@ -143,7 +144,9 @@ impl Solver {
         let largest = cost.iter().copied().fold(least, f64::max).min(ceiling);
         let used = plan.entries.iter().map(|e| cost[e.source * m + e.sink]);
         let dearest = used.fold(least, f64::max);
-        let span = (n.min(m) as f64 + 1.0) * (dearest - least);
+        let by_cycles = (n.min(m) as f64 + 1.0) * (dearest - least);
+        let by_units = 2.0 * self.balance.total as f64 * (plan.cost - least).max(0.0);
+        let span = by_cycles.min(by_units);
         (span < (largest - least) / 2.0).then_some(least + span)
     }
 

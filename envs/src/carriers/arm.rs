@@ -89,7 +89,7 @@ pub struct Arm {
     settings: ArmSettings,
     chain: Chain,
     finger: Option<usize>,
-    mjcf: String,
+    mjcf: robots::Mjcf,
 }
 
 impl Arm {
@@ -112,7 +112,7 @@ impl Arm {
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_deref())?,
-            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
+            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?,
             chain,
             settings,
         })
@@ -131,6 +131,12 @@ impl Arm {
     /// What it was made of.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
+    }
+
+    /// Pairs of links that touch at rest and therefore do not collide in any pose
+    /// ([`robots::Mjcf::excluded`]). The scene lets the gripper alone collide, and not with itself.
+    pub fn excluded(&self) -> &[[String; 2]] {
+        &self.mjcf.excluded
     }
 
     /// Capsules that hold the whole arm where it says that it is, in the world. Their order and
@@ -265,7 +271,7 @@ impl Carrier for Arm {
 
     fn parts(&self) -> Result<CarrierParts, EnvError> {
         let files = INCLUDED.map(|(name, text)| (name, text.into()));
-        let robot = (ROBOT, self.mjcf.clone().into());
+        let robot = (ROBOT, self.mjcf.text.clone().into());
         Ok(CarrierParts {
             mjcf: MJCF.into(),
             included: files.into_iter().chain([robot]).collect(),

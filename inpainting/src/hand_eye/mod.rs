@@ -43,7 +43,7 @@ pub struct Uncertainty {
 /// Focal length that the poses themselves tell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Focal {
-    /// It, as a part of the one that was given.
+    /// Ratio of this focal length to the one that was given.
     pub ratio: f64,
     /// One standard deviation of the ratio.
     pub sigma: f64,
@@ -58,7 +58,7 @@ pub struct HandEye {
     pub offset: DVec3,
     /// Of every pose, in the order given.
     pub residuals: Vec<Residual>,
-    /// By the residuals themselves; it holds for the focal lengths that were given.
+    /// Uncertainty by the residuals themselves, for the focal lengths that were given.
     pub uncertainty: Uncertainty,
     /// Check of the focal lengths; none where the poses do not tell them.
     pub focal: Option<Focal>,
@@ -117,7 +117,8 @@ impl HandEye {
         root_mean_square(all).unwrap_or_default()
     }
 
-    /// The same on the table (metres), of the poses whose lines of sight meet it; none of none.
+    /// Root of the mean square on the table (metres), of the poses whose lines of sight meet it;
+    /// none of none.
     pub fn rms_on_table(&self) -> Option<f64> {
         root_mean_square(self.residuals.iter().filter_map(|of| of.on_table))
     }
@@ -196,7 +197,7 @@ fn settle(mut fit: Fit<'_>) -> Fit<'_> {
     fit
 }
 
-/// Solves once more, for the focal length, too.
+/// Solves once more with the focal length among the unknowns.
 fn focal(best: &Fit<'_>) -> Option<Focal> {
     let fit = settle(best.with_free_focal());
     let variance = fit.equations().variances()?[fit.focal_index()];

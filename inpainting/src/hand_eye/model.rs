@@ -96,7 +96,7 @@ impl<'a> Fit<'a> {
         self.cost
     }
 
-    /// The same guess, its offset being given.
+    /// Copy of the guess whose offset is given.
     pub fn with_known_offset(&self) -> Self {
         Self {
             offset: Offset::Known(self.guess),
@@ -104,7 +104,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// The same guess, its focal length being solved for.
+    /// Copy of the guess whose focal length is solved for.
     pub fn with_free_focal(&self) -> Self {
         Self {
             free_focal: true,

@@ -24,7 +24,7 @@ pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
         if let Ok(Piece::Tag(tag)) = &piece
             && let Some(found) = templates.find(tag, elements.open.len())
         {
-            let line = pieces.line();
+            let line = pieces.first_line();
             return Err(DescriptionError::Xacro { line, found });
         }
         let checked = piece.and_then(|piece| elements.check(&piece));
@@ -39,8 +39,16 @@ pub(super) fn check(text: &str) -> Result<(), DescriptionError> {
 }
 
 /// Elements of xacro below `<robot>` that old files write without a prefix.
-const OLD_XACRO: [&str; 4] = ["include", "insert_block", "macro", "property"];
-/// Most characters of an attribute's value in a message.
+const OLD_XACRO: [&str; 6] = [
+    "if",
+    "include",
+    "insert_block",
+    "macro",
+    "property",
+    "unless",
+];
+/// Most characters of an attribute's value in a message; of longer ones it quotes what xacro would
+/// have expanded.
 const MAX_QUOTED: usize = 80;
 
 /// Search for what `xacro` would have expanded. A declaration of its namespace alone is none of
@@ -55,27 +63,46 @@ impl<'a> Templates<'a> {
     /// The element or attribute of a tag, `level` elements deep, that is xacro.
     fn find(&mut self, tag: &Tag<'a>, level: usize) -> Option<String> {
         for &[name, value] in &tag.attributes {
-            if let Some(prefix) = name.strip_prefix("xmlns:")
-                && value.to_ascii_lowercase().contains("xacro")
-            {
-                self.prefixes.push(prefix);
+            if !value.to_ascii_lowercase().ends_with("/xacro") {
+                continue;
             }
+            if name == "xmlns" {
+                return Some(quoted(tag.name, name, value));
+            }
+            self.prefixes.extend(name.strip_prefix("xmlns:"));
         }
         let is_old = level == 1 && OLD_XACRO.contains(&tag.name);
         if is_old || self.is_prefixed(tag.name) {
             return Some(format!("`<{}>`", tag.name));
         }
-        let unexpanded = |value: &str| value.contains("${") || value.contains("$(");
         let mut attributes = tag.attributes.iter();
-        let found = attributes.find(|[name, value]| self.is_prefixed(name) || unexpanded(value))?;
-        let value: String = found[1].chars().take(MAX_QUOTED).collect();
-        Some(format!("`{}` of `<{}>`, {value:?},", found[0], tag.name))
+        let [name, value] = attributes
+            .find(|[name, value]| self.is_prefixed(name) || unexpanded(value).is_some())?;
+        Some(quoted(tag.name, name, value))
     }
 
     fn is_prefixed(&self, name: &str) -> bool {
         let prefix = name.split_once(':').map(|(prefix, _)| prefix);
         prefix.is_some_and(|prefix| prefix == "xacro" || self.prefixes.contains(&prefix))
     }
+}
+
+/// Place of a value at which xacro would have expanded something.
+fn unexpanded(value: &str) -> Option<usize> {
+    let starts = ["${", "$("]
+        .into_iter()
+        .filter_map(|start| value.find(start));
+    starts.min()
+}
+
+/// An attribute for a message.
+fn quoted(element: &str, name: &str, value: &str) -> String {
+    let start = match value.chars().nth(MAX_QUOTED) {
+        Some(_) => unexpanded(value).unwrap_or(0),
+        None => 0,
+    };
+    let value: String = value[start..].chars().take(MAX_QUOTED).collect();
+    format!("`{name}` of `<{element}>`, {value:?},")
 }
 
 /// The elements that have not ended.

@@ -1,10 +1,14 @@
 //! Ranges of joints that others follow: a follower keeps to its own range, too.
 
 use crate::description::{Drive, Joint, Restriction};
-use crate::error::DescriptionError;
+use crate::error::{DescriptionError, FollowerRanges};
+use crate::number::LARGEST;
 
-/// How far (radians, metres) a follower may leave its range: figures of a file are rounded.
+/// Rounding of a file's figures (radians, metres): a follower may leave its range by as much, and a
+/// range that is no wider is none.
 const ROUNDING: f64 = 1e-6;
+/// Range of a hinge that turns without end: no number of a file is larger.
+const ENDLESS: [f64; 2] = [-LARGEST, LARGEST];
 
 /// Makes ranges of free joints smaller until every joint that follows one is within its own, and
 /// lists those that became smaller.
@@ -15,7 +19,7 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         .collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
     let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
-    let mut restrictions = Vec::new();
+    let mut restrictions: Vec<Restriction> = Vec::new();
     for index in 0..joints.len() {
         let follower = &joints[index];
         let Some(motion) = follower.motion else {
@@ -34,21 +38,23 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
         };
         let leader = &joints[free[dof]];
         // others may have made it smaller already
-        let whole = range_of(leader).unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
-        let led = ordered(whole.map(|end| follow(end, multiplier, offset)));
-        if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
-            continue;
-        }
-        let allowed = ordered(own.map(|end| (end - offset) / multiplier));
-        let range = [whole[0].max(allowed[0]), whole[1].min(allowed[1])];
-        // with a multiplier of zero the follower stays at its offset
-        if multiplier == 0.0 || range[0] >= range[1] {
+        let whole = range_of(leader).unwrap_or(ENDLESS);
+        let Some(range) = narrowed(whole, own, multiplier, offset) else {
+            let mut before = restrictions.iter().rev();
+            let other = before.find(|before| before.joint == leader.name);
             return Err(DescriptionError::FollowerRange {
                 joint: follower.name.clone(),
                 followed: leader.name.clone(),
-                led,
-                range: own,
+                ranges: Box::new(FollowerRanges {
+                    followed: whole,
+                    led: led(whole, multiplier, offset),
+                    own,
+                }),
+                other: other.map(|other| other.follower.clone()),
             });
+        };
+        if range == whole {
+            continue;
         }
         restrictions.push(Restriction {
             joint: leader.name.clone(),
@@ -63,14 +69,91 @@ pub(super) fn restrict(joints: &mut [Joint]) -> Result<Vec<Restriction>, Descrip
     Ok(restrictions)
 }
 
-/// Position of a follower; one that does not move stays where it is, however far the other goes.
-fn follow(position: f64, multiplier: f64, offset: f64) -> f64 {
-    if multiplier == 0.0 {
-        return offset;
+/// Part of the range `whole` in which a joint that follows stays within its `own`; none where
+/// nothing is left.
+fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Option<[f64; 2]> {
+    let led = led(whole, multiplier, offset);
+    if own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
+        return Some(whole);
     }
-    multiplier * position + offset
+    // with a multiplier of zero the follower stays at its offset
+    if multiplier == 0.0 {
+        return None;
+    }
+    let allowed = ordered(own.map(|end| (end - offset) / multiplier));
+    let range = [whole[0].max(allowed[0]), whole[1].min(allowed[1])];
+    (range[1] - range[0] > ROUNDING).then_some(range)
+}
+
+/// Positions of a joint that follows another one through a range.
+fn led(whole: [f64; 2], multiplier: f64, offset: f64) -> [f64; 2] {
+    ordered(whole.map(|end| multiplier * end + offset))
 }
 
 fn ordered([a, b]: [f64; 2]) -> [f64; 2] {
     [a.min(b), a.max(b)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_narrowed_to_what_followers_allow() {
+        let whole = [-1.0, 2.0];
+        for (whole, own, multiplier, offset, expected) in [
+            (whole, [-3.0, 3.0], 1.5, 0.0, Some(whole)),
+            (whole, [0.0, 1.0], 0.5, 0.25, Some([-0.5, 1.5])),
+            (whole, [0.0, 1.0], -0.5, 0.25, Some([-1.0, 0.5])),
+            (whole, [0.0, 1.0], 0.0, 0.5, Some(whole)),
+            (whole, [0.0, 1.0], -0.0, 0.5, Some(whole)),
+            (whole, [0.0, 1.0], 0.0, 1.5, None),
+            (whole, [0.0, 1.0], -0.0, -0.5, None),
+            (whole, [3.0, 4.0], 1.0, 0.0, None),
+            // figures of a file are rounded
+            (whole, [-1.0 + 9e-7, 2.0 - 9e-7], 1.0, 0.0, Some(whole)),
+            // the ranges touch in one point, or in less than such figures say
+            (whole, [2.0, 4.0], 1.0, 0.0, None),
+            (whole, [2.0 - 9e-7, 4.0], 1.0, 0.0, None),
+            (whole, [2.0 - 2e-6, 4.0], 1.0, 0.0, Some([2.0 - 2e-6, 2.0])),
+            (whole, [0.5, 0.5], 1.0, 0.0, None),
+            (whole, [0.5, 0.5], 0.0, 0.5, Some(whole)),
+            // a leader without end, and followers that it hardly moves
+            (ENDLESS, [-1.0, 1.0], 0.5, 0.0, Some([-2.0, 2.0])),
+            (ENDLESS, [-1.0, 1.0], 1e-5, 0.0, Some([-1e5, 1e5])),
+            (ENDLESS, [-1.0, 1.0], 1e-9, 0.0, Some(ENDLESS)),
+            (ENDLESS, [-1.0, 1.0], -1e-310, 0.0, Some(ENDLESS)),
+            (ENDLESS, [0.0, 1.0], 1e-9, 0.0, Some([0.0, LARGEST])),
+            (ENDLESS, [1.0, 2.0], 1e-9, 0.0, None),
+            (ENDLESS, [1.0, 2.0], 0.0, 0.0, None),
+            (whole, [-1.0, 1.0], 1e-310, 0.0, Some(whole)),
+        ] {
+            let range = narrowed(whole, own, multiplier, offset);
+            let close = |[a, b]: [[f64; 2]; 2]| {
+                let off = |end: usize| (a[end] - b[end]).abs() <= 1e-12 * b[end].abs();
+                off(0) && off(1)
+            };
+            let alike = match (range, expected) {
+                (Some(range), Some(expected)) => close([range, expected]),
+                (range, expected) => range == expected,
+            };
+            assert!(
+                alike,
+                "{whole:?} {own:?} {multiplier} {offset}: {range:?}, expected {expected:?}"
+            );
+        }
+    }
+
+    /// Either order comes to the same range.
+    #[test]
+    fn two_followers_narrow_one_range() {
+        let followers = [([0.0, 1.0], 1.0, 0.0), ([-2.0, 1.0], -2.0, 0.0)];
+        for order in [[0, 1], [1, 0]] {
+            let range = order.iter().try_fold([-3.0, 3.0], |whole, &index| {
+                let (own, multiplier, offset): ([f64; 2], f64, f64) = followers[index];
+                narrowed(whole, own, multiplier, offset)
+            });
+            assert_eq!(range, Some([0.0, 1.0]));
+        }
+    }
 }

@@ -27,6 +27,8 @@ pub(super) struct Tag<'a> {
 pub(super) struct Pieces<'a> {
     text: &'a str,
     rest: &'a str,
+    /// The text from the piece on that was read last.
+    last: &'a str,
 }
 
 const BLANKS: [char; 4] = [' ', '\t', '\r', '\n'];
@@ -38,15 +40,26 @@ impl<'a> Pieces<'a> {
         let declared = rest.strip_prefix("<?xml");
         let end = declared.and_then(|inside| inside.split_once('>'));
         let end = end.filter(|(inside, _)| inside.ends_with('?'));
+        let rest = end.map_or(rest, |(_, rest)| rest);
         Self {
             text,
-            rest: end.map_or(rest, |(_, rest)| rest),
+            rest,
+            last: rest,
         }
     }
 
     /// Line of the text (from one) at which the next piece starts.
     pub(super) fn line(&self) -> usize {
-        let read = &self.text[..self.text.len() - self.rest.len()];
+        self.line_of(self.rest)
+    }
+
+    /// Line of the text (from one) at which the piece starts that was read last.
+    pub(super) fn first_line(&self) -> usize {
+        self.line_of(self.last)
+    }
+
+    fn line_of(&self, rest: &str) -> usize {
+        let read = &self.text[..self.text.len() - rest.len()];
         read.matches('\n').count() + 1
     }
 
@@ -161,6 +174,7 @@ impl<'a> Iterator for Pieces<'a> {
         if let Err(reason) = self.skip_comments() {
             return Some(Err(reason));
         }
+        self.last = self.rest;
         (!self.rest.is_empty()).then(|| self.piece())
     }
 }

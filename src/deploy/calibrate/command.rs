@@ -92,8 +92,8 @@ impl CalibrateOptions {
         say(out, &simulated)
     }
 
-    /// The same on a rig of somebody's own; `arm` is what is known of its robot. What the options
-    /// say of faults is for simulated rigs.
+    /// Finds the camera of a rig of somebody's own; `arm` is what is known of its robot. Options of
+    /// faults are for simulated rigs.
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`].
@@ -108,10 +108,13 @@ impl CalibrateOptions {
         try_out(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
         let calibrated = calibrate(rig, arm, &settings, &poses(arm), &trial)?;
-        match self.json {
-            true => say(out, &object(&calibrated).to_string())?,
-            false => say(out, &text(&calibrated))?,
-        }
+        let refusal = refusal(&calibrated.found.calibration, rig);
+        let told = if self.json {
+            object(&calibrated, refusal.as_deref()).to_string()
+        } else {
+            text(&calibrated, refusal.as_deref())
+        };
+        say(out, &told)?;
         CalibrationFile::write(&calibrated.found.calibration, &self.out)?;
         Ok(calibrated)
     }
@@ -155,7 +158,19 @@ impl CalibrateOptions {
     }
 }
 
-/// How far two cameras are apart (mm), and how far they are turned (degrees).
+/// Reason for which a file with the camera that was found is refused on this rig.
+fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
+    match plausibility::check(found, &rig.standing_calibration()) {
+        Err(CoversError::OtherCamera {
+            what,
+            value,
+            expected,
+        }) => Some(format!("its {what} is {value}, expected {expected}")),
+        _ => None,
+    }
+}
+
+/// Distance of two cameras (mm), and the angle between them (degrees).
 pub(crate) fn apart(one: &Calibration, other: &Calibration) -> [f64; 2] {
     let [place, angle] = plausibility::apart(one, other);
     [1e3 * place, angle]
@@ -186,7 +201,7 @@ fn uncertainty(of: &Uncertainty) -> Value {
 }
 
 /// The result for programs.
-fn object(calibrated: &Calibrated) -> Value {
+fn object(calibrated: &Calibrated, refusal: Option<&str>) -> Value {
     let found = &calibrated.found;
     let [moved, turned] = apart(&found.calibration, &calibrated.before);
     let residuals = found.residuals.iter().map(|of| {
@@ -208,11 +223,12 @@ fn object(calibrated: &Calibrated) -> Value {
         "moved_mm": moved,
         "turned_degrees": turned,
         "left_out": calibrated.left_out,
+        "refused_by_deploy": refusal,
     })
 }
 
 /// The result for people.
-fn text(calibrated: &Calibrated) -> String {
+fn text(calibrated: &Calibrated, refusal: Option<&str>) -> String {
     let Calibrated {
         before,
         found,
@@ -257,9 +273,10 @@ fn text(calibrated: &Calibrated) -> String {
     }
     lines.push(match found.focal {
         Some(Focal { ratio, sigma }) => format!(
-            "that holds for the focal lengths that were given; the poses have them {:+.1} % from \
-             there, give or take {:.1}",
-            1e2 * (ratio - 1.0),
+            "that holds for the focal lengths that were given; the poses alone would put them \
+             {:.1} % {}, give or take {:.1}",
+            1e2 * (ratio - 1.0).abs(),
+            if ratio < 1.0 { "lower" } else { "higher" },
             1e2 * sigma
         ),
         None => "that holds for the focal lengths that were given, which the poses do not tell"
@@ -275,6 +292,12 @@ fn text(calibrated: &Calibrated) -> String {
     lines.push(format!(
         "it was taken to be {place:.1} mm and {angle:.2} degrees from there"
     ));
+    lines.extend(refusal.map(|why| {
+        format!(
+            "`covers deploy` will refuse this file until the rig's own calibration is corrected: \
+             {why}"
+        )
+    }));
     lines.join("\n")
 }
 

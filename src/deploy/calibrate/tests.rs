@@ -1,13 +1,16 @@
 //! The camera of a simulated rig is found, and its mask is held to what it shows.
 
 use std::path::Path;
+use std::time::Duration;
 
 use envs::{Camera, HAND_START};
 use glam::{DMat3, DVec3};
 use inpainting::{Ball, Calibration, Extrinsics, Offset};
-use robots::Pose;
+use rl::BoxError;
+use robots::{Command, ControlError, Pose, Robot, RobotState};
 
-use super::super::rig::Trial;
+use super::super::faults::FaultAmount;
+use super::super::rig::{Rig, SetUp, Trial, Verdict};
 use super::blank::Blank;
 use super::command::{CalibrateOptions, Triple, apart};
 use super::file::CalibrationFile;
@@ -27,24 +30,28 @@ const SETTINGS: CalibrateSettings = CalibrateSettings {
     offset: Offset::Unknown,
 };
 
-/// With all other faults, a lens that nobody knows among them. The file says what was found.
-#[test]
-fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
-    let name = format!("covers-found-{}.json", std::process::id());
-    let options = CalibrateOptions {
+/// Options that write a file of this name.
+fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
+    CalibrateOptions {
         rig: RigOptions {
             robot: RobotKind::KinovaSim,
             seed: 1000,
             faults: Faults::Nominal,
-            fault: ["position-error=30", "angle-error=3"]
-                .map(|fault| fault.parse().unwrap())
-                .to_vec(),
+            fault,
         },
         out: std::env::temp_dir().join(name),
         offset: None,
         color: Triple([255.0, 0.0, 255.0]),
-        json: true,
-    };
+        json,
+    }
+}
+
+/// With all other faults, a lens that nobody knows among them. The file says what was found.
+#[test]
+fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
+    let name = format!("covers-found-{}.json", std::process::id());
+    let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
+    let options = options(&name, faults.to_vec(), true);
     let (settings, _) = options.rig.settings().unwrap();
     let mut rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.truth());
@@ -60,6 +67,82 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     assert!(told["rms_pixels"].as_f64().unwrap() < 0.2, "{told}");
     let residuals = told["residuals"].as_array().unwrap().len();
     assert_eq!((calibrated.left_out.len(), residuals), (0, 14));
+    assert!(told["refused_by_deploy"].is_null(), "{told}");
+}
+
+/// A rig whose own calibration is further off than it may be.
+struct Misplaced(SimulatedRig);
+
+impl Robot for Misplaced {
+    fn state(&mut self) -> Result<RobotState, ControlError> {
+        self.0.state()
+    }
+
+    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+        self.0.command(command)
+    }
+
+    fn stop(&mut self) -> Result<(), ControlError> {
+        self.0.stop()
+    }
+}
+
+impl Rig for Misplaced {
+    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxError> {
+        self.0.set_up(trial)
+    }
+
+    fn calibration(&self) -> Calibration {
+        let known = self.0.truth();
+        let Extrinsics {
+            rotation,
+            translation,
+        } = known.extrinsics;
+        let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
+        Calibration {
+            extrinsics: Extrinsics {
+                rotation,
+                translation,
+            },
+            ..known
+        }
+    }
+
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+
+    fn wait(&mut self, time: Duration) -> Result<(), BoxError> {
+        self.0.wait(time)
+    }
+
+    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxError> {
+        self.0.picture(rgb)
+    }
+
+    fn verdict(&mut self) -> Result<Verdict, BoxError> {
+        self.0.verdict()
+    }
+}
+
+#[test]
+fn a_file_that_deploy_will_refuse_is_told() {
+    let name = format!("covers-refused-{}.json", std::process::id());
+    let options = options(&name, Vec::new(), false);
+    let (settings, _) = options.rig.settings().unwrap();
+    let rig = SimulatedRig::with_ball(settings, Camera::default()).unwrap();
+    let arm = rig.arm().clone();
+    let mut out = Vec::new();
+    let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);
+    std::fs::remove_file(&options.out).unwrap();
+    let calibrated = calibrated.unwrap();
+    let [place, _] = apart(&calibrated.before, &calibrated.found.calibration);
+    assert!(place > 190.0, "{place}");
+    let told = String::from_utf8(out).unwrap();
+    let last = told.lines().last().unwrap();
+    let says = "`covers deploy` will refuse this file until the rig's own calibration is \
+                corrected: its position is ";
+    assert!(last.starts_with(says) && last.contains("0.15 m"), "{told}");
 }
 
 fn deployment(calibration: Calibration) -> Deployment {
