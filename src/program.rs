@@ -101,7 +101,6 @@ impl Program {
             Subcommands::Deploy(_)
             | Subcommands::Calibrate(_)
             | Subcommands::Render(_)
-            | Subcommands::Rerun(_)
             | Subcommands::Export(_)
             | Subcommands::Check(_) => true,
             Subcommands::Learner(Command::Report(report)) => report.films,
