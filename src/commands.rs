@@ -276,7 +276,7 @@ fn warn(line: &str) {
 /// on from the checkpoint of this moment, which it writes.
 ///
 /// # Errors
-/// What the run says, or an `out` that the figures cannot be written to.
+/// Errors of the run, and an `out` that the figures cannot be written to.
 pub fn conclude(run: &mut Run, json: bool, out: &mut impl Write) -> Result<Outcome, CoversError> {
     let folder = run.folder().path().display().to_string();
     if run.is_finished()

@@ -115,7 +115,7 @@ impl Program {
     }
 }
 
-/// What standard error is told of an error, in which no name of a file steers the terminal.
+/// Line for standard error about an error, in which no name of a file steers the terminal.
 pub fn error_line(error: &CoversError) -> String {
     format!("error: {}", printable_lines(&error.to_string()))
 }

@@ -91,7 +91,7 @@ fn the_message_names_the_quantity_and_its_irrep() {
     assert!(message.contains("standard errors away"), "{message}");
 }
 
-/// What the action should be depends on a vector that is declared to be the same for all.
+/// Task whose best action depends on a vector that is declared to be the same for all.
 #[test]
 fn a_dependence_of_rewards_alone_is_seen() {
     for (vector, refused) in [(X, false), (Trivial, true), (Y, true)] {

@@ -55,7 +55,7 @@ impl Toy for Bandit {
     }
 }
 
-/// What 30 rollouts of 512 decisions lead PPO to: the success of its mean actions, and the last
+/// Result of PPO after 30 rollouts of 512 decisions: success of its mean actions, and the last
 /// rollout.
 fn ppo(scale: f32) -> (f64, RolloutStats) {
     let mut env = Bandit::envs(32, scale);

@@ -173,7 +173,7 @@ mod tests {
         }
     }
 
-    /// What a rig may be wrong by is no reason to refuse a file that is right.
+    /// A right file is accepted for rigs that are wrong by as much as a rig may be.
     #[test]
     fn cameras_within_10_cm_and_10_degrees_are_plausible() {
         let diagonal = DVec3::ONE.normalize();

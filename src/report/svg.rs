@@ -36,7 +36,7 @@ pub struct Drawing {
     panel: [f64; 2],
     /// Bounds of its y axis.
     bounds: [f64; 2],
-    /// Where the next name of the legend begins (pixels).
+    /// Position at which the next name of the legend begins (pixels).
     legend: [f64; 2],
 }
 

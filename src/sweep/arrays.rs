@@ -28,7 +28,7 @@ pub struct ArrayJob<'a> {
 impl ArrayJob<'_> {
     /// A Slurm script. A member that is told to stop leaves a checkpoint (exit code 3) and is put
     /// into the queue again, as often as that happens. One that fails or is killed, as for memory,
-    /// is tried again [`RETRIES`] times; its failures stand in a file beside the output of Slurm.
+    /// is tried again three times; its failures are listed in a file beside the output of Slurm.
     pub fn slurm(&self, program: &Path) -> String {
         let (last, threads) = (self.jobs.saturating_sub(1), self.threads);
         let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);

@@ -14,18 +14,22 @@ pub const NOTE: Target = Target::new("note", read, notes)
     .holding(64, 1 << 13)
     .tried(5_000);
 
-/// The folder of a run that has lost its settings, and its checkpoint.
+/// Folder of a run that has lost its settings, and the folder of its checkpoint.
 static RUN: LazyLock<(PathBuf, PathBuf)> = LazyLock::new(|| {
     let run = own_path("note");
     let checkpoints = run.join("checkpoints");
     let made = std::fs::create_dir_all(&checkpoints);
     made.unwrap_or_else(|error| panic!("{}: {error}", checkpoints.display()));
-    (run, checkpoints.join("000001.safetensors"))
+    (run, checkpoints)
 });
 
 /// The settings are read from the note in the run's one checkpoint.
 fn read(input: &[u8]) -> Option<Reading> {
-    let (run, checkpoint) = &*RUN;
+    let (run, checkpoints) = &*RUN;
+    // a checkpoint under the name of another one is refused
+    let note: Option<Value> = serde_json::from_slice(input).ok();
+    let rollouts = note.and_then(|note| note.pointer("/note/ledger/rollouts")?.as_u64());
+    let checkpoint = checkpoints.join(format!("{:06}.safetensors", rollouts.unwrap_or(1)));
     let end = 4 + input.len();
     let arrays = json!({
         "checksum": {"dtype": "U8", "shape": [4], "data_offsets": [0, 4]},
@@ -33,9 +37,11 @@ fn read(input: &[u8]) -> Option<Reading> {
     });
     let envelope = json!({ "format": 4, "header": {} }).to_string();
     let file = sealed(&envelope, &arrays.to_string(), &[&[0; 4], input].concat())?;
-    std::fs::write(checkpoint, file)
-        .unwrap_or_else(|error| panic!("{}: {error}", checkpoint.display()));
-    measured(|| accepted(RunFolder::open(run).experiment()))
+    let named = |error| panic!("{}: {error}", checkpoint.display());
+    std::fs::write(&checkpoint, file).unwrap_or_else(named);
+    let reading = measured(|| accepted(RunFolder::open(run).experiment()));
+    std::fs::remove_file(&checkpoint).unwrap_or_else(named);
+    reading
 }
 
 fn notes() -> Vec<Vec<u8>> {
