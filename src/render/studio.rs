@@ -82,7 +82,7 @@ impl Studio {
     }
 
     /// What was filmed, one cell for each view, up to a number of decisions.
-    pub fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
+    pub(crate) fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
         let cell = |&view| {
             let (table, frames) = self.filmed(view);
             let size = table.scene().camera.size;
