@@ -94,20 +94,19 @@ gpu: deps
 
 # Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
 # which takes Python 3.10 or later, reads one and compares it with the tables of its run.
-RERUN := -p covers --features rerun
-RECORDING := $(TARGET)/rerun
+RECORDING := $(abspath $(TARGET))/rerun
 
 rerun: export CARGO_INCREMENTAL := 0
+rerun: export CARGO_TARGET_DIR := $(abspath $(TARGET))
 
 rerun: deps
-	cargo clippy $(RERUN) --all-targets --locked -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc $(RERUN) --no-deps --document-private-items --locked
-	$(call named,$(RERUN),--lib,rerun::)
-	$(call named,$(RERUN),--test suite,rerun:: every_licence)
+	cd rerun && cargo fmt --check
+	cd rerun && cargo clippy --all-targets --locked -- -D warnings
+	cd rerun && cargo test --locked
 	rm -rf $(RECORDING) && mkdir -p $(RECORDING)
-	cargo build $(RERUN) --locked
+	cargo build --locked --bin covers
 	$(TARGET)/debug/covers train --budget smoke --folder $(RECORDING)/run
-	$(TARGET)/debug/covers rerun $(RECORDING)/run --out $(RECORDING)/run.rrd
+	$(TARGET)/debug/covers-rerun $(RECORDING)/run --out $(RECORDING)/run.rrd
 	$(PYTHON) -m venv $(RECORDING)/venv
 	$(RECORDING)/venv/bin/pip install --quiet 'rerun-sdk==0.36.3'
 	$(RECORDING)/venv/bin/python benches/peers/rerun_recording.py \

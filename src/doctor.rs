@@ -172,11 +172,7 @@ fn the_processor() -> Finding {
     let name = processor().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let sets = instructions().join(", ");
-    let half = match rl::Half::available() {
-        Some(_) => "; half precision",
-        None => "",
-    };
-    let found = format!("{name}, {cores} threads, instructions: {sets}{half}");
+    let found = format!("{name}, {cores} threads, instructions: {sets}");
     let cure = "networks run on portable code, several times slower: use a processor with AVX2";
     let fast = sets.contains("avx2") && sets.contains("fma");
     Finding::good("processor", found).unless(fast, Health::Fair, cure)

@@ -381,9 +381,6 @@ pub enum CoversError {
          librsvg2-bin), or leave `--png` out"
     )]
     NoRsvg,
-    /// Recordings, which this program was built without.
-    #[error("this program was built without recordings: build it with `--features rerun`")]
-    NoRerun,
     /// A file that would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {

@@ -24,10 +24,9 @@ struct Readme;
 #[doc = include_str!("../docs/tasks.md")]
 struct Book;
 
-mod base64;
 pub mod check;
 pub mod cli;
-mod colours;
+pub mod colours;
 pub mod commands;
 mod completions;
 pub mod deploy;
@@ -54,7 +53,6 @@ pub mod program;
 mod proto;
 pub mod render;
 pub mod report;
-pub mod rerun;
 mod runs;
 pub mod schedule;
 pub mod sheet;
@@ -73,8 +71,8 @@ pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Recognised, Single,
 };
 pub use learners::{
-    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Embedding, Extent,
-    Handover, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
+    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Extent, Handover,
+    Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
     OffPolicySettings, Performance, Seconds, Turn,
 };
 pub use overrides::{Override, apply as apply_overrides};

@@ -16,7 +16,6 @@ use crate::memory;
 use crate::preset_list::PresetsOptions;
 use crate::printable::printable_lines;
 use crate::render::RenderOptions;
-use crate::rerun::RerunOptions;
 use crate::watch::WatchOptions;
 
 /// What `covers --help` and its manual page say below the options.
@@ -53,8 +52,6 @@ enum Subcommands {
     Watch(WatchOptions),
     /// Shows policies at work, as a GIF or an mp4.
     Render(RenderOptions),
-    /// Writes a run and its policies at work as a recording for the Rerun viewer.
-    Rerun(RerunOptions),
     /// Writes a policy for other programs: ONNX, and safetensors for PyTorch.
     Export(ExportOptions),
     /// Checks the environments, and a robot's mask; fails where a figure misses its bound.
@@ -89,7 +86,6 @@ impl Program {
             Subcommands::Calibrate(calibrate) => calibrate.run(out).map(|()| 0),
             Subcommands::Watch(watch) => watch.run(out),
             Subcommands::Render(render) => render.run(out).map(|()| 0),
-            Subcommands::Rerun(rerun) => rerun.run(out).map(|()| 0),
             Subcommands::Export(export) => export.run(out).map(|()| 0),
             Subcommands::Check(check) => check.run(out).map(|held| u8::from(!held)),
             Subcommands::Doctor(doctor) => doctor.run(out).map(|works| u8::from(!works)),
@@ -105,7 +101,6 @@ impl Program {
             Subcommands::Deploy(_)
             | Subcommands::Calibrate(_)
             | Subcommands::Render(_)
-            | Subcommands::Rerun(_)
             | Subcommands::Export(_)
             | Subcommands::Check(_) => true,
             Subcommands::Learner(Command::Report(report)) => report.films,

@@ -150,7 +150,7 @@ fn cargo(arguments: &[&str]) -> String {
 fn workspace() -> Metadata {
     let version = cargo(&["-vV"]);
     let host = version.lines().find_map(|line| line.strip_prefix("host: "));
-    let mut arguments = vec![
+    let arguments = [
         "metadata",
         "--format-version=1",
         "--locked",
@@ -158,10 +158,6 @@ fn workspace() -> Metadata {
         "--filter-platform",
         host.unwrap(),
     ];
-    // what a build without it has not downloaded
-    if cfg!(feature = "rerun") {
-        arguments.push("--features=rerun");
-    }
     let json = cargo(&arguments);
     serde_json::from_str(&json).unwrap()
 }

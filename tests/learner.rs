@@ -2,8 +2,8 @@
 
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Embedding, Extent, Grouping, GroupingSettings,
-    Handover, Learner, NewPolicy, Turn,
+    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingSettings, Handover,
+    Learner, NewPolicy, Turn,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -181,22 +181,6 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
 }
 
 #[test]
-fn features_of_arrival_differ_from_those_of_now_where_the_policy_learnt() {
-    let evidence = |settings: CoversSettings, embedding| {
-        let settings = with(settings, |s| s.embedding = embedding);
-        let (_, mut reports) = after(settings, &[0, 0, 0]);
-        reports.pop().unwrap().evidence
-    };
-    let both = |settings: CoversSettings| {
-        [Embedding::Afresh, Embedding::AtArrival].map(|e| evidence(settings.clone(), e))
-    };
-    let [afresh, at_arrival] = both(settings());
-    assert_ne!(afresh, at_arrival);
-    let [afresh, at_arrival] = both(still());
-    assert_eq!(afresh, at_arrival);
-}
-
-#[test]
 fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
     let act_alike = |new_policy| {
         let settings = with(still(), |s| s.new_policy = new_policy);
@@ -361,23 +345,20 @@ fn a_turn_logs_the_same_names_whatever_happens() {
 #[test]
 fn a_saved_learner_goes_on_alike() {
     let path = std::env::temp_dir().join(format!("covers-learner-{}", std::process::id()));
-    for embedding in [Embedding::Afresh, Embedding::AtArrival] {
-        let mut env = Bars::new();
-        let settings = with(settings(), |s| s.embedding = embedding);
-        let mut covers = Covers::new(settings, env.spec()).unwrap();
-        covers.save(&path, Extent::Everything, "fresh").unwrap();
-        covers = Covers::load(&path, env.spec()).unwrap().0;
-        env.teach(&mut covers, &[0, 1, 0]);
-        covers.save(&path, Extent::Everything, "a note").unwrap();
-        let mut twin_env = env.clone();
-        let (mut twin, note) = Covers::load(&path, env.spec()).unwrap();
-        assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
-        let turns = env.teach(&mut covers, &[0, 1, 1]);
-        let again = twin_env.teach(&mut twin, &[0, 1, 1]);
-        for (turn, again) in turns.iter().zip(again) {
-            assert_eq!(turn.metrics, again.metrics);
-            assert_eq!(turn.evidence, again.evidence);
-        }
+    let mut env = Bars::new();
+    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    covers.save(&path, Extent::Everything, "fresh").unwrap();
+    covers = Covers::load(&path, env.spec()).unwrap().0;
+    env.teach(&mut covers, &[0, 1, 0]);
+    covers.save(&path, Extent::Everything, "a note").unwrap();
+    let mut twin_env = env.clone();
+    let (mut twin, note) = Covers::load(&path, env.spec()).unwrap();
+    assert_eq!((note.as_str(), twin.policies()), ("a note", 2));
+    let turns = env.teach(&mut covers, &[0, 1, 1]);
+    let again = twin_env.teach(&mut twin, &[0, 1, 1]);
+    for (turn, again) in turns.iter().zip(again) {
+        assert_eq!(turn.metrics, again.metrics);
+        assert_eq!(turn.evidence, again.evidence);
     }
     std::fs::remove_file(path).unwrap();
 }

@@ -23,7 +23,6 @@ mod pretrained;
 mod recognition;
 mod render;
 mod report;
-mod rerun;
 mod runs;
 mod table1;
 #[cfg(feature = "tui")]

@@ -15,7 +15,6 @@ SPECS = {  # image size, batch, regular fields, whether 3 x 3 convolutions are f
     "pooled": (128, 16, [8, 16, 32, 32, 32], True),
     "wide": (64, 16, [16, 32, 64, 64], False),
 }
-HALF = "-half"  # ends the names of networks in half precision: bfloat16, where the processor multiplies it
 TASKS = {"training": 1, "inference": 2, "latency": 20}  # runs of a turn
 WAKING = 0.05  # seconds that each way runs before it is timed
 PATIENCE = 300  # seconds that torch.compile may take in all
@@ -81,19 +80,16 @@ class Torch:
 
 def peers(name, patience):
     """The ways to run a network in PyTorch, then in escnn; those that do not run are left out."""
-    size, batch, fields, pooled = SPECS[name.removesuffix(HALF)]
-    half = name.endswith(HALF)
-    kind = torch.bfloat16 if half else torch.float32
-    x = torch.randn(batch, 6, size, size).to(kind)
+    size, batch, fields, pooled = SPECS[name]
+    x = torch.randn(batch, 6, size, size)
     last = x.to(memory_format=torch.channels_last)
-    plain = lambda: dense(fields, pooled).to(kind)
+    plain = lambda: dense(fields, pooled)
     ways = {
         "torch, channels first": lambda: Torch(plain(), x),
         "torch, channels last": lambda: Torch(plain().to(memory_format=torch.channels_last), last),
         "torch.compile": lambda: Torch(torch.compile(plain()), x),
+        "escnn": lambda: steerable_runner(fields, pooled, x),
     }
-    if not half:  # its filters are expanded in single precision
-        ways["escnn"] = lambda: steerable_runner(fields, pooled, x)
     for way, make in ways.items():
         if way == "torch.compile" and patience[0] <= 0:
             print(f"{name}: torch.compile left out, it had its {PATIENCE} s", file=sys.stderr)
@@ -150,8 +146,7 @@ def main():
     ours, patience = Ours(driver), [PATIENCE]
     print(f"medians of {rounds} turns, ms; torch {torch.__version__}")
     print("network        task       threads  ours      torch      escnn   torch/ours escnn/ours  best of torch")
-    has_half = ours.ask("half") == [1]
-    for name in [name + half for name in SPECS for half in (["", HALF] if has_half else [""])]:
+    for name in SPECS:
         runners = {"ours": ours.runner(name), **dict(peers(name, patience))}
         for task, repeats in TASKS.items():
             times = {(way, threads): [] for way in runners for threads in [1, 2]}
@@ -162,8 +157,6 @@ def main():
                         times[way, threads] += [run(task, threads) for _ in range(repeats)]
             for threads in [1, 2]:
                 row(name, task, threads, {w: median(t) for (w, n), t in times.items() if n == threads})
-        if name.endswith(HALF):
-            continue
         row(name, "init", 1, initialisation(runners["ours"], name, rounds))
         multiplications = ours.ask(name, "multiplications", 1)
         print(f"{name:<14} multiplications of one image: {multiplications[0] / 1e6:.2f} million, dense {multiplications[1] / 1e6:.2f}")

@@ -1,12 +1,10 @@
 //! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
 //! <threads>` and answers each with the milliseconds of one run.
 //!
-//! Networks: `reference`, `narrow`, `pooled`, `wide`, and `reference-half` and so on in half
-//! precision, where the processor has it. Tasks: `training` (forward and backward of a batch),
-//! `inference` (of a batch), `latency` (of one image), `init` (layers, parameters and buffers).
-//! `<network> multiplications` answers with the multiplications of one image's forward pass
-//! instead: ours and those of the dense network. The line `half` is answered with 1 where the
-//! processor has half precision, and with 0 elsewhere.
+//! Networks: `reference`, `narrow`, `pooled`, `wide`. Tasks: `training` (forward and backward of a
+//! batch), `inference` (of a batch), `latency` (of one image), `init` (layers, parameters and
+//! buffers). `<network> multiplications` answers with the multiplications of one image's forward
+//! pass instead: ours and those of the dense network.
 
 mod networks;
 
@@ -14,7 +12,7 @@ use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use equivariant::{Chunks, Half, Layer, LayerError, Scratch, Sequential, Signature};
+use equivariant::{Chunks, Layer, LayerError, Scratch, Sequential, Signature};
 use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -63,8 +61,8 @@ const SPECS: [Spec; 4] = [
 ];
 
 impl Spec {
-    fn build(&self, half: Option<Half>) -> Result<Sequential<f32>, LayerError> {
-        network(self.size, self.fields, self.pooled, half)
+    fn build(&self) -> Result<Sequential<f32>, LayerError> {
+        network(self.size, self.fields, self.pooled)
     }
 }
 
@@ -77,7 +75,6 @@ struct Workspace {
 /// A network with everything that its runs need.
 struct Bench {
     spec: Spec,
-    half: Option<Half>,
     net: Sequential<f32>,
     params: Vec<f32>,
     gradient: Vec<f32>,
@@ -88,8 +85,8 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(spec: Spec, half: Option<Half>) -> Result<Bench, LayerError> {
-        let net = spec.build(half)?;
+    fn new(spec: Spec) -> Result<Bench, LayerError> {
+        let net = spec.build()?;
         let (out, scratch) = (CHUNK * net.out_shape().len(), net.scratch(CHUNK));
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
@@ -110,7 +107,6 @@ impl Bench {
             params,
             net,
             spec,
-            half,
         })
     }
 
@@ -144,13 +140,6 @@ impl Bench {
         self.net.forward(&self.params, x, y, scratch);
     }
 
-    fn is(&self, name: &str) -> bool {
-        match name.strip_suffix("-half") {
-            Some(name) => self.half.is_some() && self.spec.name == name,
-            None => self.half.is_none() && self.spec.name == name,
-        }
-    }
-
     fn run(&mut self, task: &str) -> Result<f64, String> {
         let start = Instant::now();
         match task {
@@ -158,10 +147,7 @@ impl Bench {
             "inference" => self.inference(),
             "latency" => self.latency(),
             "init" => {
-                let net = self
-                    .spec
-                    .build(self.half)
-                    .map_err(|error| error.to_string())?;
+                let net = self.spec.build().map_err(|error| error.to_string())?;
                 net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut self.params);
             }
             other => return Err(format!("got the task `{other}`")),
@@ -187,25 +173,15 @@ impl Bench {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let pools = [1, 2].map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build());
-    let mut benches = Vec::new();
-    for spec in SPECS {
-        benches.push(Bench::new(spec, None)?);
-        if let Some(half) = Half::available() {
-            benches.push(Bench::new(spec, Some(half))?);
-        }
-    }
+    let benches: Result<Vec<Bench>, _> = SPECS.into_iter().map(Bench::new).collect();
+    let mut benches = benches?;
     for line in stdin().lock().lines() {
         let line = line?;
-        if line == "half" {
-            println!("{}", u8::from(Half::available().is_some()));
-            stdout().flush()?;
-            continue;
-        }
         let words: Vec<&str> = line.split_whitespace().collect();
         let [name, task, threads] = words[..] else {
             return Err(format!("got `{line}`, expected a network, a task and a number").into());
         };
-        let bench = benches.iter_mut().find(|bench| bench.is(name));
+        let bench = benches.iter_mut().find(|bench| bench.spec.name == name);
         let bench = bench.ok_or_else(|| format!("got the network `{name}`"))?;
         let threads: usize = threads.parse()?;
         if task == "multiplications" {

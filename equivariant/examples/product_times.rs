@@ -95,7 +95,7 @@ struct Passes {
 
 impl Passes {
     fn new(fields: [usize; 4]) -> Result<Passes, LayerError> {
-        let net = network(SIZE, &fields, false, None)?;
+        let net = network(SIZE, &fields, false)?;
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         let pixels = 0..CHUNK * net.in_shape().len();

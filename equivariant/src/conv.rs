@@ -6,8 +6,6 @@ pub(crate) mod finish;
 pub(crate) mod first_layer;
 pub(crate) mod forward;
 pub(crate) mod geometry;
-#[cfg(target_arch = "x86_64")]
-pub(crate) mod half;
 pub(crate) mod line;
 pub(crate) mod load;
 pub(crate) mod maps;
@@ -15,5 +13,4 @@ pub(crate) mod pass;
 pub(crate) mod passes;
 pub(crate) mod pieces;
 pub(crate) mod pool;
-pub(crate) mod sizes;
 pub(crate) mod weights;

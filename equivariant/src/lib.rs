@@ -46,7 +46,6 @@ mod conv;
 mod error;
 #[cfg(feature = "wgpu")]
 pub mod gpu;
-mod half;
 mod init;
 mod instruction_set;
 mod layers;
@@ -62,7 +61,6 @@ mod window;
 pub use backward_pass::BackwardPass;
 pub use chunks::Chunks;
 pub use error::LayerError;
-pub use half::Half;
 pub use instruction_set::InstructionSet;
 pub use layers::average_pool::AveragePool;
 pub use layers::check::{equivariance_error, equivariance_error_of};

@@ -1,7 +1,5 @@
 //! The inner loops, written once for all instruction sets, and the layout of what they read.
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) mod amx;
 pub(crate) mod columns;
 pub(crate) mod gather;
 pub(crate) mod join;

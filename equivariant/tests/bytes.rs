@@ -3,8 +3,8 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
-    FieldNorm, Half, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar,
-    Sequential, Shape, Signature, Statistics, level,
+    FieldNorm, InstructionSet, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential,
+    Shape, Signature, Statistics, level,
 };
 use symmetry::Group;
 
@@ -112,9 +112,6 @@ fn bytes_give_the_bits_of_their_levels() {
         let sets = InstructionSet::ALL.into_iter();
         for set in sets.filter(|set| set.is_available()) {
             assert_same::<f32>(&conv.clone().at_most(set));
-        }
-        if let Some(half) = Half::available() {
-            assert_same::<f32>(&conv.in_half(half));
         }
     }
 }

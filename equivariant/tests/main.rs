@@ -11,7 +11,6 @@ mod errors;
 mod golden;
 mod gradients;
 mod gru;
-mod half;
 mod init;
 mod instruction_sets;
 mod interchange;

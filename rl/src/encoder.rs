@@ -3,7 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use equivariant::{
-    FieldType, Half, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
+    FieldType, Kernel, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape,
     SpatialSoftArgmax,
 };
 use serde::{Deserialize, Serialize};
@@ -95,18 +95,16 @@ impl Encoder {
         fields.chain(others).collect()
     }
 
-    /// The layers from an image `[height, width, channels]` to the top fields, their convolutions
-    /// in half precision if it is given; none for a blind network.
+    /// The layers from an image `[height, width, channels]` to the top fields; none for a blind
+    /// network.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
         [height, width, channels]: [usize; 3],
         top_fields: usize,
-        half: Option<Half>,
     ) -> Result<Option<Sequential<T>>, RlError> {
         let stack = || Stack {
             group,
-            half,
             layers: Vec::new(),
             shape: Shape::image(height, width, group.trivial(channels)),
         };
@@ -143,7 +141,6 @@ fn halved(halvings: usize) -> usize {
 /// Layers so far, and what the last of them gives.
 struct Stack<T> {
     group: Group,
-    half: Option<Half>,
     layers: Layers<T>,
     shape: Shape,
 }
@@ -246,11 +243,7 @@ impl<T: Scalar> Stack<T> {
     fn conv(&mut self, fields: usize, kernel: Kernel) -> Result<(), RlError> {
         let size = [self.shape.height, self.shape.width];
         let to = self.regular(fields);
-        let conv = R2Conv::new(self.shape.fields, to, kernel, size)?;
-        match self.half {
-            Some(half) => self.add(conv.in_half(half)),
-            None => self.add(conv),
-        }
+        self.add(R2Conv::new(self.shape.fields, to, kernel, size)?);
         Ok(())
     }
 

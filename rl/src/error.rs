@@ -34,13 +34,6 @@ pub enum RlError {
          the processor, or leave it out"
     )]
     OnProcessorAlone,
-    /// A network in half precision on a GPU.
-    #[cfg(feature = "wgpu")]
-    #[error(
-        "half = true: a GPU computes in single precision; train on the processor, or set `half` to \
-         false in the settings of the network"
-    )]
-    HalfOnDevice,
     /// A slice has another length than its shape demands.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
@@ -75,13 +68,6 @@ pub enum RlError {
         /// The range allowed, in words.
         expected: &'static str,
     },
-    /// Half precision on a processor without it.
-    #[error(
-        "half = true: this processor or system has no products of bfloat16 (AMX-BF16 and \
-         AVX512-BF16, on Linux); set `half` to false in the settings of the network, which may have \
-         learnt with it"
-    )]
-    NoHalf,
     /// A policy that other programs have no layers for.
     #[error(
         "{part} is no ordinary layer: policies with encoders `strided`, `pooled` or `blind` and \

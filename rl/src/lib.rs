@@ -132,7 +132,6 @@ mod symmetry_check;
 mod symmetry_loss;
 mod trunk;
 
-pub use equivariant::Half;
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 

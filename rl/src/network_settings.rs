@@ -1,6 +1,6 @@
 //! Settings of the actor-critic network.
 
-use equivariant::{FieldType, Half};
+use equivariant::FieldType;
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
@@ -57,9 +57,6 @@ pub struct NetworkSettings {
     /// Initial logarithm of every action component's standard deviation, in [-10, 2], and not
     /// below [`PpoSettings::min_log_std`](crate::PpoSettings::min_log_std) where PPO trains it.
     pub log_std: f32,
-    /// Whether convolutions round what they multiply to bfloat16, see [`equivariant::Half`]; an
-    /// error on processors that do not have it, and on a GPU.
-    pub half: bool,
 }
 
 /// What the value is computed from; it is invariant in either case.
@@ -110,7 +107,6 @@ impl NetworkSettings {
             action_gain: 0.01,
             value_gain: 1.0,
             log_std: -0.5,
-            half: false,
         }
     }
 
@@ -148,13 +144,6 @@ impl NetworkSettings {
     /// As many channels as `fields` regular fields of D2, as regular fields of the group.
     pub(crate) fn regular(&self, fields: usize) -> FieldType {
         self.group.regular(self.copies(fields))
-    }
-
-    /// What convolutions in half precision run on, if there are some and they are to.
-    pub(crate) fn on_half(&self) -> Result<Option<Half>, RlError> {
-        let asked = self.half && self.encoder != Encoder::Blind;
-        let asked = asked.then(|| Half::available().ok_or(RlError::NoHalf));
-        asked.transpose()
     }
 
     /// Refuses values outside their ranges.

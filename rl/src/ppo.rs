@@ -64,9 +64,8 @@ impl Ppo {
     /// the other.
     ///
     /// # Errors
-    /// Those of [`Ppo::new`], [`RlError::OnProcessorAlone`] for a
-    /// [`SymmetryLoss`](crate::SymmetryLoss), and [`RlError::HalfOnDevice`] for a network in half
-    /// precision.
+    /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
+    /// [`SymmetryLoss`](crate::SymmetryLoss).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
         settings: PpoSettings,
@@ -75,9 +74,6 @@ impl Ppo {
     ) -> Result<Self, RlError> {
         if settings.symmetry.is_some() {
             return Err(RlError::OnProcessorAlone);
-        }
-        if policy.network().settings().half {
-            return Err(RlError::HalfOnDevice);
         }
         let engine = Engine::Device(Box::new(device::Device::new(device)));
         Self::on(settings, policy, engine)

@@ -267,10 +267,7 @@ impl<T: Scalar> Sight<T> {
         vector: Shape,
     ) -> Result<Option<Self>, RlError> {
         let (group, top_fields) = (settings.group, settings.top_fields);
-        let half = settings.on_half()?;
-        let encoder = settings
-            .encoder
-            .layers(group, spec.image, top_fields, half)?;
+        let encoder = settings.encoder.layers(group, spec.image, top_fields)?;
         let Some(encoder) = encoder else {
             return Ok(None);
         };

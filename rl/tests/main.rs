@@ -9,7 +9,6 @@ mod collection;
 mod common;
 mod declared_irreps;
 mod equivariance;
-mod half;
 mod horizon;
 mod learning;
 mod memory;

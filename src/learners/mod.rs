@@ -11,7 +11,7 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub use collection::{Collection, CollectionSettings, Embedding, Handover, NewPolicy};
+pub use collection::{Collection, CollectionSettings, Handover, NewPolicy};
 pub(crate) use collection::{per_policy_columns, read_note};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};

@@ -184,7 +184,7 @@ mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
-    use crate::learners::{Embedding, NewPolicy};
+    use crate::learners::NewPolicy;
     use crate::presets::Method;
 
     fn read<S: DeserializeOwned>(text: &str) -> serde_json::Result<S> {
@@ -194,7 +194,6 @@ mod tests {
     #[test]
     fn settings_survive_a_file() {
         let other = CoversSettings {
-            embedding: Embedding::AtArrival,
             new_policy: NewPolicy::Copy,
             seed: u64::MAX,
             ..CoversSettings::paper()

@@ -12,8 +12,6 @@ use crate::error::CoversError;
 
 /// The format of files, counted up with every change that older versions could not read.
 pub(super) const FORMAT: u32 = 4;
-/// The oldest format that is read. In it, the caller's note stands in the header.
-const OLDEST: u32 = 3;
 /// The key of the header.
 const KEY: &str = "covers";
 /// The array that holds the checksum.
@@ -174,14 +172,14 @@ fn check_checksum(
 
 fn check_format(path: &Path, format: u32) -> Result<(), CoversError> {
     match format {
-        OLDEST..=FORMAT => Ok(()),
+        FORMAT => Ok(()),
         newer if newer > FORMAT => Err(CoversError::NewerFormat {
             path: path.to_owned(),
             format: newer,
             known: FORMAT,
         }),
         older => {
-            let problem = format!("its format is {older}, expected {OLDEST} to {FORMAT}");
+            let problem = format!("its format is {older}, expected {FORMAT}");
             Err(CoversError::damaged(path, problem))
         }
     }

@@ -17,8 +17,5 @@ pub use film::Film;
 pub(crate) use gallery::gallery;
 pub(crate) use gif::encode as gif;
 pub(crate) use mosaic::{Cell, Row, mosaic};
-#[cfg(feature = "rerun")]
-pub(crate) use show::Show;
-#[cfg(feature = "rerun")]
-pub(crate) use studio::Studio;
-pub use studio::View;
+pub use show::Show;
+pub use studio::{Studio, View};

@@ -37,7 +37,7 @@ pub(super) struct Played {
 }
 
 /// Policies, and the environments in which they recognise their groups.
-pub(crate) struct Show {
+pub struct Show {
     /// The settings of their run.
     pub experiment: Experiment,
     learner: Box<dyn Learner>,

@@ -9,7 +9,6 @@ use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 
 use crate::error::CoversError;
-#[cfg(feature = "rerun")]
 use crate::sheet::Picture;
 use crate::sheet::mark_goal;
 use crate::stream::{Stream, scale};
@@ -31,7 +30,7 @@ pub enum View {
 const SIDE: usize = 144;
 
 /// An environment of one that is filmed. The policy sees what it has learnt with.
-pub(crate) struct Studio {
+pub struct Studio {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
@@ -83,7 +82,7 @@ impl Studio {
     }
 
     /// What was filmed, one cell for each view, up to a number of decisions.
-    pub fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
+    pub(crate) fn cells(&self, views: &[View], decisions: Option<usize>) -> Vec<Cell> {
         let cell = |&view| {
             let (table, frames) = self.filmed(view);
             let size = table.scene().camera.size;
@@ -98,19 +97,16 @@ impl Studio {
     }
 
     /// The table on which the episode is played.
-    #[cfg(feature = "rerun")]
     pub fn table(&self) -> &TableTop {
         &self.table
     }
 
     /// The camera of a view that was asked for.
-    #[cfg(feature = "rerun")]
     pub fn camera(&self, view: View) -> Camera {
         self.filmed(view).0.scene().camera
     }
 
     /// The newest picture of a view that was asked for.
-    #[cfg(feature = "rerun")]
     pub fn newest(&self, view: View) -> Option<Picture> {
         let (table, frames) = self.filmed(view);
         let size = table.scene().camera.size;

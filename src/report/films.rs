@@ -1,6 +1,7 @@
 //! Films of policies, inside of the page.
 
-use crate::base64::base64;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 
 use super::run_data::{GroupFilm, RunData};
 use super::svg::escaped;
@@ -20,7 +21,7 @@ fn film(film: &GroupFilm) -> String {
         "<p class=\"caption\">{group}: the four variants, each played by the policy that the \
          learner chose ({size} kB)</p>\n<div class=\"wide\"><img alt=\"{group}, played\" \
          src=\"data:image/gif;base64,{}\"></div>\n",
-        base64(&film.gif)
+        STANDARD.encode(&film.gif)
     )
 }
 

@@ -1,8 +1,6 @@
 //! The networks that examples time.
 
-use equivariant::{
-    Group, Half, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature,
-};
+use equivariant::{Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature};
 
 /// Channels of a picture.
 pub const CHANNELS: usize = 6;
@@ -10,14 +8,8 @@ pub const CHANNELS: usize = 6;
 pub const HALVING: Kernel = Kernel::new(4, 2, 1);
 
 /// Convolutions to so many regular fields of D2, each with a ReLU, on pictures of `size` x `size` x
-/// 6, in half precision if it is given. They halve the picture, or are 3 x 3 and followed by
-/// pooling.
-pub fn network(
-    size: usize,
-    fields: &[usize],
-    pooled: bool,
-    half: Option<Half>,
-) -> Result<Sequential<f32>, LayerError> {
+/// 6. They halve the picture, or are 3 x 3 and followed by pooling.
+pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
     let kernel = if pooled {
         Kernel::new(3, 1, 1)
     } else {
@@ -26,10 +18,7 @@ pub fn network(
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let (mut from, mut size) = (Group::D2.trivial(CHANNELS), size);
     for &n in fields {
-        let mut conv = R2Conv::new(from, Group::D2.regular(n), kernel, [size; 2])?;
-        if let Some(half) = half {
-            conv = conv.in_half(half);
-        }
+        let conv = R2Conv::new(from, Group::D2.regular(n), kernel, [size; 2])?;
         let mut shape = conv.out_shape();
         layers.push(Box::new(conv));
         layers.push(Box::new(Relu::new(shape)?));

@@ -3,16 +3,18 @@
 use std::ops::Range;
 
 use crate::conv::geometry::Conv;
-use crate::conv::load::{Buffers, Loader, MOST};
+use crate::conv::load::{Buffers, Loader};
 use crate::conv::maps::{Cursor, Input, MapsMut};
 use crate::conv::pass::Backward;
 use crate::conv::pieces::Pieces;
-use crate::conv::sizes;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
 use crate::simd::patches::Patches;
 use crate::simd::tiles::{input, weights};
+
+/// Output pixels that a pass takes at a time.
+const ROWS: usize = 48;
 
 /// Rows of a tile of the input gradient.
 const TILE: usize = 6;
@@ -23,46 +25,16 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let images = if staged { 0 } else { 2 * conv.group(samples) };
     let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
     let line = patches.lines().map_or(0, of_lines);
-    let half = sizes::backward_blocks(conv) * LANES;
-    Buffers::<f32>::scratch_len(conv) + half + images * patches.staged() + line
-}
-
-/// The products of a backward pass.
-pub(crate) trait Products<T: Real, L: Lanes<T>> {
-    /// Output pixels that it takes at a time, at most [`MOST`].
-    const ROWS: usize;
-
-    /// The output gradient of some rows, `[block][row]`.
-    fn load(&mut self, dy: &[Block<T>], rows: usize);
-
-    /// Adds what some rows contribute to the gradient of the weights; `panel` is `[fold][row]`.
-    fn weights(&mut self, rows: &Gathered, buffers: &mut Buffers<T>);
-
-    /// Adds what they contribute to the gradient of the staged input; overwrites the panel.
-    fn input(&mut self, rows: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]);
-
-    /// Adds what it has kept to the gradient of the weights.
-    fn finish(self, conv: &Conv, dw: &mut [Block<T>]);
+    Buffers::<f32>::scratch_len(conv) + images * patches.staged() + line
 }
 
 impl<'a, T: Real> Backward<'a, T> {
     #[inline(always)]
-    pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        self.run_products::<L, _, G>(lanes, |pass, pieces| {
-            Single::<T, L, G>::new(lanes, pass, pieces)
-        });
-    }
-
-    #[inline(always)]
-    pub(crate) fn run_products<L: Lanes<T>, P: Products<T, L>, const G: usize>(
-        mut self,
-        lanes: L,
-        products: impl FnOnce(&Self, &mut Pieces<'a, T>) -> P,
-    ) {
+    pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut pieces = Pieces::new(std::mem::take(&mut self.scratch));
-        let mut products = products(&self, &mut pieces);
-        let mut buffers = Buffers::new(&mut self, &mut pieces, P::ROWS);
+        let products = Products::<T, L, G>::new(lanes, &self, &mut pieces);
+        let mut buffers = Buffers::new(&mut self, &mut pieces, ROWS);
         let loader = Loader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         let (together, own, own_gradient) = match self.x {
             Input::Channels(_) | Input::Bytes(_) => {
@@ -86,7 +58,7 @@ impl<'a, T: Real> Backward<'a, T> {
                 staged,
                 images: first..first + images,
             };
-            panels.run::<P, G>(&loader, &mut products, &mut buffers, gradient);
+            panels.run(&loader, &products, &mut buffers, gradient);
             if let Some(MapsMut::Channels(dx)) = &mut self.dx {
                 unstage(
                     patches,
@@ -96,7 +68,6 @@ impl<'a, T: Real> Backward<'a, T> {
                 );
             }
         }
-        products.finish(conv, buffers.dw);
         buffers.finish::<G>(conv);
     }
 }
@@ -123,29 +94,27 @@ struct Panels<'a, T, L> {
 impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     /// Adds what the images contribute; overwrites their gradient.
     #[inline(always)]
-    fn run<P: Products<T, L>, const G: usize>(
+    fn run<const G: usize>(
         &self,
         loader: &Loader<T, L, G>,
-        products: &mut P,
+        products: &Products<T, L, G>,
         buffers: &mut Buffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
-        const { assert!(P::ROWS <= MOST) };
         let (patches, pixels) = (&self.conv.patches, loader.pixels);
         if let Some(gradient) = gradient.as_deref_mut() {
             gradient.fill(T::ZERO);
         }
         let mut cursor = Cursor::new(pixels);
         let end = self.images.end * pixels;
-        for row in (self.images.start * pixels..end).step_by(P::ROWS) {
-            let count = P::ROWS.min(end - row);
-            let mut windows = [0; MOST];
+        for row in (self.images.start * pixels..end).step_by(ROWS) {
+            let count = ROWS.min(end - row);
+            let mut windows = [0; ROWS];
             for window in &mut windows[..count] {
                 *window = cursor.at(patches.windows(), patches.staged());
                 cursor.advance();
             }
             loader.run(row, count, buffers);
-            products.load(&buffers.dy[..count * self.conv.weights.width()], count);
             self.gather(
                 &windows[..count],
                 products,
@@ -157,10 +126,10 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
 
     /// Adds what some windows contribute.
     #[inline(always)]
-    fn gather<P: Products<T, L>>(
+    fn gather<const G: usize>(
         &self,
         windows: &[usize],
-        products: &mut P,
+        products: &Products<T, L, G>,
         buffers: &mut Buffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
@@ -187,7 +156,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
 }
 
 /// One orbit of taps of one block of channels of the windows of some rows.
-pub(crate) struct Gathered<'a> {
+struct Gathered<'a> {
     pub conv: &'a Conv,
     pub orbit: usize,
     pub c: usize,
@@ -203,14 +172,14 @@ impl Gathered<'_> {
     }
 }
 
-/// Products in the precision of the maps.
-struct Single<'a, T, L, const G: usize> {
+/// The products of a backward pass.
+struct Products<'a, T, L, const G: usize> {
     lanes: L,
     /// Transposed weights, unless nobody asks for the gradient of the input.
     w: &'a [Block<T>],
 }
 
-impl<'a, T: Real, L: Lanes<T>, const G: usize> Single<'a, T, L, G> {
+impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
     #[inline(always)]
     fn new(lanes: L, pass: &Backward<'a, T>, pieces: &mut Pieces<'a, T>) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
@@ -219,18 +188,12 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Single<'a, T, L, G> {
             let packed = layout.packed(pass.params, pieces, true);
             layout.transpose::<T, G>(&conv.patches, packed, w);
         }
-        Single { lanes, w }
+        Products { lanes, w }
     }
-}
 
-impl<T: Real, L: Lanes<T>, const G: usize> Products<T, L> for Single<'_, T, L, G> {
-    const ROWS: usize = 48;
-
+    /// Adds what some rows contribute to the gradient of the weights; `panel` is `[fold][row]`.
     #[inline(always)]
-    fn load(&mut self, _: &[Block<T>], _: usize) {}
-
-    #[inline(always)]
-    fn weights(&mut self, of: &Gathered, buffers: &mut Buffers<T>) {
+    fn weights(&self, of: &Gathered, buffers: &mut Buffers<T>) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.width());
         let rows = of.windows.len();
         let per_block = LANES / G * width;
@@ -248,8 +211,9 @@ impl<T: Real, L: Lanes<T>, const G: usize> Products<T, L> for Single<'_, T, L, G
         );
     }
 
+    /// Adds what they contribute to the gradient of the staged input; overwrites the panel.
     #[inline(always)]
-    fn input(&mut self, of: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]) {
+    fn input(&self, of: &Gathered, buffers: &mut Buffers<T>, gradient: &mut [T]) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.width());
         let (folds, per_block) = (of.folds(), LANES / G * width);
         let dy = &buffers.dy[..width * of.windows.len()];
@@ -262,9 +226,6 @@ impl<T: Real, L: Lanes<T>, const G: usize> Products<T, L> for Single<'_, T, L, G
             (false, _) => of.input::<T, L, G, 4>(self.lanes, w, dy, gradient),
         }
     }
-
-    #[inline(always)]
-    fn finish(self, _: &Conv, _: &mut [Block<T>]) {}
 }
 
 impl Gathered<'_> {

@@ -7,9 +7,7 @@ use crate::conv::pieces::Pieces;
 use crate::real::Real;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
-
-/// Output pixels that are finished at a time, at most.
-pub(crate) const MOST_ROWS: usize = 32;
+use crate::simd::tiles::ROWS;
 
 /// Adds the bias to sums, rectifies them if there are masks, and writes the output.
 pub(crate) struct Finish<'a, T, L, const G: usize> {
@@ -36,7 +34,6 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         params: &[T],
         pieces: &mut Pieces<'a, T>,
         to: Output<'a, T>,
-        rows: usize,
     ) -> Self {
         let width = conv.weights.width();
         let start = to.lines.start * conv.out.width;
@@ -56,7 +53,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
             channels: conv.out.fields.dim(),
             regular: conv.out.fields.regular_fields().is_some(),
             bias,
-            own: pieces.take(rows * width),
+            own: pieces.take(ROWS * width),
             to,
             start,
             skipped,
@@ -68,7 +65,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
-        let mut places = [0; MOST_ROWS];
+        let mut places = [0; ROWS];
         let (to, scale) = match &mut self.to.y {
             MapsMut::Channels(_) => {
                 for (r, place) in places.iter_mut().enumerate() {

@@ -42,7 +42,7 @@ impl<T: Real> Forward<'_, T> {
         scale(lanes, patches, w);
         let of_output = self.to.lines.clone();
         let mut finish =
-            Finish::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to, TILE);
+            Finish::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to);
         let sums = pieces.take(TILE * weights.width());
         let own = pieces.flat_zeros(lines.staged());
         let line = Line::new(lanes, patches, weights.width());

@@ -1,11 +1,10 @@
 //! The forward pass of a convolution over panels of folded patches.
 
-use crate::conv::finish::{Finish, MOST_ROWS};
+use crate::conv::finish::Finish;
 use crate::conv::geometry::Conv;
 use crate::conv::maps::{Cursor, Input};
 use crate::conv::pass::Forward;
 use crate::conv::pieces::Pieces;
-use crate::conv::sizes;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -21,8 +20,7 @@ const IN_PLACE: usize = 2 * ROWS;
 pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.folded() + weights.width();
-    let half = sizes::forward_blocks(conv);
-    let rest = weights.blocks() + half + (ROWS + 1) * weights.width() + ROWS * per_row;
+    let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
     match staged {
@@ -31,77 +29,22 @@ pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
     }
 }
 
-/// The products of folded patches with the weights.
-pub(crate) trait Product<T, L> {
-    /// Rows that it takes at a time, at most [`MOST_ROWS`].
-    const ROWS: usize;
-
-    /// Folds what ROWS windows see.
-    fn gather(&mut self, lanes: L, patches: &Patches, staged: &[T], windows: &[usize]);
-
-    /// Writes the sums `[row][block]` of the first `rows` of them.
-    fn run(&mut self, sums: &mut [Block<T>], rows: usize);
-}
-
-/// Those in the precision of the maps.
-struct Single<'a, T, L, const G: usize> {
-    lanes: L,
-    w: &'a [Block<T>],
-    /// The folds of ROWS windows, `[block][row]`.
-    panel: &'a mut [Block<T>],
-}
-
-impl<T: Real, L: Lanes<T>, const G: usize> Product<T, L> for Single<'_, T, L, G> {
-    const ROWS: usize = ROWS;
-
-    #[inline(always)]
-    fn gather(&mut self, lanes: L, patches: &Patches, staged: &[T], windows: &[usize]) {
-        let step = patches.blocks() * ROWS;
-        for c in 0..patches.blocks() {
-            // what one orbit reads of a block of channels the next reads from the first-level cache
-            for orbit in 0..patches.orbits() {
-                let first = patches.folded_of(orbit).start + c;
-                let panel = &mut self.panel[first * ROWS..];
-                patches.gather(lanes, (orbit, c), staged, windows, panel, step);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn run(&mut self, sums: &mut [Block<T>], rows: usize) {
-        forward::<T, L, G>(self.lanes, self.panel.as_chunks().0, self.w, sums, rows);
-    }
-}
-
 impl<'a, T: Real> Forward<'a, T> {
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        let pixels = self.to.lines.len() * self.conv.out.width;
-        let few = self.samples * pixels <= IN_PLACE;
-        self.run_products::<L, _, G>(lanes, |conv, params, pieces| Single::<T, L, G> {
-            lanes,
-            w: conv.weights.packed(params, pieces, few),
-            panel: pieces.take(ROWS * conv.patches.folded()),
-        });
-    }
-
-    #[inline(always)]
-    pub(crate) fn run_products<L: Lanes<T>, P: Product<T, L>, const G: usize>(
-        self,
-        lanes: L,
-        product: impl FnOnce(&'a Conv, &'a [T], &mut Pieces<'a, T>) -> P,
-    ) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut pieces = Pieces::new(self.scratch);
         let (width, lines) = (conv.out.width, &self.to.lines);
         let windows = &patches.windows()[lines.start * width..lines.end * width];
-        let mut panels = Panels::<T, L, P, G> {
+        let few = self.samples * windows.len() <= IN_PLACE;
+        let mut panels = Panels::<T, L, G> {
             lanes,
             patches,
             windows,
-            product: product(conv, self.params, &mut pieces),
-            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to, P::ROWS),
-            sums: pieces.take(P::ROWS * weights.width()),
+            w: weights.packed(self.params, &mut pieces, few),
+            panel: pieces.take(ROWS * patches.folded()),
+            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to),
+            sums: pieces.take(ROWS * weights.width()),
         };
         let (together, own) = match self.x {
             Input::Channels(_) | Input::Bytes(_) => {
@@ -119,29 +62,30 @@ impl<'a, T: Real> Forward<'a, T> {
 }
 
 /// The products of panels of folded patches with the weights.
-struct Panels<'a, T, L, P, const G: usize> {
+struct Panels<'a, T, L, const G: usize> {
     lanes: L,
     patches: &'a Patches,
     /// Where the windows of the output pixels start.
     windows: &'a [usize],
-    product: P,
+    w: &'a [Block<T>],
+    /// The folds of ROWS windows, `[block][row]`.
+    panel: &'a mut [Block<T>],
     finish: Finish<'a, T, L, G>,
     /// The sums of ROWS output pixels.
     sums: &'a mut [Block<T>],
 }
 
-impl<T: Real, L: Lanes<T>, P: Product<T, L>, const G: usize> Panels<'_, T, L, P, G> {
+impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
     /// Runs over staged images, of which `first` is that of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
-        const { assert!(P::ROWS <= MOST_ROWS) };
         let pixels = self.windows.len();
         let rows = images * pixels;
         let mut cursor = Cursor::new(pixels);
-        for row in (0..rows).step_by(P::ROWS) {
-            let count = P::ROWS.min(rows - row);
-            let mut windows = [0; MOST_ROWS];
-            for (r, window) in windows[..P::ROWS].iter_mut().enumerate() {
+        for row in (0..rows).step_by(ROWS) {
+            let count = ROWS.min(rows - row);
+            let mut windows = [0; ROWS];
+            for (r, window) in windows.iter_mut().enumerate() {
                 // an incomplete block ends with copies of its last row
                 *window = cursor.at(self.windows, self.patches.staged());
                 if r + 1 < count {
@@ -149,11 +93,25 @@ impl<T: Real, L: Lanes<T>, P: Product<T, L>, const G: usize> Panels<'_, T, L, P,
                 }
             }
             cursor.advance();
-            let windows = &windows[..P::ROWS];
-            self.product
-                .gather(self.lanes, self.patches, staged, windows);
-            self.product.run(self.sums, count);
+            self.gather(staged, &windows);
+            let panel = self.panel.as_chunks().0;
+            forward::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
             self.finish.run(self.sums, first * pixels + row, count);
+        }
+    }
+
+    /// Folds what ROWS windows see.
+    #[inline(always)]
+    fn gather(&mut self, staged: &[T], windows: &[usize]) {
+        let patches = self.patches;
+        let step = patches.blocks() * ROWS;
+        for c in 0..patches.blocks() {
+            // what one orbit reads of a block of channels the next reads from the first-level cache
+            for orbit in 0..patches.orbits() {
+                let first = patches.folded_of(orbit).start + c;
+                let panel = &mut self.panel[first * ROWS..];
+                patches.gather(self.lanes, (orbit, c), staged, windows, panel, step);
+            }
         }
     }
 }

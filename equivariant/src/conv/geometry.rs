@@ -4,7 +4,6 @@ use symmetry::{FieldType, Irrep};
 
 use crate::conv::weights::Weights;
 use crate::error::LayerError;
-use crate::half::Half;
 use crate::instruction_set::InstructionSet;
 use crate::shape::{Shape, product};
 use crate::simd::patches::Patches;
@@ -26,8 +25,6 @@ pub struct Conv {
     pub(crate) out: Shape,
     /// What single precision runs on, if the processor has it.
     pub(crate) widest: InstructionSet,
-    /// Whether single precision rounds what products read.
-    pub(crate) half: Option<Half>,
 }
 
 impl Conv {
@@ -59,7 +56,6 @@ impl Conv {
             blocks,
             out,
             widest: InstructionSet::Avx512,
-            half: None,
         })
     }
 

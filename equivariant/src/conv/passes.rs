@@ -32,19 +32,11 @@ pub trait Passes: Real {
 
 impl Passes for f32 {
     fn forward(pass: Forward<f32>) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(half) = pass.conv.half {
-            return half.forward(pass);
-        }
         let widest = pass.conv.widest;
         run_f32(pass, widest);
     }
 
     fn backward(pass: Backward<f32>) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(half) = pass.conv.half {
-            return half.backward(pass);
-        }
         let widest = pass.conv.widest;
         run_f32(pass, widest);
     }

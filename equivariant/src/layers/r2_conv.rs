@@ -12,7 +12,6 @@ use crate::conv::maps::{Input, Maps, MapsMut};
 use crate::conv::pass::{Backward, Forward, Output};
 use crate::conv::passes;
 use crate::error::LayerError;
-use crate::half::Half;
 use crate::instruction_set::InstructionSet;
 use crate::layers::layer::{Layer, Signature};
 use crate::layers::scalar::Scalar;
@@ -74,15 +73,6 @@ impl R2Conv {
     /// give the same bits, and the portable code others. Double precision is portable in any case.
     pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
         self.conv.widest = widest;
-        self.conv.half = None;
-        self
-    }
-
-    /// The same layer in half precision: its products read numbers that are rounded to bfloat16,
-    /// and everything else stays as it is (see [`Half`]). In double precision and on a GPU nothing
-    /// changes, and [`at_most`](R2Conv::at_most) takes it back.
-    pub fn in_half(mut self, half: Half) -> R2Conv {
-        self.conv.half = Some(half);
         self
     }
 

@@ -9,12 +9,6 @@ use crate::real::{Real, exceeds};
 /// How many numbers a kernel handles at once.
 pub(crate) const LANES: usize = 16;
 
-/// Rows of a tile of half precision.
-pub(crate) const TILE: usize = 16;
-
-/// Rows of which a tile holds words of two numbers.
-pub(crate) const PAIRS: usize = 2 * TILE;
-
 /// The unit of memory of the kernels.
 pub(crate) type Block<T> = [T; LANES];
 

@@ -2,7 +2,7 @@
 //! nothing.
 
 use covers::{
-    CoversSettings, Embedding, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
+    CoversSettings, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicy,
     OffPolicySettings,
 };
 use rl::{
@@ -46,10 +46,7 @@ fn of_covers() -> [CoversSettings; 5] {
             ..grouped(GroupingSettings::Oracle)
         },
         grouped(GroupingSettings::Single),
-        CoversSettings {
-            embedding: Embedding::AtArrival,
-            ..grouped(calibrated())
-        },
+        grouped(calibrated()),
         CoversSettings {
             handover: Handover::Reuse,
             new_policy: NewPolicy::Copy,

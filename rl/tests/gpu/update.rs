@@ -260,17 +260,3 @@ fn an_update_without_clipping_is_seen() {
     let [_, there] = on_both(&unclipped, &network());
     assert!(deviation(&there.arrays[1], &here.arrays[1]) > 100.0 * TOLERANCE);
 }
-
-#[test]
-fn half_precision_is_refused() {
-    if equivariant::Half::available().is_none() {
-        return println!("no AMX for bfloat16: no such policy can be made");
-    }
-    let half = NetworkSettings {
-        half: true,
-        ..network()
-    };
-    let policy = rollout(&half).0;
-    let made = Ppo::on_device(settings(), &policy, device()).map(|_| ());
-    assert!(matches!(made, Err(RlError::HalfOnDevice)), "{made:?}");
-}

@@ -19,11 +19,11 @@ use crate::groupings::{Answer, Episodes, Grouping, Recognised};
 use crate::learners::learner::{Extent, Learner, Performance, Seconds, Turn};
 
 use super::courses::courses;
-use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_features, keep_later};
+use super::first_frames::{FirstFrames, Rollout as _, first_frames, keep_later};
 use super::logged::metrics;
 use super::member::{Clouds, Member};
 use super::policies::{Collection, Exported};
-use super::settings::{CollectionSettings, Embedding, NewPolicy};
+use super::settings::{CollectionSettings, NewPolicy};
 use super::training::Training;
 
 /// Decisions of an episode from one look at the units of a network to the next: a look costs about
@@ -298,7 +298,7 @@ impl<S: CollectionSettings> Collection<S> {
     pub(super) fn adopt(
         &mut self,
         assignment: &Assignment,
-        mut frames: Vec<FirstFrames>,
+        frames: Vec<FirstFrames>,
     ) -> Result<bool, CoversError> {
         let policies = self.members.len();
         self.current = match assignment.decision {
@@ -310,9 +310,6 @@ impl<S: CollectionSettings> Collection<S> {
         };
         self.grouping.adopt(self.current);
         let member = &mut self.members[self.current];
-        if self.settings.embedding() == Embedding::AtArrival {
-            keep_features(&mut member.policy, &mut frames)?;
-        }
         for episode in frames {
             member
                 .buffer

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use cluster::Reservoir;
-use rl::{AlgorithmState, EnvSpec, Features, Observations};
+use rl::{AlgorithmState, EnvSpec, Observations};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -20,7 +20,7 @@ use super::first_frames::FirstFrames;
 use super::member::{Generators, Member};
 use super::note;
 use super::policies::Collection;
-use super::settings::{CollectionSettings, Embedding, buffer_capacity, steps_per_env};
+use super::settings::{CollectionSettings, buffer_capacity, steps_per_env};
 use super::training::Training;
 
 /// What is not an array.
@@ -38,9 +38,6 @@ struct Header<'a, S: Clone> {
     current: usize,
     generators: Cow<'a, Generators>,
     members: Vec<MemberHeader>,
-    /// Nothing but in files of format 3.
-    #[serde(default, skip_serializing)]
-    note: Option<String>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -66,7 +63,6 @@ impl<S: CollectionSettings> Collection<S> {
             current: self.current,
             generators: Cow::Borrowed(&self.generators),
             members: self.members.iter().map(|m| m.header(extent)).collect(),
-            note: None,
         };
         self.check_extent(extent)?;
         let members = self.members.iter().enumerate();
@@ -184,7 +180,7 @@ impl<'a> Checkpoint<'a> {
         if !training {
             header.members.iter_mut().for_each(|m| m.counters = None);
         }
-        let note = note::of(header.note.take(), &file)?;
+        let note = note::of(&file)?;
         let arrays = Arrays {
             file,
             spec,
@@ -252,12 +248,6 @@ impl<S: CollectionSettings> Member<S> {
         let vectors: Vec<f32> = observations.flat_map(|o| o.vectors.clone()).collect();
         let vector = shape(&[spec.vector.len()]);
         tensors.push(Tensor::floats(name("vectors"), vector, &vectors));
-        let features = episodes.iter().flat_map(|e| e.features().unwrap_or(&[]));
-        let features: Vec<f32> = features.copied().collect();
-        if !features.is_empty() {
-            let shape = shape(&[self.policy.feature_dim()]);
-            tensors.push(Tensor::floats(name("features"), shape, &features));
-        }
         tensors
     }
 }
@@ -289,11 +279,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         if let Some(counters) = &header.counters {
             self.restore_training(&name, counters, &mut training)?;
         }
-        let mut episodes = self.episodes(&name("images"), &name("vectors"))?;
-        if self.settings.embedding() == Embedding::AtArrival && !episodes.is_empty() {
-            let dim = policy.feature_dim();
-            self.restore_features(&name("features"), dim, &mut episodes)?;
-        }
+        let episodes = self.episodes(&name("images"), &name("vectors"))?;
         let capacity = buffer_capacity(self.settings);
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
         Ok(Member {
@@ -327,7 +313,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         training.recall(&self.file, &name(""))
     }
 
-    /// The frames that a policy keeps, without features.
+    /// The frames that a policy keeps.
     fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
         let (spec, k) = (self.spec, self.settings.first_frames());
         let (shape, pixels) = self.file.bytes(images)?;
@@ -347,22 +333,6 @@ impl<S: CollectionSettings> Arrays<'_, S> {
             FirstFrames::new(k, Observations { images, vectors })
         };
         Ok(images.zip(vectors).map(episode).collect())
-    }
-
-    /// Gives episodes their features `[episodes, k, F]` at arrival back.
-    fn restore_features(
-        &self,
-        name: &str,
-        dim: usize,
-        episodes: &mut [FirstFrames],
-    ) -> Result<(), CoversError> {
-        let k = self.settings.first_frames();
-        let (shape, features) = self.file.floats(name)?;
-        self.check_shape(name, &shape, &[episodes.len(), k, dim])?;
-        for (episode, features) in episodes.iter_mut().zip(features.chunks_exact(k * dim)) {
-            episode.keep_features(features);
-        }
-        Ok(())
     }
 
     fn check_shape(

@@ -11,8 +11,6 @@ pub(super) struct FirstFrames {
     began: usize,
     count: usize,
     observations: Observations,
-    /// Features `[k, F]` at arrival, where the settings say that they are kept.
-    features: Option<Vec<f32>>,
 }
 
 impl FirstFrames {
@@ -22,18 +20,12 @@ impl FirstFrames {
             began: 0,
             count,
             observations,
-            features: None,
         }
     }
 
     /// Decisions of all environments before it, since the look began that it is of.
     pub(super) fn began(&self) -> usize {
         self.began
-    }
-
-    /// Keeps features `[k, F]` with the observations.
-    pub(super) fn keep_features(&mut self, features: &[f32]) {
-        self.features = Some(features.to_vec());
     }
 
     /// The number of observations.
@@ -44,11 +36,6 @@ impl FirstFrames {
     /// The observations.
     pub(super) fn observations(&self) -> &Observations {
         &self.observations
-    }
-
-    /// Features `[k, F]` at arrival, where they were kept.
-    pub(super) fn features(&self) -> Option<&[f32]> {
-        self.features.as_deref()
     }
 }
 
@@ -183,36 +170,6 @@ pub(super) fn embed<P: Features>(
     let mut features = vec![0.0; episodes.len() * per_episode * dim];
     policy.features(&all, &mut features)?;
     Ok(Frames::new(features, per_episode, dim)?)
-}
-
-/// Stores with each episode the features that `policy` sees now.
-pub(super) fn keep_features<P: Features>(
-    policy: &mut P,
-    episodes: &mut [FirstFrames],
-) -> Result<(), CoversError> {
-    let all = embed(policy, episodes)?;
-    let each = all.features().len() / episodes.len().max(1);
-    for (episode, features) in episodes.iter_mut().zip(all.features().chunks(each.max(1))) {
-        episode.keep_features(features);
-    }
-    Ok(())
-}
-
-/// The features of a buffer's episodes: those of their arrival if every episode kept them, else
-/// those of now.
-pub(super) fn recall<P: Features>(
-    policy: &mut P,
-    episodes: &[FirstFrames],
-) -> Result<Frames, CoversError> {
-    let kept: Option<Vec<&[f32]>> = episodes.iter().map(|e| e.features.as_deref()).collect();
-    match (kept, episodes.first()) {
-        (Some(kept), Some(first)) => Ok(Frames::new(
-            kept.concat(),
-            first.count,
-            policy.feature_dim(),
-        )?),
-        _ => embed(policy, episodes),
-    }
 }
 
 #[cfg(test)]

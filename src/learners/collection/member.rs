@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::CoversError;
 use crate::groupings::{Candidates, Episodes};
 
-use super::first_frames::{FirstFrames, embed, recall};
+use super::first_frames::{FirstFrames, embed};
 use super::settings::{CollectionSettings, PolicyOf};
 
 /// A policy, its training, and the first frames of the group that it oversees.
@@ -29,7 +29,7 @@ impl<S: CollectionSettings> Candidates for Clouds<'_, S> {
     fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
         let clouds = self.members.iter_mut().map(|member| {
             Ok(Candidate {
-                buffer: recall(&mut member.policy, member.buffer.episodes())?,
+                buffer: embed(&mut member.policy, member.buffer.episodes())?,
                 rollout: embed(&mut member.policy, self.rollout)?,
             })
         });

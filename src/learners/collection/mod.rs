@@ -18,5 +18,5 @@ pub(crate) use logged::per_policy_columns;
 pub use note::read_note;
 pub use policies::Collection;
 pub(in crate::learners) use settings::shared_settings;
-pub use settings::{CollectionSettings, Embedding, Handover, NewPolicy};
+pub use settings::{CollectionSettings, Handover, NewPolicy};
 pub use training::Training;

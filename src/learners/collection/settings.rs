@@ -31,9 +31,6 @@ pub trait CollectionSettings:
     /// What becomes of a rollout that changes hands.
     fn handover(&self) -> Handover;
 
-    /// Which features of a policy's frames assignment compares.
-    fn embedding(&self) -> Embedding;
-
     /// Where a new policy starts.
     fn new_policy(&self) -> NewPolicy;
 
@@ -94,17 +91,6 @@ pub enum Handover {
     /// The assigned policy learns from it, with its own log-probabilities and values
     /// ([`RolloutBuffer::revalue`](rl::RolloutBuffer::revalue)), unless it shows two groups.
     Reuse,
-}
-
-/// Which features of a policy's frames assignment compares.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Embedding {
-    /// Those of the policy as it is now: features drift while a policy learns.
-    #[default]
-    Afresh,
-    /// Those of the policy as it was when the frames arrived, before it learnt from their rollout.
-    AtArrival,
 }
 
 /// Where a new policy starts; its optimiser is fresh in any case.

@@ -6,9 +6,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{
-    CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
-};
+use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
 use crate::learners::device::LearningDevice;
 
 use super::training::PpoTraining;
@@ -39,8 +37,6 @@ pub struct CoversSettings {
     pub buffer_episodes: Option<usize>,
     /// What becomes of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
-    /// Which features of a policy's frames assignment compares.
-    pub embedding: Embedding,
     /// Where a new policy starts.
     pub new_policy: NewPolicy,
     /// Before an update, every decision of the rollout is moved by a random element of this group:
@@ -65,7 +61,6 @@ impl Default for CoversSettings {
             noise_correlation: 0.0,
             buffer_episodes: Some(100),
             handover: Handover::default(),
-            embedding: Embedding::default(),
             new_policy: NewPolicy::default(),
             augmentation: Group::C1,
             seed: 0,
@@ -88,7 +83,6 @@ impl CoversSettings {
             noise_correlation: 0.0,
             buffer_episodes: None,
             handover: Handover::Reuse,
-            embedding: Embedding::Afresh,
             new_policy: NewPolicy::Random,
             augmentation: Group::C1,
             seed: 0,
@@ -111,8 +105,8 @@ impl CollectionSettings for CoversSettings {
 
     shared_settings!(
         grouping: GroupingSettings, first_frames: usize, rollout_steps: usize,
-        buffer_episodes: Option<usize>, handover: Handover, embedding: Embedding,
-        new_policy: NewPolicy, seed: u64
+        buffer_episodes: Option<usize>, handover: Handover, new_policy: NewPolicy,
+        seed: u64
     );
 
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {

@@ -8,9 +8,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{
-    CollectionSettings, Embedding, Handover, NewPolicy, shared_settings,
-};
+use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
 
 use super::recording::Recording;
 use super::training::SacTraining;
@@ -153,10 +151,6 @@ impl CollectionSettings for OffPolicySettings {
 
     fn handover(&self) -> Handover {
         Handover::Reuse
-    }
-
-    fn embedding(&self) -> Embedding {
-        Embedding::Afresh
     }
 
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {

@@ -36,22 +36,20 @@ pub struct Shown<'a> {
     pub keys: &'a str,
 }
 
-/// Draws a whole screen; returns where the picture is, if it is shown.
-pub fn draw<'a>(shown: &'a Shown<'_>, frame: &mut Frame) -> Option<(Rect, &'a Picture)> {
+/// Draws a whole screen.
+pub fn draw(shown: &Shown<'_>, frame: &mut Frame) {
     let area = frame.area();
     let rows = [2, 0, 1].map(Constraint::Length);
     let rows = [rows[0], Constraint::Fill(1), rows[2]];
     let [head, body, foot] = Layout::vertical(rows).areas(area);
     frame.render_widget(Paragraph::new(headline(shown).to_vec()), head);
     let [width, height] = WHOLE;
-    let mut picture = None;
     match (area.width >= width && area.height >= height, body.height) {
-        (true, _) => picture = everything(shown, frame, body),
+        (true, _) => everything(shown, frame, body),
         (false, MOST..) => most(shown, frame, body),
         (false, _) => least(shown, frame, body),
     }
     frame.render_widget(Line::from(footline(shown)).style(Style::new().dim()), foot);
-    picture
 }
 
 /// The run's name and what happens now, and how far it is.
@@ -104,12 +102,8 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Curves, strips, tables and the picture; returns where that is.
-fn everything<'a>(
-    shown: &'a Shown<'_>,
-    frame: &mut Frame,
-    area: Rect,
-) -> Option<(Rect, &'a Picture)> {
+/// Curves, strips, tables and the picture.
+fn everything(shown: &Shown<'_>, frame: &mut Frame, area: Rect) {
     let rows = [3, 0, 2].map(Constraint::Fill);
     let rows = [rows[0], Constraint::Length(STRIPS), rows[2]];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
@@ -124,10 +118,9 @@ fn everything<'a>(
     let block = Block::bordered().title(title.unwrap_or("no picture"));
     let inner = block.inner(right);
     frame.render_widget(block, right);
-    let (_, picture) = shown.picture.as_ref()?;
-    let place = picture::fit(picture, inner);
-    picture::draw(picture, place, frame.buffer_mut());
-    Some((place, picture))
+    if let Some((_, picture)) = &shown.picture {
+        picture::draw(picture, picture::fit(picture, inner), frame.buffer_mut());
+    }
 }
 
 /// Curves, strips and tables.

@@ -5,7 +5,6 @@ mod distances;
 mod draw;
 mod groups;
 mod ink;
-mod kitty;
 mod picture;
 mod ratios;
 mod session;

@@ -12,14 +12,9 @@ use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
-use ratatui::layout::Rect;
 use ratatui::{Frame, Terminal};
 
 use crate::error::CoversError;
-use crate::sheet::Picture;
-
-use super::kitty::Graphics;
-
 /// What panics said while a screen was up; none while no screen is.
 type Said = Arc<Mutex<Option<Vec<String>>>>;
 
@@ -28,7 +23,6 @@ type Said = Arc<Mutex<Option<Vec<String>>>>;
 pub struct Screen {
     /// Never dropped: it would print to a terminal that may be gone, and panic.
     terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
-    graphics: Graphics,
     said: Said,
 }
 
@@ -45,33 +39,25 @@ impl Screen {
         // from here on dropping the value restores
         let screen = Self {
             terminal: ManuallyDrop::new(terminal),
-            graphics: Graphics::new(|name| std::env::var_os(name)),
             said,
         };
         execute!(stdout(), EnterAlternateScreen).map_err(broken)?;
         Ok(screen)
     }
 
-    /// Draws anew. Where `draw` says that it has drawn a picture, that is shown in whole pixels, if
-    /// the terminal can.
+    /// Draws anew.
     ///
     /// # Errors
     /// [`CoversError::Write`] of a terminal that is gone.
-    pub fn draw<'a>(
-        &mut self,
-        draw: impl FnOnce(&mut Frame) -> Option<(Rect, &'a Picture)>,
-    ) -> Result<(), CoversError> {
-        let mut picture = None;
-        let drawn = self.terminal.draw(|frame| picture = draw(frame));
-        drawn.map_err(broken)?;
-        self.graphics.show(picture, &mut stdout()).map_err(broken)
+    pub fn draw(&mut self, draw: impl FnOnce(&mut Frame)) -> Result<(), CoversError> {
+        self.terminal.draw(draw).map_err(broken)?;
+        Ok(())
     }
 }
 
 impl Drop for Screen {
     fn drop(&mut self) {
         // a terminal that is gone needs no more
-        let _ = self.graphics.show(None, &mut stdout());
         let _ = disable_raw_mode();
         let _ = restore(&mut stdout());
         for said in release(&self.said) {

@@ -5,7 +5,6 @@ use std::time::Duration;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 use ratatui::buffer::Buffer;
-use ratatui::layout::Rect;
 use ratatui::style::Color;
 use symmetry::D2;
 
@@ -82,16 +81,8 @@ fn drawn(run: &RunData, (width, height): (u16, u16)) -> Buffer {
         keys: "q quits",
     };
     let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
-    let mut place = None;
-    terminal.draw(|frame| place = draw(&shown, frame)).unwrap();
-    let buffer = terminal.backend().buffer().clone();
-    // what may be drawn over in whole pixels are the half blocks, and nothing else
-    let blocks = (0..width).flat_map(|x| (0..height).map(move |y| (x, y)));
-    let blocks = blocks.filter(|&at| buffer[at].symbol() == "▀").count();
-    assert_eq!(blocks, place.map_or(0, |(area, _)| area.area() as usize));
-    let inside = |(area, _): (Rect, _)| area.positions().all(|at| buffer[at].symbol() == "▀");
-    assert!(place.is_none_or(inside));
-    buffer
+    terminal.draw(|frame| draw(&shown, frame)).unwrap();
+    terminal.backend().buffer().clone()
 }
 
 fn lines(buffer: &Buffer) -> Vec<String> {

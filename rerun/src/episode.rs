@@ -4,14 +4,14 @@ use envs::TaskVariant;
 use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxError, EnvSpec, Observations, Transition, VectorEnv};
 
-use crate::error::CoversError;
-use crate::render::{Show, Studio, View};
+use covers::CoversError;
+use covers::render::{Show, Studio, View};
 
-use super::recording::{DECISION, Recording, refused};
-use super::scene::Solids;
+use crate::recording::{DECISION, Recording, refused};
+use crate::scene::Solids;
 
 /// What is shown of an episode, and where it is in the recording.
-pub(super) const VIEWS: [(View, &str); 3] = [
+pub(crate) const VIEWS: [(View, &str); 3] = [
     (View::Raw, "table/camera/raw"),
     (View::Mask, "mask"),
     (View::Seen, "seen"),
@@ -21,14 +21,14 @@ pub(super) const VIEWS: [(View, &str); 3] = [
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
 
 /// Where a variant is in the recording.
-pub(super) fn place(variant: TaskVariant) -> String {
+pub(crate) fn place(variant: TaskVariant) -> String {
     let element = variant.element.to_string().replace(' ', "-");
     format!("{}/{element}", variant.group)
 }
 
 /// Records an episode of a variant, played by the policy that the learner recognises; says which,
 /// and whether it succeeded.
-pub(super) fn record(
+pub(crate) fn record(
     variant: TaskVariant,
     seed: u64,
     show: &mut Show,

@@ -3,14 +3,14 @@
 use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfiguration};
 use re_sdk_types::components::Color;
 
-use crate::colours::rgb;
-use crate::error::CoversError;
-use crate::report::{RolloutRow, RunData};
+use covers::CoversError;
+use covers::colours::rgb;
+use covers::report::{RolloutRow, RunData};
 
-use super::recording::{ROLLOUTS, Recording, STREAM};
+use crate::recording::{ROLLOUTS, Recording, STREAM};
 
 /// Records every rollout and evaluation.
-pub(super) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversError> {
+pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversError> {
     let (groups, policies) = (groups(run), policies(run));
     recording.state("stream/group", &lane(&groups))?;
     recording.state("stream/policy", &lane(&policies))?;

@@ -1,23 +1,22 @@
 //! What is logged, and when.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use re_sdk::blueprint::Blueprint;
 use re_sdk::sink::BinaryStreamStorage;
 use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
-use crate::error::CoversError;
+use covers::CoversError;
 
 /// The decisions of an episode.
-pub(super) const DECISION: &str = "decision";
+pub(crate) const DECISION: &str = "decision";
 /// Rollouts of the stream so far.
-pub(super) const ROLLOUTS: &str = "rollouts";
+pub(crate) const ROLLOUTS: &str = "rollouts";
 /// Decisions of the stream so far.
-pub(super) const STREAM: &str = "stream";
+pub(crate) const STREAM: &str = "stream";
 
 /// A recording that grows in memory.
-pub(super) struct Recording {
+pub(crate) struct Recording {
     path: PathBuf,
     stream: RecordingStream,
     bytes: BinaryStreamStorage,
@@ -91,6 +90,9 @@ impl Recording {
 }
 
 /// The error of a recording that does not come about.
-pub(super) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
-    move |error| CoversError::write(path, io::Error::other(error.to_string()))
+pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
+    move |error| CoversError::Write {
+        path: path.to_owned(),
+        source: error.to_string().into(),
+    }
 }

@@ -7,14 +7,14 @@ use re_sdk::blueprint::{
 };
 use re_sdk_types::blueprint::components::PlayState;
 
-use crate::report::RunData;
+use covers::report::RunData;
 
-use super::episode::{VIEWS, place};
-use super::recording::{DECISION, ROLLOUTS};
+use crate::episode::{VIEWS, place};
+use crate::recording::{DECISION, ROLLOUTS};
 
 /// A tab for the stream, where the run has tables, and one for each group, whose four variants
 /// stand beside each other. Episodes play as fast as on the table.
-pub(super) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
+pub(crate) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let has_stream = !run.rollouts.is_empty();
     let stream = has_stream.then(stream);
     let groups = groups.iter().map(|&group| of_group(group));

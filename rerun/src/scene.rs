@@ -9,12 +9,12 @@ use re_sdk_types::archetypes::{
 use re_sdk_types::components::{Color, FillMode};
 use re_sdk_types::datatypes::Quaternion;
 
-use crate::error::CoversError;
+use covers::CoversError;
 
-use super::recording::Recording;
+use crate::recording::Recording;
 
 /// The shapes of one table, and where each was when it was last recorded.
-pub(super) struct Solids {
+pub(crate) struct Solids {
     place: String,
     last: Vec<Option<(DVec3, DMat3)>>,
 }

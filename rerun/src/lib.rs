@@ -1,0 +1,103 @@
+//! A run and its policies at work as a recording for the [Rerun](https://rerun.io) viewer. A
+//! workspace of its own, since the viewer's SDK has more dependencies than all of the project.
+
+mod blueprint;
+mod episode;
+mod recording;
+mod scene;
+mod stream;
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::Parser;
+use covers::cli::Threads;
+use covers::render::Show;
+use covers::report::RunData;
+use covers::{CoversError, RunFolder};
+use envs::TaskRegistry;
+
+use crate::recording::Recording;
+
+/// Records a run and its policies at work for the Rerun viewer.
+#[derive(Clone, Debug, Parser)]
+#[command(
+    version,
+    after_help = "Example: covers-rerun runs/covers-seed0 --out covers.rrd"
+)]
+pub struct Options {
+    /// The folder of a run, or one that `covers pack` made.
+    pub run: PathBuf,
+    /// The file to create, a name with the ending .rrd.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// The four variants of this group alone, as `goal-reach` (default: all groups of the run).
+    #[arg(long, visible_alias = "task")]
+    pub group: Option<String>,
+    /// Seed of the placements, which the variants of a group share.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub threads: Threads,
+}
+
+impl Options {
+    /// Records the stream as the run's tables tell it and one episode of each variant, and prints
+    /// to `out`.
+    ///
+    /// # Errors
+    /// A group that the run has not learnt, a folder without policies, a file that exists, has
+    /// another ending or cannot be written; what the environments or the learner say.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
+        let path = &self.out;
+        if path.extension().is_none_or(|ending| ending != "rrd") {
+            return Err(CoversError::Ending {
+                path: path.clone(),
+                expected: ".rrd",
+            });
+        }
+        if path.exists() {
+            return Err(CoversError::FileExists { path: path.clone() });
+        }
+        let run = RunData::so_far(&self.run)?;
+        let schedule = &run.experiment.schedule;
+        let groups = schedule.chosen(self.group.as_deref(), &TaskRegistry::standard())?;
+        let threads = self.threads.count();
+        let mut show = Show::load(&RunFolder::open(&self.run), threads)?;
+        let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
+        stream::record(&run, &recording)?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.map_err(|source| CoversError::Threads { threads, source })?;
+        let variants = groups.iter().flat_map(|group| group.variants());
+        let record = |variant| episode::record(variant, self.seed, &mut show, &recording);
+        let played = pool.install(|| variants.map(record).collect::<Result<Vec<_>, _>>())?;
+        let bytes = recording.finish()?;
+        self.write(&bytes).map_err(|source| CoversError::Write {
+            path: path.clone(),
+            source: source.into(),
+        })?;
+        // a closed pipe loses no recording: the file is there
+        let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
+        let lines = played
+            .into_iter()
+            .chain([format!("{}: {hint}", path.display())]);
+        for line in lines {
+            writeln!(out, "{line}").map_err(|source| CoversError::Write {
+                path: PathBuf::from("standard output"),
+                source: source.into(),
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Writes the file, whose folder need not exist yet. It appears whole or not at all.
+    fn write(&self, bytes: &[u8]) -> io::Result<()> {
+        if let Some(folder) = self.out.parent() {
+            std::fs::create_dir_all(folder)?;
+        }
+        let partial = self.out.with_added_extension("partial");
+        std::fs::write(&partial, bytes)?;
+        std::fs::rename(partial, &self.out)
+    }
+}
