@@ -1,4 +1,4 @@
-//! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
+//! Times networks on request, for `layers.sh` and `roofline.py`: reads lines `<network> <task>
 //! <threads>` and answers each with the milliseconds of one run.
 //!
 //! Networks: `reference`, `narrow`, `pooled`, `wide`. Tasks: `training` (forward and backward of a
