@@ -12,8 +12,10 @@ mod linear;
 mod max_pool;
 mod r2_conv;
 mod relu;
+mod restrict;
 mod sequential;
 mod soft_argmax;
+mod sum;
 
 pub use check::{Example, equivariance_error, equivariance_error_of, unit_sums};
 pub use concat::Concat;
@@ -48,5 +50,7 @@ registry! {
     max_pool: MaxPool,
     r2_conv: R2Conv,
     relu: Relu,
+    restrict: Restrict,
     soft_argmax: SpatialSoftArgmax,
+    sum: Sum,
 }

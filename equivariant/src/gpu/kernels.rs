@@ -23,7 +23,8 @@ impl Plan {
     /// part of that layer's kernels.
     ///
     /// # Errors
-    /// [`GpuError::Layer`] for a layer of another crate.
+    /// [`GpuError::Layer`] for a layer without kernels: [`Sum`](crate::Sum),
+    /// [`Restrict`](crate::Restrict) and those of other crates.
     pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
         let mut leaves = leaves(layer).into_iter().peekable();
         let mut x = x;

@@ -1,7 +1,9 @@
 //! Every layer on the device against the processor's.
 
-use equivariant::gpu::{Device, Network};
-use equivariant::{Group, Layer, Relu, Sequential, equivariance_error, equivariance_error_of};
+use equivariant::gpu::{Device, GpuError, Network};
+use equivariant::{
+    Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of,
+};
 
 use crate::common::{
     boxed, conv, largest, largest_deviation, largest_magnitude, normal, params, rng, run,
@@ -14,9 +16,27 @@ const TOLERANCE: f64 = 1e-4;
 
 type Named = (String, Box<dyn Layer<f32>>);
 
+/// `true` for a layer that devices have no kernels for.
+fn refused((_, layer): &Named) -> bool {
+    matches!(layer.kind(), LayerKind::Other)
+}
+
 /// The layers that run on a device.
 fn layers() -> impl Iterator<Item = Named> {
-    crate::common::layers().into_iter()
+    let all = crate::common::layers().into_iter();
+    all.filter(|layer| !refused(layer))
+}
+
+#[test]
+fn layers_without_kernels_are_refused_by_name() {
+    let all = crate::common::layers().into_iter();
+    let others: Vec<Named> = all.filter(refused).collect();
+    assert!(!others.is_empty());
+    for (_, layer) in others {
+        let error = Network::new(device(), layer.as_ref(), 1).unwrap_err();
+        let layer = layer.to_string();
+        assert_eq!(error, GpuError::Layer { layer });
+    }
 }
 
 /// A network for up to five samples with these parameters.
