@@ -82,6 +82,18 @@ def d2_kernel(out_fields, in_fields, size):
     return average.reshape(4 * out_fields, 4 * in_fields, size, size)
 
 
+def residual(x, kernel, bias):
+    return x + F.relu(nhwc(F.conv2d(nchw(x), kernel, bias, padding=1)))
+
+
+def restrict(x, subgroup):
+    """Fields of D2 as fields of a subgroup: channel h * 2 n + t * n + f is element h t of field f, for coset H t."""
+    cosets = sorted({min(h ^ t for h in subgroup) for t in range(4)})
+    n = x.shape[3] // 4
+    elements = [h ^ t for h in subgroup for t in cosets]
+    return torch.cat([x[..., g * n : (g + 1) * n] for g in elements], dim=3)
+
+
 def pooled(pool, **settings):
     return lambda x: nhwc(pool(nchw(x), 3, stride=2, padding=1, **settings))
 
@@ -98,4 +110,9 @@ record("keypoints", lambda x: keypoints(x).flatten(1), x)
 record("d2_keypoints", d2_keypoints, x)
 record("d2_group_max", lambda x: x.reshape(2, 5, 7, 4, 2).amax(3), x)
 record("d2_group_mean", lambda x: x.reshape(2, 5, 7, 4, 2).mean(3), x)
+record("d2_to_d1x", lambda x: restrict(x, [0, 1]), x)
+record("d2_to_d1y", lambda x: restrict(x, [0, 2]), x)
+record("d2_to_c2", lambda x: restrict(x, [0, 3]), x)
+record("residual", residual, x, kernel=torch.randn(8, 8, 3, 3), bias=torch.randn(8))
+record("d2_residual", residual, x, kernel=d2_kernel(2, 2, 3), bias=torch.randn(2).repeat(4))
 save_file(tensors, sys.argv[1])

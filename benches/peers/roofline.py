@@ -4,7 +4,7 @@ One core. The roof is what one large product reaches in PyTorch and what a copy 
 networks of layers.py. Operations are those that are done: two for each multiplication of the folded products, three products a layer in
 training but for the gradient in the pictures. Bytes are the least that a pass moves if nothing stays in a cache between layers: every
 map read and written once, forward, and in training three times. (pip install torch numpy matplotlib; the driver is the example
-`layer_times` of covers-equivariant.)
+`layer_times` of covers-benches.)
 """
 
 import sys

@@ -14,12 +14,12 @@ const WAVE: usize = 64;
 const PIECE: usize = 2048;
 
 thread_local! {
-    /// Whether this thread runs a chunk, while other chunks wait for a thread. A chunk that panics
-    /// leaves it set, which costs speed alone.
+    /// `true` if this thread runs a chunk, while other chunks wait for a thread. A chunk that
+    /// panics leaves it set, which costs speed alone.
     static BUSY: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether another thread is better left to other chunks.
+/// `true` if another thread is better left to other chunks.
 pub(crate) fn in_one_of_many_chunks() -> bool {
     BUSY.get()
 }

@@ -28,7 +28,7 @@ pub enum LayerError {
         size: usize,
         /// The window.
         kernel: Kernel,
-        /// What the division leaves.
+        /// Remainder of the division.
         remainder: usize,
     },
     /// The window does not fit the padded image, or a size or stride is zero.
@@ -54,7 +54,7 @@ pub enum LayerError {
         layer: &'static str,
         /// The refused type.
         got: FieldType,
-        /// What the layer takes.
+        /// Description of accepted values.
         expected: &'static str,
     },
     /// Two types of one layer belong to different groups.
@@ -97,7 +97,7 @@ pub enum LayerError {
     TooLarge {
         /// Name of the layer.
         layer: &'static str,
-        /// What is too large.
+        /// Name of the thing that is too large.
         what: &'static str,
     },
     /// A layer that needs a square map was given another one.
@@ -120,7 +120,7 @@ pub enum LayerError {
         layer: &'static str,
         /// Height and width of one map in pixels.
         first: [usize; 2],
-        /// Those of the other.
+        /// Height and width of the other.
         second: [usize; 2],
     },
     /// A number of the layer's settings is out of its range.
@@ -132,7 +132,7 @@ pub enum LayerError {
         setting: &'static str,
         /// The refused value.
         got: String,
-        /// What the layer takes.
+        /// Description of accepted values.
         expected: &'static str,
     },
     /// Neighbouring layers of a sequence disagree.
@@ -167,6 +167,19 @@ impl LayerError {
             layer,
             first,
             second,
+        })
+    }
+
+    /// Refuses more output channels than a field type can have.
+    pub(crate) fn check_channels(layer: &'static str, channels: usize) -> Result<(), LayerError> {
+        if channels <= FieldType::MAX_DIM {
+            return Ok(());
+        }
+        Err(LayerError::Setting {
+            layer,
+            setting: "number of output channels",
+            got: channels.to_string(),
+            expected: "at most 16777216, the most of a field type; lower those of the input",
         })
     }
 

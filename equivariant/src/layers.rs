@@ -1,24 +1,56 @@
-//! What networks are built from.
+//! The layers that networks are built from.
 
-mod accepted;
-pub(crate) mod average_pool;
-pub(crate) mod check;
-pub(crate) mod concat;
-pub(crate) mod field_norm;
-mod fused;
-pub(crate) mod group_max_pool;
-pub(crate) mod group_mean_pool;
-pub(crate) mod gru;
-pub(crate) mod gru_pass;
-pub(crate) mod interchange;
+mod average_pool;
+mod check;
+mod concat;
+mod field_norm;
+mod group_pool;
+mod gru;
+mod interchange;
 pub(crate) mod layer;
-pub(crate) mod linear;
-pub(crate) mod max_pool;
-mod parameterless;
-pub(crate) mod r2_conv;
-mod regular_pool;
-pub(crate) mod relu;
-pub(crate) mod scalar;
-pub(crate) mod sequential;
-pub(crate) mod soft_argmax;
-pub(crate) mod units;
+mod linear;
+mod max_pool;
+mod r2_conv;
+mod relu;
+mod restrict;
+mod sequential;
+mod soft_argmax;
+mod sum;
+
+pub use check::{Example, equivariance_error, equivariance_error_of, unit_sums};
+pub use concat::Concat;
+pub use gru::{Gru, GruPass};
+pub use interchange::{InterchangeError, load, save};
+pub use layer::{Layer, LayerKind, Scalar, Signature, Statistics};
+pub use sequential::Sequential;
+
+/// Exports layers, and collects the examples of every layer that its file gives.
+macro_rules! registry {
+    ($($module:ident: $($Layer:ident)+,)+) => {
+        $(pub use $module::{$($Layer),+};)+
+
+        /// Examples of every layer on its own for a group, for tests of whatever runs layers.
+        ///
+        /// # Errors
+        /// Errors of the layers' constructors: none for the groups of this crate.
+        pub fn examples<T: Scalar>(
+            group: symmetry::Group,
+        ) -> Result<Vec<Example<T>>, crate::error::LayerError> {
+            let all = [$($module::examples(group)?),+];
+            Ok(all.into_iter().flatten().collect())
+        }
+    };
+}
+
+registry! {
+    average_pool: AveragePool,
+    field_norm: FieldNorm,
+    group_pool: GroupMaxPool GroupMeanPool,
+    linear: Linear,
+    max_pool: MaxPool,
+    r2_conv: R2Conv,
+    relu: Relu,
+    restrict: Restrict,
+    soft_argmax: SpatialSoftArgmax,
+    sum: Sum,
+}

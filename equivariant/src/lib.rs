@@ -40,50 +40,61 @@
 #[doc = include_str!("../README.md")]
 struct Readme;
 
-mod backward_pass;
 mod chunks;
-mod conv;
 mod error;
 #[cfg(feature = "wgpu")]
 pub mod gpu;
-mod init;
-mod instruction_set;
 mod layers;
 mod matrix;
-mod order;
 mod real;
 mod scratch;
 mod shape;
-mod simd;
-mod steerable;
 mod window;
 
-pub use backward_pass::BackwardPass;
+/// The mathematics of steerable kernels on the pixel grid, without any thought of speed.
+mod steerable {
+    pub(crate) mod blocks;
+    pub(crate) mod dense;
+    pub(crate) mod hadamard;
+    pub(crate) mod taps;
+    pub(crate) mod windows;
+}
+
+/// The inner loops, written once for all instruction sets, and the layout of what they read.
+mod simd {
+    pub(crate) mod gather;
+    pub(crate) mod join;
+    pub(crate) mod lanes;
+    pub(crate) mod lines;
+    pub(crate) mod patches;
+    pub(crate) mod tiles;
+}
+
+/// Convolutions on the kernels of [`simd`](crate::simd), one by one and in chains.
+mod conv {
+    pub(crate) mod backward;
+    pub(crate) mod chain;
+    pub(crate) mod dispatch;
+    pub(crate) mod epilogue;
+    pub(crate) mod first_layer;
+    pub(crate) mod forward;
+    pub(crate) mod gradient_loader;
+    pub(crate) mod line;
+    pub(crate) mod maps;
+    pub(crate) mod operands;
+    pub(crate) mod pool;
+    pub(crate) mod r2_conv;
+    pub(crate) mod weights;
+}
+
 pub use chunks::Chunks;
 pub use error::LayerError;
-pub use instruction_set::InstructionSet;
-pub use layers::average_pool::AveragePool;
-pub use layers::check::{equivariance_error, equivariance_error_of};
-pub use layers::concat::Concat;
-pub use layers::field_norm::{FieldNorm, Statistics};
-pub use layers::group_max_pool::GroupMaxPool;
-pub use layers::group_mean_pool::GroupMeanPool;
-pub use layers::gru::Gru;
-pub use layers::gru_pass::GruPass;
-pub use layers::interchange::{InterchangeError, load, save};
-pub use layers::layer::{Layer, Signature};
-pub use layers::linear::Linear;
-pub use layers::max_pool::MaxPool;
-pub use layers::r2_conv::R2Conv;
-pub use layers::relu::Relu;
-pub use layers::scalar::Scalar;
-pub use layers::sequential::Sequential;
-pub use layers::soft_argmax::SpatialSoftArgmax;
-pub use layers::units::unit_sums;
+pub use layers::*;
 pub use real::Real;
-pub use scratch::Scratch;
+pub use scratch::{BackwardPass, Scratch};
 pub use shape::Shape;
-pub use simd::pixels::level;
+pub use simd::lanes::InstructionSet;
+pub use simd::lines::level;
 pub use steerable::dense::{Dense, Projection};
 pub use steerable::hadamard::hadamard;
 pub use symmetry::{FieldType, Group};

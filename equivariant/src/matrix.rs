@@ -13,11 +13,11 @@ pub struct Strided<'a, T> {
     pub(crate) rows: usize,
     pub(crate) cols: usize,
     pub(crate) stride: usize,
-    /// Whether its transpose is meant.
+    /// `true` if its transpose is meant.
     pub(crate) transposed: bool,
 }
 
-/// The same, to be written.
+/// A row-major matrix to be written.
 #[derive(Debug)]
 pub struct StridedMut<'a, T> {
     pub(crate) data: &'a mut [T],

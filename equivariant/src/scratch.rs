@@ -1,4 +1,4 @@
-//! The memory that a layer's passes work in.
+//! The memory that the passes of a layer read and write.
 
 use std::fmt;
 
@@ -21,7 +21,7 @@ pub struct Scratch<T> {
     /// The first value on a cache line.
     start: usize,
     len: usize,
-    /// The number of samples that the last `forward` had, and its layer's mark; zeros where it left
+    /// The number of samples that the last `forward` had, and its layer's key; zeros where it left
     /// nothing.
     filled: (usize, u64),
 }
@@ -40,7 +40,7 @@ impl<T> Scratch<T> {
         self.len
     }
 
-    /// Whether it has no room, as for layers that need none.
+    /// `true` if it has no room, as for layers that need none.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -50,13 +50,13 @@ impl<T> Scratch<T> {
         &mut self.values[self.start..][..len]
     }
 
-    /// The number of samples that the last `forward` had, and its layer's mark.
+    /// The number of samples that the last `forward` had, and its layer's key.
     pub(crate) fn filled_by(&self) -> (usize, u64) {
         self.filled
     }
 
-    pub(crate) fn set_filled(&mut self, samples: usize, mark: u64) {
-        self.filled = (samples, mark);
+    pub(crate) fn set_filled(&mut self, samples: usize, key: u64) {
+        self.filled = (samples, key);
     }
 }
 
@@ -86,6 +86,45 @@ impl<T: Clone> Clone for Scratch<T> {
         clone.filled = self.filled;
         clone
     }
+}
+
+/// The slices of [`Layer::backward`](crate::Layer::backward), of the right lengths.
+///
+/// The compiler knows that arguments do not overlap, but not that these fields do not. Loops over
+/// them belong into functions that take them as arguments.
+#[derive(Debug)]
+pub struct BackwardPass<'a, T> {
+    /// The parameters.
+    pub params: &'a [T],
+    /// The input, `[N, H, W, C]`.
+    pub x: &'a [T],
+    /// The output of the forward pass.
+    pub y: &'a [T],
+    /// The gradient in the output.
+    pub dy: &'a [T],
+    /// Memory for the gradient in the input, where it is wanted.
+    pub dx: Option<&'a mut [T]>,
+    /// Sum that the gradient in the parameters is added to.
+    pub dparams: &'a mut [T],
+    /// The scratch, as the forward pass left it where the layer keeps it.
+    pub scratch: &'a mut [T],
+}
+
+/// The length rounded up to cache lines, so that what follows starts on one.
+pub(crate) fn whole(len: usize) -> usize {
+    len.next_multiple_of(SLACK)
+}
+
+/// Takes values off the front.
+pub(crate) fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    let (front, back) = std::mem::take(rest).split_at_mut(len);
+    *rest = back;
+    front
+}
+
+/// Takes values off the front, and what [`whole`] adds.
+pub(crate) fn take_whole<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    &mut take_front(rest, whole(len))[..len]
 }
 
 #[cfg(test)]

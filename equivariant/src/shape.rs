@@ -18,7 +18,7 @@ pub struct Shape {
     pub height: usize,
     /// Columns of pixels.
     pub width: usize,
-    /// How the channels transform.
+    /// Types of the channels.
     pub fields: FieldType,
 }
 
@@ -42,7 +42,7 @@ impl Shape {
         self.pixels() * self.fields.dim()
     }
 
-    /// Whether it has no values; layers refuse such shapes.
+    /// `true` if it has no values; layers refuse such shapes.
     pub fn is_empty(&self) -> bool {
         self.height == 0 || self.width == 0 || self.fields.dim() == 0
     }
@@ -71,7 +71,7 @@ impl Shape {
         values.chunks_exact(self.len().max(1))
     }
 
-    /// The same, to be written.
+    /// The samples of a slice to be written.
     pub(crate) fn each_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
         values.chunks_exact_mut(self.len().max(1))
     }

@@ -3,7 +3,7 @@
 
 use equivariant::{
     AveragePool, FieldNorm, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer, MaxPool, R2Conv,
-    Relu, Shape, SpatialSoftArgmax, Statistics, hadamard,
+    Relu, Restrict, Sequential, Shape, SpatialSoftArgmax, Statistics, Sum, hadamard,
 };
 use safetensors::SafeTensors;
 
@@ -100,35 +100,62 @@ fn layers_of_d2_are_those_of_their_definition_in_pytorch() {
     assert_close("d2_norm", &dbiases, &golden("d2_norm.dbias"));
 }
 
-fn conv(group: Group) -> R2Conv {
-    let fields = |channels: usize| group.regular(channels / group.order());
-    R2Conv::new(fields(8), fields(4), WINDOW, SIZE).unwrap()
+#[test]
+fn restrictions_are_those_of_their_definition_in_pytorch() {
+    let shape = input(Group::D2);
+    let cases = [("d1x", Group::D1x), ("d1y", Group::D1y), ("c2", Group::C2)];
+    for (name, group) in cases {
+        let layer = Restrict::new(shape, group).unwrap();
+        check(&format!("d2_to_{name}"), &layer, &[]);
+    }
+}
+
+/// The parameters of a convolution whose kernel and bias are those of a case.
+fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
+    let dense = layer.dense();
+    let projection = dense.project_regular(&golden(&format!("{case}.kernel")));
+    assert!(projection.residual < 1e-15, "{case}: not steerable");
+    let mut params = projection.params;
+    let fields = dense.out_shape().fields;
+    let bias = change(Shape::vector(fields), golden(&format!("{case}.bias")));
+    let biases = fields.multiplicity(symmetry::Irrep::Trivial);
+    let weights = params.len() - biases;
+    params[weights..].copy_from_slice(&bias[..biases]);
+    params
+}
+
+/// Compares the gradient of a kernel, whose steerable part is that of the parameters.
+fn check_gradient(case: &str, layer: &R2Conv, gradient: &[f64]) {
+    let dense = layer.dense();
+    let biases = dense
+        .out_shape()
+        .fields
+        .multiplicity(symmetry::Irrep::Trivial);
+    let weights = ..gradient.len() - biases;
+    let dkernel = dense.project_regular(&golden(&format!("{case}.dkernel")));
+    assert_close(case, &gradient[weights], &dkernel.params[weights]);
 }
 
 #[test]
 fn convolutions_are_those_of_pytorch() {
     for (case, group) in [("conv", Group::C1), ("d2_conv", Group::D2)] {
-        let layer = conv(group);
-        let dense = layer.dense();
-        let projection = dense.project_regular(&golden(&format!("{case}.kernel")));
-        assert!(projection.residual < 1e-15, "{case}: not steerable");
-        let mut params = projection.params;
-        let bias = change(
-            Shape::vector(dense.out_shape().fields),
-            golden(&format!("{case}.bias")),
-        );
-        let biases = dense
-            .out_shape()
-            .fields
-            .multiplicity(symmetry::Irrep::Trivial);
-        let weights = params.len() - biases;
-        params[weights..].copy_from_slice(&bias[..biases]);
-        let gradient = check(case, &layer, &params);
-        // the steerable part of the free kernel's gradient is that of the parameters
-        let dkernel = dense
-            .project_regular(&golden(&format!("{case}.dkernel")))
-            .params;
-        assert_close(case, &gradient[..weights], &dkernel[..weights]);
+        let fields = |channels: usize| group.regular(channels / group.order());
+        let layer = R2Conv::new(fields(8), fields(4), WINDOW, SIZE).unwrap();
+        let gradient = check(case, &layer, &params(case, &layer));
+        check_gradient(case, &layer, &gradient);
+    }
+}
+
+#[test]
+fn residual_connections_are_those_of_pytorch() {
+    for (case, group) in [("residual", Group::C1), ("d2_residual", Group::D2)] {
+        let shape = input(group);
+        let conv = R2Conv::new(shape.fields, shape.fields, Kernel::new(3, 1, 1), SIZE).unwrap();
+        let relu = Box::new(Relu::new(shape).unwrap());
+        let branch = Sequential::new(vec![Box::new(conv.clone()), relu]).unwrap();
+        let sum = Sum::residual(Box::new(branch)).unwrap();
+        let gradient = check(case, &sum, &params(case, &conv));
+        check_gradient(case, &conv, &gradient);
     }
 }
 

@@ -120,7 +120,7 @@ fn the_unit_commutes_with_every_group() {
     }
 }
 
-/// What comes before a sequence is not read, and a sequence of no steps leaves zeros.
+/// Steps before a sequence are not read, and a sequence of no steps leaves zeros.
 #[test]
 fn only_the_steps_of_a_sequence_count() {
     let gru = unit(Group::D2);

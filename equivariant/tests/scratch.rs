@@ -1,4 +1,4 @@
-//! What lies in a scratch does not depend on where the scratch lies.
+//! The contents of a scratch do not depend on its address.
 
 use equivariant::{Layer, Relu, Scalar, Scratch, Shape};
 use symmetry::Group;

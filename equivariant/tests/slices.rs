@@ -21,7 +21,7 @@ fn lengths(layer: &dyn Layer<f32>) -> [usize; 7] {
     [params, x, y, y, x, params, layer.scratch_len(SAMPLES)]
 }
 
-/// What a call panics with, if it does.
+/// Message of the panic of a call, if it panics.
 fn panic_of(call: impl FnOnce()) -> Option<String> {
     let panic = catch_unwind(AssertUnwindSafe(call)).err()?;
     Some(panic.downcast_ref::<String>().unwrap().clone())
@@ -58,7 +58,7 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     );
 }
 
-/// Whether the message names the slice, its length and what was expected. A wrong `x` of whole
+/// `true` if the message names the slice, its length and what was expected. A wrong `x` of whole
 /// samples makes the slices beside it wrong, whose messages name it.
 fn names(message: &str, slice: usize, got: usize, right: usize) -> bool {
     let named = format!("got {} of {got} values, expected {right}", SLICES[slice]);

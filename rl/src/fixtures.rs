@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Layer, Sequential};
+use equivariant::Sequential;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{Group, Irrep};

@@ -2,9 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{
-    Dense, Kernel, Layer, LayerError, MaxPool, Relu, Sequential, Shape, Signature, hadamard,
-};
+use equivariant::{Dense, Kernel, LayerKind, Sequential, Shape, Signature, hadamard};
 use symmetry::Group;
 
 use crate::encoder::{Encoder, POOLING};
@@ -158,7 +156,7 @@ pub(crate) fn chain(
     params: &[f32],
     [input, output]: [End<'_>; 2],
 ) -> Result<Vec<PlainLayer>, RlError> {
-    let all = Layer::layers(layers);
+    let all = layers.layers();
     let mut start = 0;
     let mut plain = Vec::new();
     for (index, layer) in all.iter().enumerate() {
@@ -172,25 +170,24 @@ pub(crate) fn chain(
                 End::Regular
             },
         ];
-        plain.push(match layer.as_dense() {
+        let kind = layer.kind();
+        plain.push(match kind.dense() {
             Some(dense) => linear(group, &dense, &params[own], ends),
-            None => weightless(layer.as_ref())?,
+            None => weightless(&kind)?,
         });
     }
     Ok(plain)
 }
 
-/// A layer without weights, by the line that tells layers apart.
-fn weightless(layer: &(impl Signature + ?Sized)) -> Result<PlainLayer, RlError> {
-    let (shape, own) = (layer.in_shape(), layer.description());
-    let is = |other: Result<String, LayerError>| other.is_ok_and(|other| other == own);
-    if is(Relu::new(shape).map(|relu| relu.description())) {
-        Ok(PlainLayer::Relu)
-    } else if is(MaxPool::new(shape, POOLING).map(|pool| pool.description())) {
-        Ok(PlainLayer::MaxPool(POOLING))
-    } else {
-        let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
-        Err(RlError::NotPlain { part })
+/// A layer without weights.
+fn weightless(kind: &LayerKind<'_, f32>) -> Result<PlainLayer, RlError> {
+    match kind {
+        LayerKind::Relu => Ok(PlainLayer::Relu),
+        LayerKind::MaxPool(POOLING) => Ok(PlainLayer::MaxPool(POOLING)),
+        _ => {
+            let part = "a layer without weights that is neither ReLU nor 2 x 2 max-pooling";
+            Err(RlError::NotPlain { part })
+        }
     }
 }
 
@@ -249,7 +246,7 @@ fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
-    use equivariant::{AveragePool, FieldType};
+    use equivariant::{AveragePool, FieldType, Layer, MaxPool, Relu};
 
     use super::*;
 
@@ -260,7 +257,7 @@ mod tests {
             width: 4,
             fields: FieldType::new(Group::D2, [2; 4]),
         };
-        let plain = |layer: &dyn Signature| weightless(layer).ok();
+        let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
         let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOLING));
         assert_eq!(plain(&relu), Some(PlainLayer::Relu));
         assert_eq!(plain(&pool.unwrap()), Some(PlainLayer::MaxPool(POOLING)));

@@ -2,11 +2,10 @@
 
 use std::ops::Range;
 
-use crate::conv::geometry::Conv;
-use crate::conv::load::{Buffers, Loader};
-use crate::conv::maps::{Cursor, Input, MapsMut};
-use crate::conv::pass::Backward;
-use crate::conv::pieces::Pieces;
+use crate::conv::gradient_loader::{Buffers, Loader};
+use crate::conv::maps::{Cursor, Input, MapsMut, Pieces};
+use crate::conv::operands::Backward;
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -20,7 +19,7 @@ const ROWS: usize = 48;
 const TILE: usize = 6;
 
 /// The length of the scratch; `staged` says whether the input is.
-pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, width) = (&conv.patches, conv.weights.width());
     let images = if staged { 0 } else { 2 * conv.group(samples) };
     let of_lines = |lines: &Lines| lines.staged() + lines.columns() * width * LANES;
@@ -85,7 +84,7 @@ fn unstage<T: Real>(patches: &Patches, staged: &[T], dx: &mut [T], images: usize
 /// Staged images of which panels of folded patches are made.
 struct Panels<'a, T, L> {
     lanes: L,
-    conv: &'a Conv,
+    conv: &'a R2Conv,
     staged: &'a [T],
     /// Which images of the pass they are.
     images: Range<usize>,
@@ -157,14 +156,14 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
 
 /// One orbit of taps of one block of channels of the windows of some rows.
 struct Gathered<'a> {
-    pub conv: &'a Conv,
+    pub conv: &'a R2Conv,
     pub orbit: usize,
     pub c: usize,
     pub windows: &'a [usize],
 }
 
 impl Gathered<'_> {
-    /// How many folds the orbit has.
+    /// Number of folds of the orbit.
     #[inline(always)]
     pub fn folds(&self) -> usize {
         let patches = &self.conv.patches;

@@ -7,27 +7,15 @@
 
 use std::ops::Range;
 
-use crate::backward_pass::BackwardPass;
-use crate::conv::geometry::Conv;
-use crate::conv::maps::{Input, Maps, MapsMut};
-use crate::conv::pass::{Backward, Forward, Output};
-use crate::conv::passes::{self, Passes};
-use crate::conv::pieces::Pieces;
+use crate::conv::dispatch::{self, Passes};
+use crate::conv::maps::{Input, Maps, MapsMut, Pieces};
+use crate::conv::operands::{Backward, Forward, Output};
 use crate::conv::pool::{Pool, Pooling, Unpooling};
+use crate::conv::r2_conv::R2Conv;
+use crate::scratch::BackwardPass;
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 use crate::window::Kernel;
-
-/// A layer that a chain can take.
-#[derive(Clone, Copy, Debug)]
-pub enum Fusible<'a> {
-    /// A convolution.
-    Conv(&'a Conv),
-    /// A ReLU.
-    Relu,
-    /// A max-pooling.
-    MaxPool(Kernel),
-}
 
 /// Convolutions, each perhaps with a ReLU, and then perhaps with a pooling.
 #[derive(Clone, Debug)]
@@ -37,44 +25,55 @@ pub(crate) struct Chain {
 
 #[derive(Clone, Debug)]
 struct Link {
-    conv: Conv,
+    conv: R2Conv,
     rectified: bool,
     pool: Option<Pool>,
     params: Range<usize>,
 }
 
 impl Chain {
-    /// The longest chain at the front of some layers, with their number; none where they do not
-    /// begin with a convolution.
-    pub fn take<'a>(layers: impl Iterator<Item = Option<Fusible<'a>>>) -> Option<(Chain, usize)> {
+    /// A chain of one convolution.
+    pub fn new(conv: &R2Conv) -> Chain {
         let mut chain = Chain { links: Vec::new() };
-        let taken = layers.take_while(|layer| chain.accept(*layer)).count();
-        (taken > 0).then_some((chain, taken))
+        chain.push(conv);
+        chain
     }
 
-    /// Takes a layer that fits behind the last; says whether it does.
-    fn accept(&mut self, layer: Option<Fusible>) -> bool {
-        match (layer, self.links.last_mut()) {
-            // trivial channels are staged in another way than they are written
-            (Some(Fusible::Conv(conv)), Some(_)) if conv.patches.replicated() => false,
-            (Some(Fusible::Conv(conv)), last) => {
-                let start = last.map_or(0, |link| link.params.end);
-                self.links.push(Link {
-                    conv: conv.clone(),
-                    rectified: false,
-                    pool: None,
-                    params: start..start + conv.num_params(),
-                });
-                true
-            }
-            (_, Some(last)) if last.pool.is_some() => false,
-            (Some(Fusible::Relu), Some(last)) => !std::mem::replace(&mut last.rectified, true),
-            (Some(Fusible::MaxPool(kernel)), Some(last)) => {
-                last.pool = Pool::behind(&last.conv, kernel);
-                last.pool.is_some()
-            }
-            _ => false,
+    fn push(&mut self, conv: &R2Conv) {
+        let start = self.links.last().map_or(0, |link| link.params.end);
+        self.links.push(Link {
+            conv: conv.clone(),
+            rectified: false,
+            pool: None,
+            params: start..start + conv.blocks.num_params(),
+        });
+    }
+
+    /// Takes a convolution; returns `false` if it does not fit behind the last one. Trivial
+    /// channels are staged in another way than they are written.
+    pub fn convolve(&mut self, conv: &R2Conv) -> bool {
+        let fits = !conv.patches.replicated();
+        if fits {
+            self.push(conv);
         }
+        fits
+    }
+
+    /// Takes a ReLU; returns `false` if the last convolution has one or is pooled.
+    pub fn rectify(&mut self) -> bool {
+        let last = self.last_mut();
+        last.pool.is_none() && !std::mem::replace(&mut last.rectified, true)
+    }
+
+    /// Takes a max-pooling; returns `false` if the last convolution is pooled or the windows do not
+    /// fit (see [`Pool::behind`]).
+    pub fn pool(&mut self, kernel: Kernel) -> bool {
+        let last = self.last_mut();
+        if last.pool.is_some() {
+            return false;
+        }
+        last.pool = Pool::behind(&last.conv, kernel);
+        last.pool.is_some()
     }
 
     pub fn in_shape(&self) -> Shape {
@@ -89,7 +88,7 @@ impl Chain {
         self.last().params.end
     }
 
-    /// What each convolution hands on, in order.
+    /// Output of each convolution, in order.
     pub fn outs(&self) -> impl Iterator<Item = Shape> {
         self.links.iter().map(Link::out)
     }
@@ -98,7 +97,7 @@ impl Chain {
         let links = self.links.iter().enumerate();
         let passes = links.map(|(i, link)| {
             let pool = link.pool.as_ref().map_or(0, Pool::scratch_len);
-            passes::scratch_len(&link.conv, samples, i > 0).max(pool)
+            dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
         });
         let own = self.kept(samples) + 2 * self.largest(samples);
         own + passes.max().unwrap_or(0)
@@ -106,6 +105,11 @@ impl Chain {
 
     fn last(&self) -> &Link {
         &self.links[self.links.len() - 1]
+    }
+
+    fn last_mut(&mut self) -> &mut Link {
+        let last = self.links.len() - 1;
+        &mut self.links[last]
     }
 
     /// Values that the forward pass leaves to the backward pass.
@@ -212,10 +216,10 @@ impl Chain {
     }
 }
 
-/// What the forward pass of a link leaves to the backward pass.
+/// Values that the forward pass of a link leaves to the backward pass.
 struct Kept<'a, T> {
     masks: &'a mut [T],
-    /// What a pooling reads.
+    /// Input of a pooling.
     pooled: &'a mut [T],
 }
 
@@ -304,31 +308,31 @@ mod tests {
     use symmetry::{FieldType, Group};
 
     /// A convolution of a 6 x 8 map to this type.
-    fn conv(to: FieldType) -> Conv {
-        let image = Shape::image(6, 8, to.group().trivial(3));
-        Conv::new("R2Conv", image, to, Kernel::new(3, 1, 1)).unwrap()
+    fn conv(to: FieldType) -> R2Conv {
+        let from = to.group().trivial(3);
+        R2Conv::new(from, to, Kernel::new(3, 1, 1), [6, 8]).unwrap()
     }
 
-    /// How many of a convolution, a ReLU where types have one, a pooling and a ReLU are fused.
-    fn taken(to: FieldType, pool: [usize; 3]) -> usize {
-        let conv = conv(to);
-        let [size, stride, padding] = pool;
-        let pool = Fusible::MaxPool(Kernel::new(size, stride, padding));
-        let layers = [Fusible::Conv(&conv), Fusible::Relu, pool, Fusible::Relu];
-        Chain::take(layers.into_iter().map(Some)).map_or(0, |(_, taken)| taken)
+    /// `true` if a pooling of a rectified convolution to this type is fused.
+    fn pools(to: FieldType, [size, stride, padding]: [usize; 3]) -> bool {
+        let mut chain = Chain::new(&conv(to));
+        assert!(chain.rectify() && !chain.rectify());
+        let pooled = chain.pool(Kernel::new(size, stride, padding));
+        assert!(!(pooled && chain.rectify()), "a ReLU behind a pooling");
+        pooled
     }
 
     #[test]
     fn poolings_whose_windows_tile_the_map_are_fused() {
         for group in Group::ALL {
-            assert_eq!(taken(group.regular(3), [2, 2, 0]), 3);
-            assert_eq!(taken(group.regular(3), [1, 1, 0]), 3);
+            assert!(pools(group.regular(3), [2, 2, 0]));
+            assert!(pools(group.regular(3), [1, 1, 0]));
         }
         let overlapping = [3, 1, 1];
         let beyond_the_map = [4, 4, 0];
         for pool in [overlapping, beyond_the_map, [2, 1, 0], [5, 5, 0]] {
-            assert_eq!(taken(Group::C1.regular(3), pool), 2, "{pool:?}");
+            assert!(!pools(Group::C1.regular(3), pool), "{pool:?}");
         }
-        assert_eq!(taken(Group::D2.trivial(3), [2, 2, 0]), 2);
+        assert!(!pools(Group::D2.trivial(3), [2, 2, 0]));
     }
 }

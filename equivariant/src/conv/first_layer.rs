@@ -9,18 +9,16 @@
 
 use std::ops::Range;
 
-use crate::conv::finish::Finish;
+use crate::conv::epilogue::Epilogue;
+use crate::conv::gradient_loader::{Buffers, Loader, MOST};
 use crate::conv::line::{Line, TILE};
-use crate::conv::load::{Buffers, Loader, MOST};
-use crate::conv::maps::Input;
-use crate::conv::pass::{Backward, Forward};
-use crate::conv::pieces::Pieces;
+use crate::conv::maps::{Input, Pieces};
+use crate::conv::operands::{Backward, Forward};
 use crate::real::Real;
 use crate::simd::gather::narrow;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::{G, Lines};
+use crate::simd::lines::{G, Lines, Pixel};
 use crate::simd::patches::Patches;
-use crate::simd::pixels::Pixel;
 
 impl<T: Real> Forward<'_, T> {
     /// The pass, from lines that are folded one line of output at a time.
@@ -41,8 +39,7 @@ impl<T: Real> Forward<'_, T> {
         weights.pack(self.params, w);
         scale(lanes, patches, w);
         let of_output = self.to.lines.clone();
-        let mut finish =
-            Finish::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to);
+        let mut epilogue = Epilogue::<T, L, G>::new(lanes, conv, self.params, &mut pieces, self.to);
         let sums = pieces.take(TILE * weights.width());
         let own = pieces.flat_zeros(lines.staged());
         let line = Line::new(lanes, patches, weights.width());
@@ -53,7 +50,7 @@ impl<T: Real> Forward<'_, T> {
             for first in (0..conv.out.width).step_by(TILE) {
                 let rows = TILE.min(conv.out.width - first);
                 line.forward(&own[line.start(lines, first)..], w, sums, rows);
-                finish.run(sums, i * conv.out.width + first, rows);
+                epilogue.run(sums, i * conv.out.width + first, rows);
             }
         }
     }

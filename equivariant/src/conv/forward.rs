@@ -1,10 +1,9 @@
 //! The forward pass of a convolution over panels of folded patches.
 
-use crate::conv::finish::Finish;
-use crate::conv::geometry::Conv;
-use crate::conv::maps::{Cursor, Input};
-use crate::conv::pass::Forward;
-use crate::conv::pieces::Pieces;
+use crate::conv::epilogue::Epilogue;
+use crate::conv::maps::{Cursor, Input, Pieces};
+use crate::conv::operands::Forward;
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::Lines;
@@ -17,15 +16,16 @@ const IN_PLACE: usize = 2 * ROWS;
 
 /// The length of the scratch, also of two halves of a single image; `staged` says whether the input
 /// is.
-pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.folded() + weights.width();
     let rest = weights.blocks() + (ROWS + 1) * weights.width() + ROWS * per_row;
     let line = patches.lines().map_or(0, Lines::staged);
     let with = |images| rest * LANES + images * patches.staged() + line;
-    match staged {
-        true => 2 * with(0),
-        false => with(conv.group(samples)).max(2 * with(1)),
+    if staged {
+        2 * with(0)
+    } else {
+        with(conv.group(samples)).max(2 * with(1))
     }
 }
 
@@ -43,7 +43,7 @@ impl<'a, T: Real> Forward<'a, T> {
             windows,
             w: weights.packed(self.params, &mut pieces, few),
             panel: pieces.take(ROWS * patches.folded()),
-            finish: Finish::new(lanes, conv, self.params, &mut pieces, self.to),
+            epilogue: Epilogue::new(lanes, conv, self.params, &mut pieces, self.to),
             sums: pieces.take(ROWS * weights.width()),
         };
         let (together, own) = match self.x {
@@ -65,12 +65,12 @@ impl<'a, T: Real> Forward<'a, T> {
 struct Panels<'a, T, L, const G: usize> {
     lanes: L,
     patches: &'a Patches,
-    /// Where the windows of the output pixels start.
+    /// Starts of the windows of the output pixels.
     windows: &'a [usize],
     w: &'a [Block<T>],
     /// The folds of ROWS windows, `[block][row]`.
     panel: &'a mut [Block<T>],
-    finish: Finish<'a, T, L, G>,
+    epilogue: Epilogue<'a, T, L, G>,
     /// The sums of ROWS output pixels.
     sums: &'a mut [Block<T>],
 }
@@ -96,7 +96,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
             self.gather(staged, &windows);
             let panel = self.panel.as_chunks().0;
             forward::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
-            self.finish.run(self.sums, first * pixels + row, count);
+            self.epilogue.run(self.sums, first * pixels + row, count);
         }
     }
 

@@ -3,11 +3,10 @@
 use symmetry::D2;
 
 use crate::real::Real;
-use crate::simd::columns::Columns;
 use crate::simd::gather::narrow;
 use crate::simd::join::head;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::{G, Lines};
+use crate::simd::lines::{Columns, G, Lines};
 use crate::simd::patches::{Orbit, Patches};
 use crate::simd::tiles::load_all;
 use crate::window::Kernel;
@@ -29,7 +28,7 @@ pub(crate) struct Line<'a, T: Real, L: Lanes<T>> {
     step: usize,
     /// The signs of the lanes under a flip of x.
     signs: L::V,
-    /// Whether windows are 4 x 4 with stride 2.
+    /// `true` if windows are 4 x 4 with stride 2.
     halves: bool,
 }
 
@@ -54,7 +53,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         }
     }
 
-    /// Where the window of an output pixel starts.
+    /// Start of the window of an output pixel.
     pub fn start(&self, lines: &Lines, ox: usize) -> usize {
         lines.shift() + ox * self.step
     }
@@ -156,7 +155,7 @@ impl<'a, T: Real, L: Lanes<T>> Line<'a, T, L> {
         self.combine([a, b], Some(middle), first, row, sums);
     }
 
-    /// The same where two windows see every column: it is loaded once for both.
+    /// Sums where two windows see every column: it is loaded once for both.
     #[inline(always)]
     fn halving_tile<const R: usize, const V: usize>(
         &self,

@@ -1,10 +1,10 @@
-//! The feature maps that passes read and write.
+//! The feature maps that passes read and write, and how their scratch is cut up.
 
 use crate::real::Real;
-use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::Patches;
 
-/// What a convolution sees of some samples.
+/// Input of a convolution for some samples.
 #[derive(Clone, Copy)]
 pub(crate) enum Input<'a, T> {
     /// `[N, H, W, C]`, irrep-major channels.
@@ -25,7 +25,7 @@ pub(crate) enum Maps<'a, T> {
     Staged(&'a Patches, &'a [T]),
 }
 
-/// The same, to be written.
+/// Feature maps of some samples, to be written.
 pub(crate) enum MapsMut<'a, T> {
     Channels(&'a mut [T]),
     Staged(&'a Patches, &'a mut [T]),
@@ -107,9 +107,51 @@ impl Cursor {
         }
     }
 
-    /// Where the pixel lies in staged images.
+    /// Index of the pixel in staged images.
     #[inline(always)]
     pub fn at(&self, offsets: &[usize], staged: usize) -> usize {
         self.image * staged + offsets[self.pixel]
+    }
+}
+
+/// Splits whole blocks off the front of a scratch, so that each starts on a cache line if the
+/// scratch does.
+pub(crate) struct Pieces<'a, T> {
+    rest: &'a mut [Block<T>],
+}
+
+impl<'a, T: Real> Pieces<'a, T> {
+    pub fn new(scratch: &'a mut [T]) -> Pieces<'a, T> {
+        Pieces {
+            rest: scratch.as_chunks_mut().0,
+        }
+    }
+
+    /// Splits off values; a multiple of a block.
+    pub fn take_flat(&mut self, len: usize) -> &'a mut [T] {
+        self.take(len / LANES).as_flattened_mut()
+    }
+
+    pub fn take(&mut self, blocks: usize) -> &'a mut [Block<T>] {
+        let (front, rest) = std::mem::take(&mut self.rest).split_at_mut(blocks);
+        self.rest = rest;
+        front
+    }
+
+    /// Splits off blocks that are zero.
+    pub fn zeros(&mut self, blocks: usize) -> &'a mut [Block<T>] {
+        let front = self.take(blocks);
+        front.as_flattened_mut().fill(T::ZERO);
+        front
+    }
+
+    /// Values that are zero; a multiple of a block.
+    pub fn flat_zeros(&mut self, len: usize) -> &'a mut [T] {
+        self.zeros(len / LANES).as_flattened_mut()
+    }
+
+    /// The remaining values.
+    pub fn rest(self) -> &'a mut [T] {
+        self.rest.as_flattened_mut()
     }
 }

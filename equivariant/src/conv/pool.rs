@@ -1,19 +1,17 @@
 //! Max-pooling between the convolutions of a chain.
 //!
-//! It reads what the convolution before it wrote in the layout of the kernels, and writes the
-//! staged image of the next: fields are transformed to the basis that the group permutes in
+//! A pooling reads what the convolution before it wrote in the layout of the kernels, and writes
+//! the staged image of the next: fields are transformed to the basis that the group permutes in
 //! registers, and no map is brought to irrep-major channels.
 
-use crate::conv::geometry::Conv;
-use crate::conv::maps::{Maps, MapsMut};
-use crate::conv::pieces::Pieces;
-use crate::instruction_set::InstructionSet;
-use crate::order::with_order;
+use crate::conv::maps::{Maps, MapsMut, Pieces};
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::Join;
-use crate::simd::lanes::{Block, LANES, Lanes, WithLanes, unscaled_hadamard};
+use crate::simd::lanes::{Block, InstructionSet, LANES, Lanes, WithLanes, unscaled_hadamard};
 use crate::simd::patches::Patches;
+use crate::steerable::hadamard::with_order;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
@@ -36,7 +34,7 @@ pub(crate) struct Pool {
 impl Pool {
     /// The pooling of what a convolution gives; none if the windows overlap, leave pixels out or
     /// have too many, or channels are not those of regular fields.
-    pub fn behind(conv: &Conv, kernel: Kernel) -> Option<Pool> {
+    pub fn behind(conv: &R2Conv, kernel: Kernel) -> Option<Pool> {
         let image = conv.out;
         let size = kernel.size;
         let tiles = [image.height, image.width].map(|side| side / size);
@@ -68,7 +66,7 @@ impl Pool {
         self.patches.blocks() * LANES
     }
 
-    /// What makes values in one layout, of which twice the transform was taken, those of another.
+    /// Factor between values of two layouts, of which twice the transform was taken.
     fn scale(&self, from: f64, to: f64) -> f64 {
         to / from / self.out.fields.group().order() as f64
     }
@@ -88,7 +86,7 @@ pub struct Pooling<'a, T> {
 pub struct Unpooling<'a, T> {
     pub(crate) pool: &'a Pool,
     pub(crate) samples: usize,
-    /// What the pooling read.
+    /// Input of the pooling.
     pub(crate) x: &'a [T],
     pub(crate) dy: Maps<'a, T>,
     /// In the layout of the pooling; overwritten.

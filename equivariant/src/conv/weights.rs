@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use symmetry::{FieldType, Irrep};
 
-use crate::conv::pieces::Pieces;
+use crate::conv::maps::Pieces;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES};
 use crate::simd::patches::Patches;
@@ -83,7 +83,7 @@ impl Weights {
         self.groups * self.width
     }
 
-    /// Whether the parameters are in packed order already, without gaps.
+    /// `true` if the parameters are in packed order already, without gaps.
     pub fn in_place(&self) -> bool {
         let all = 0..self.blocks() * LANES;
         matches!(&self.runs[..], [run] if run.params == all && run.packed == all)

@@ -13,27 +13,26 @@ mod window;
 
 use crate::gpu::error::GpuError;
 use crate::gpu::plan::{Plan, Tensor};
-use crate::layers::concat::Concat;
-use crate::layers::layer::{Layer, leaves};
+use crate::layers::Concat;
+use crate::layers::layer::{Layer, LayerKind, leaves};
 use crate::shape::Shape;
 use crate::steerable::hadamard::permuted;
-use crate::steerable::operation::Operation;
 
 impl Plan {
     /// Adds a layer, or those of a chain; returns the output. A ReLU after a layer with weights is
     /// part of that layer's kernels.
     ///
     /// # Errors
-    /// [`GpuError::Layer`] for a layer of another crate.
+    /// [`GpuError::Layer`] for a layer without kernels: [`Sum`](crate::Sum),
+    /// [`Restrict`](crate::Restrict) and those of other crates.
     pub fn layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
         let mut leaves = leaves(layer).into_iter().peekable();
         let mut x = x;
         while let Some(layer) = leaves.next() {
-            let operation = operation(layer)?;
             let y = self.tensor(layer.out_shape());
-            let rectified = matches!(operation, Operation::Linear(_))
+            let rectified = layer.kind().dense().is_some()
                 && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
-            add_operation(self, &operation, (&x, &y), rectified);
+            add(self, layer, (&x, &y), rectified)?;
             x = y;
         }
         Ok(x)
@@ -57,33 +56,34 @@ impl Plan {
     }
 }
 
-fn operation(layer: &dyn Layer<f32>) -> Result<Operation<'_>, GpuError> {
-    layer.operation().ok_or_else(|| GpuError::Layer {
-        layer: layer.to_string(),
-    })
-}
-
-/// Whether a layer is a ReLU on fields as large as the group, which are those of products.
+/// `true` for a ReLU on fields as large as the group, which are those of products.
 fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
     let whole =
         permuted(shape.fields).is_some_and(|(order, _)| order == shape.fields.group().order());
-    whole && matches!(layer.operation(), Some(Operation::Relu))
+    whole && matches!(layer.kind(), LayerKind::Relu)
 }
 
-fn add_operation(
+fn add(
     plan: &mut Plan,
-    operation: &Operation,
+    layer: &dyn Layer<f32>,
     (x, y): (&Tensor, &Tensor),
     rectified: bool,
-) {
-    match operation {
-        Operation::Linear(dense) => linear::add(plan, dense, (x, y), rectified),
-        Operation::Relu => pointwise::relu(plan, x, y),
-        Operation::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
-        Operation::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),
-        Operation::MaxPool(kernel) => pools::max_pool(plan, *kernel, x, y),
-        Operation::AveragePool(kernel) => pools::average_pool(plan, *kernel, x, y),
-        Operation::FieldNorm(moments) => field_norm::add(plan, *moments, x, y),
-        Operation::SoftArgmax { temperature } => soft_argmax::add(plan, *temperature, x, y),
+) -> Result<(), GpuError> {
+    match layer.kind() {
+        LayerKind::R2Conv(conv) => linear::add(plan, &conv.dense(), (x, y), rectified),
+        LayerKind::Linear(dense) => linear::add(plan, &dense, (x, y), rectified),
+        LayerKind::Relu => pointwise::relu(plan, x, y),
+        LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
+        LayerKind::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),
+        LayerKind::MaxPool(kernel) => pools::max_pool(plan, kernel, x, y),
+        LayerKind::AveragePool(kernel) => pools::average_pool(plan, kernel, x, y),
+        LayerKind::FieldNorm(statistics) => field_norm::add(plan, statistics, x, y),
+        LayerKind::SpatialSoftArgmax { temperature } => soft_argmax::add(plan, temperature, x, y),
+        LayerKind::Sequential(_) | LayerKind::Other => {
+            return Err(GpuError::Layer {
+                layer: layer.to_string(),
+            });
+        }
     }
+    Ok(())
 }

@@ -269,8 +269,8 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
+    use crate::layers::R2Conv;
     use crate::layers::layer::Signature;
-    use crate::layers::r2_conv::R2Conv;
     use crate::window::Kernel;
 
     #[test]

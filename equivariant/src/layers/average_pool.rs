@@ -2,13 +2,12 @@
 
 use std::fmt;
 
+use symmetry::{FieldType, Group};
+
 use crate::error::LayerError;
-use crate::layers::layer::Signature;
-use crate::layers::parameterless::Parameterless;
-use crate::layers::scalar::Scalar;
+use crate::layers::check::Example;
+use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
 use crate::shape::Shape;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
@@ -44,14 +43,13 @@ impl Signature for AveragePool {
     fn out_shape(&self) -> Shape {
         self.windows.out_shape(self.shape.fields)
     }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::AveragePool(self.windows.kernel))
-    }
 }
 
 impl Parameterless for AveragePool {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::AveragePool(self.windows.kernel)
+    }
+
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         y.fill(T::ZERO);
@@ -86,6 +84,18 @@ impl fmt::Display for AveragePool {
         self.windows
             .write_pooling(f, "AveragePool", self.shape.fields)
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let mixed = Shape::image(4, 6, FieldType::new(group, [2, 1, 3, 0]));
+    let regular = Shape::image(3, 4, group.regular(2));
+    let halving = AveragePool::new(mixed, Kernel::new(2, 2, 0))?;
+    let same = AveragePool::new(regular, Kernel::new(3, 1, 1))?;
+    Ok(vec![
+        Example::rounded("average-pool 2x2/2", halving),
+        Example::rounded("average-pool 3x3", same),
+    ])
 }
 
 #[cfg(test)]

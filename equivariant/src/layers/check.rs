@@ -1,21 +1,49 @@
-//! The equivariance checker.
+//! Looks into networks: the equivariance checker, and sums of what units put out.
 
 use rand::Rng;
 
-use crate::init::fill_normal;
-use crate::layers::layer::Layer;
-use crate::layers::scalar::Scalar;
+use crate::layers::layer::{Layer, LayerKind, Scalar};
+use crate::real::fill_normal;
 use crate::shape::Shape;
+use crate::steerable::hadamard::{permuted, transform_pixels};
 
-/// The largest relative error of f(g x) = g f(x) over the elements of the group.
+/// A layer that the tests of all layers run on.
+pub struct Example<T> {
+    /// Unique among the examples of a group.
+    pub name: &'static str,
+    /// `true` for a layer without parameters that only permutes, compares, scales and adds single
+    /// values: its equivariance error is zero in any precision.
+    pub exact: bool,
+    /// The layer.
+    pub layer: Box<dyn Layer<T>>,
+}
+
+impl<T: Scalar> Example<T> {
+    pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
+        Example {
+            name,
+            exact: true,
+            layer: Box::new(layer),
+        }
+    }
+
+    pub(crate) fn rounded(name: &'static str, layer: impl Layer<T> + 'static) -> Example<T> {
+        Example {
+            exact: false,
+            ..Example::exact(name, layer)
+        }
+    }
+}
+
+/// The largest relative error of f(g x) = g f(x) over the elements of the output's group.
 ///
 /// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of
-/// a sample `x`. The group of the input's type acts on pixels and channels as the two shapes say.
+/// a sample `x`. The group of the output's type acts on pixels and channels as the two shapes say.
 /// The error of a trial is the largest absolute difference over the largest absolute output; an
 /// output that is not finite gives infinity.
 ///
 /// # Panics
-/// When the types of the two shapes belong to different groups, or there are no trials.
+/// When the output's group is no subgroup of the input's, or there are no trials.
 pub fn equivariance_error_of<T: Scalar>(
     in_shape: Shape,
     out_shape: Shape,
@@ -23,10 +51,10 @@ pub fn equivariance_error_of<T: Scalar>(
     trials: usize,
     rng: &mut dyn Rng,
 ) -> f64 {
-    let (group, out_group) = (in_shape.fields.group(), out_shape.fields.group());
-    assert_eq!(
-        group, out_group,
-        "input and output belong to different groups"
+    let (in_group, group) = (in_shape.fields.group(), out_shape.fields.group());
+    assert!(
+        group.is_subgroup_of(in_group),
+        "got an output of {group}, expected one of {in_group} or of a subgroup"
     );
     assert!(trials > 0, "got 0 trials, expected at least 1");
     let mut worst: f64 = 0.0;
@@ -73,4 +101,63 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
         scale = scale.max(e.to_f64().abs());
     }
     error / scale
+}
+
+/// Sums of what each unit puts out for the samples `x` `[N, H, W, C]`, a list for each ReLU of a
+/// chain in its order.
+///
+/// A unit is a channel of a ReLU in the basis in which it is pointwise: |G| of them for a regular
+/// field. Sums are over samples and places. The layers of the chain run one by one, so nothing is
+/// fused and every map is allocated: this is for a look now and then.
+///
+/// # Panics
+/// When a slice has another length than the layer's shapes say.
+pub fn unit_sums<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<Vec<f64>> {
+    let mut sums = Vec::new();
+    walk(layer, params, x, &mut sums);
+    sums
+}
+
+/// Runs a layer, or those of a chain; returns the output.
+fn walk<T: Scalar>(
+    layer: &dyn Layer<T>,
+    params: &[T],
+    x: &[T],
+    sums: &mut Vec<Vec<f64>>,
+) -> Vec<T> {
+    let LayerKind::Sequential(layers) = layer.kind() else {
+        let y = run(layer, params, x);
+        if matches!(layer.kind(), LayerKind::Relu) {
+            sums.push(sums_of(layer, y.clone()));
+        }
+        return y;
+    };
+    let mut rest = params;
+    layers.iter().fold(x.to_vec(), |x, layer| {
+        let (own, others) = rest.split_at(layer.num_params());
+        rest = others;
+        walk(layer.as_ref(), own, &x, sums)
+    })
+}
+
+fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
+    let samples = x.len() / layer.in_shape().len();
+    let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
+    layer.forward(params, x, &mut y, &mut layer.scratch(samples));
+    y
+}
+
+/// The sums of each channel of maps in the basis that the group permutes.
+fn sums_of<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
+    let fields = layer.out_shape().fields;
+    if let Some((order, n)) = permuted(fields) {
+        transform_pixels(order, n, &mut maps);
+    }
+    let mut sums = vec![0.0; fields.dim()];
+    for pixel in maps.chunks_exact(fields.dim()) {
+        for (sum, value) in sums.iter_mut().zip(pixel) {
+            *sum += value.to_f64().abs();
+        }
+    }
+    sums
 }

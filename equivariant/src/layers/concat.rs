@@ -6,7 +6,6 @@ use std::ops::Range;
 use symmetry::Irrep;
 
 use crate::error::LayerError;
-use crate::layers::accepted::check_channels;
 use crate::shape::Shape;
 
 /// The direct sum of two maps of one size; within an irrep, the first map's channels come first.
@@ -39,7 +38,7 @@ impl Concat {
         LayerError::check_map("Concat", first, 0)?;
         LayerError::check_map("Concat", second, 0)?;
         let dim = first.fields.dim() + second.fields.dim();
-        check_channels("Concat", dim)?;
+        LayerError::check_channels("Concat", dim)?;
         let sum = Shape {
             fields: first.fields + second.fields,
             ..first

@@ -6,36 +6,18 @@ use std::ops::Range;
 use std::slice::ChunksExact;
 
 use rand::Rng;
-use symmetry::Irrep;
+use symmetry::{FieldType, Group, Irrep};
 
-use crate::backward_pass::BackwardPass;
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Signature};
-use crate::layers::scalar::Scalar;
+use crate::layers::check::Example;
+use crate::layers::layer::{Layer, LayerKind, Scalar, Signature, Statistics};
+use crate::scratch::BackwardPass;
 use crate::shape::Shape;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::{Moments, Operation};
 
 /// Added to every variance.
 const EPSILON: f64 = 1e-5;
 /// Fields that are treated together: their sums live on the stack.
 const BLOCK: usize = 8;
-
-/// Whose mean and variance a [`FieldNorm`] uses.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Statistics {
-    /// Those of each sample alone (Ulyanov et al., "Instance normalization", 2016): the same at
-    /// training and inference.
-    Sample,
-    /// Those of all samples of one call of `forward` (Ioffe and Szegedy, "Batch normalization",
-    /// ICML 2015). In a minibatch that runs in chunks that is the chunk: ghost batch normalisation
-    /// (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed, so the result does not depend on
-    /// threads.
-    Batch,
-    /// Fixed ones, `[mean, variance]` per field, such as [`FieldNorm::moments`] of training data:
-    /// for inference after training with `Batch`.
-    Fixed(Vec<[f64; 2]>),
-}
 
 /// Normalises every field to mean 0 and variance 1 over the group, space and samples, then scales
 /// and shifts it.
@@ -57,7 +39,7 @@ pub struct FieldNorm {
     statistics: Statistics,
 }
 
-/// What turns a field's coefficients into normalised ones.
+/// Shift and scale that normalise a field's coefficients.
 #[derive(Clone, Copy)]
 struct Standard<T> {
     /// Of the first coefficient; the others have none.
@@ -141,7 +123,7 @@ impl FieldNorm {
         moments.take(self.fields).collect()
     }
 
-    /// Whether a field has a trivial channel, hence a mean and a bias.
+    /// `true` if a field has a trivial channel, hence a mean and a bias.
     fn centred(&self, field: usize) -> bool {
         field < self.shape.fields.multiplicity(Irrep::Trivial)
     }
@@ -166,9 +148,12 @@ impl FieldNorm {
                 *sum += v.to_f64();
             }
         }
-        let means: [f64; BLOCK] = from_fn(|j| match self.centred(first + j) {
-            true => means[j] / pixels,
-            false => 0.0,
+        let means: [f64; BLOCK] = from_fn(|j| {
+            if self.centred(first + j) {
+                means[j] / pixels
+            } else {
+                0.0
+            }
         });
         let mut squares = [0.0; BLOCK];
         for pixel in self.pixels(x) {
@@ -264,8 +249,8 @@ impl FieldNorm {
         }
     }
 
-    /// What the gradients in the statistics subtract: the means of dy times the normalised input,
-    /// and of dy.
+    /// Terms that the gradients in the statistics subtract: the means of dy times the normalised
+    /// input, and of dy.
     fn gradient_means<T: Scalar>(
         &self,
         first: usize,
@@ -323,26 +308,13 @@ impl Signature for FieldNorm {
     fn num_params(&self) -> usize {
         self.fields + self.shape.fields.multiplicity(Irrep::Trivial)
     }
-
-    /// What it prints, and fixed moments, to the last bit.
-    fn description(&self) -> String {
-        match &self.statistics {
-            Statistics::Fixed(moments) => format!("{self} {moments:?}"),
-            _ => self.to_string(),
-        }
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::FieldNorm(match &self.statistics {
-            Statistics::Sample => Moments::Sample,
-            Statistics::Batch => Moments::Batch,
-            Statistics::Fixed(moments) => Moments::Fixed(moments),
-        }))
-    }
 }
 
 impl<T: Scalar> Layer<T> for FieldNorm {
+    fn kind(&self) -> LayerKind<'_, T> {
+        LayerKind::FieldNorm(&self.statistics)
+    }
+
     /// Sets the gains to `gain`, which draws nothing, and the biases to zero.
     fn draw(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         let (gains, biases) = params.split_at_mut(self.fields);
@@ -373,6 +345,7 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 }
 
+/// With fixed statistics to the last bit.
 impl fmt::Display for FieldNorm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let statistics = match self.statistics {
@@ -381,6 +354,33 @@ impl fmt::Display for FieldNorm {
             Statistics::Fixed(_) => "fixed statistics",
         };
         let (shape, fields) = (self.shape, self.fields);
-        write!(f, "FieldNorm({shape}, {fields} fields, {statistics})")
+        write!(f, "FieldNorm({shape}, {fields} fields, {statistics})")?;
+        match &self.statistics {
+            Statistics::Fixed(moments) => write!(f, " {moments:?}"),
+            _ => Ok(()),
+        }
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let norm = |fields, statistics| FieldNorm::new(Shape::image(3, 2, fields), statistics);
+    let regular = |n| group.regular(n);
+    let fixed = Statistics::Fixed(vec![[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]]);
+    let mixed = FieldType::new(group, [2, 1, 3, 0]);
+    // only trivial channels, those of C1 included, have a mean
+    let trivial = mixed.multiplicity(Irrep::Trivial);
+    let mean = |f| if f < trivial { 0.7 } else { 0.0 };
+    // the mixed type is regular under one of the flips
+    let fields = mixed.regular_fields().unwrap_or(mixed.dim());
+    let moments = (0..fields).map(|f| [mean(f), 0.5 + f as f64]);
+    let fixed_mixed = norm(mixed, Statistics::Fixed(moments.collect()))?;
+    let samples = norm(regular(3), Statistics::Sample)?;
+    Ok(vec![
+        Example::rounded("norm of a batch", norm(regular(9), Statistics::Batch)?),
+        Example::rounded("norm of samples", samples),
+        Example::rounded("norm of mixed", norm(mixed, Statistics::Batch)?),
+        Example::rounded("fixed norm", norm(regular(3), fixed)?),
+        Example::rounded("fixed norm of mixed", fixed_mixed),
+    ])
 }

@@ -1,16 +1,15 @@
 //! A gated recurrent unit on regular fields.
 
 use std::fmt;
+use std::ops::Range;
 
 use rand::Rng;
 use symmetry::FieldType;
 
 use crate::error::LayerError;
-use crate::layers::accepted::check_channels;
-use crate::layers::gru_pass::GruPass;
-use crate::layers::layer::{Layer, Signature};
+use crate::layers::layer::{Layer, Scalar, Signature};
 use crate::layers::linear::Linear;
-use crate::layers::scalar::Scalar;
+use crate::scratch::Scratch;
 use crate::steerable::hadamard::hadamard;
 
 /// The gain of the weights: no ReLU follows.
@@ -50,7 +49,7 @@ impl Gru {
     pub fn new(in_type: FieldType, fields: usize) -> Result<Gru, LayerError> {
         let group = in_type.group();
         let channels = fields.saturating_mul(3 * group.order());
-        check_channels("Gru", channels)?;
+        LayerError::check_channels("Gru", channels)?;
         let gates = group.regular(3 * fields);
         Ok(Gru {
             fields,
@@ -118,7 +117,7 @@ impl Gru {
     /// else this is [`Gru::forward`].
     ///
     /// # Panics
-    /// As there, and for a row that is read and that `x` has not.
+    /// As [`Gru::forward`], and for a row that is read and that `x` has not.
     pub fn forward_shared<T: Scalar>(
         &self,
         params: &[T],
@@ -281,7 +280,7 @@ impl Gru {
         }
     }
 
-    /// Where the gates r, z and n of channel `i` of the state lie, in the regular basis.
+    /// Places of the gates r, z and n of channel `i` of the state, in the regular basis.
     fn gates_of(&self, i: usize) -> [usize; 3] {
         let (element, field) = (i / self.fields, i % self.fields);
         [0, 1, 2].map(|gate| (3 * element + gate) * self.fields + field)
@@ -389,5 +388,95 @@ impl fmt::Display for Gru {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (from, to, parameters) = (self.in_type(), self.out_type(), self.num_params());
         write!(f, "Gru({from} -> {to} | {parameters} parameters)")
+    }
+}
+
+/// Memory of a [`Gru`](crate::Gru): values that its forward pass leaves for the backward pass, over
+/// up to a fixed number of sequences.
+#[derive(Clone, Debug)]
+pub struct GruPass<T> {
+    /// Channels of the input and of the state.
+    pub(super) dims: [usize; 2],
+    /// For how many steps and samples there is room.
+    pub(super) room: [usize; 2],
+    /// Steps and samples of the last forward pass.
+    pub(super) sizes: [usize; 2],
+    /// `true` if it holds what a forward pass left and no backward pass has written over.
+    pub(super) holds_values: bool,
+    /// Steps that each sample begins after, `[N]`.
+    pub(super) begins: Vec<usize>,
+    /// The row of the input that each step reads, `[L, N]`; none before a sequence begins.
+    pub(super) reads: Vec<Option<usize>>,
+    /// The part in the gates of each row of the input, then the gradient in it, `[M, 3 H]`.
+    pub(super) row_gates: Vec<T>,
+    /// States `[L + 1, N, H]` in the regular basis, and in that of the irreps.
+    pub(super) states: Vec<T>,
+    pub(super) coefficients: Vec<T>,
+    /// The input's part of the gates, then r, z and n, `[L, N, 3 H]`.
+    pub(super) gates: Vec<T>,
+    /// The state's part of the gates, then the gradient in it, `[N, 3 H]`.
+    pub(super) from_state: Vec<T>,
+    /// W_hn h + b_hn, `[L, N, H]`.
+    pub(super) candidates: Vec<T>,
+    /// Gradients in the state, and in the state before, `[N, H]`.
+    pub(super) d_state: Vec<T>,
+    pub(super) d_before: Vec<T>,
+    pub(super) scratch: Scratch<T>,
+}
+
+impl<T: Scalar> GruPass<T> {
+    /// Room for steps and samples of a unit with `dims` channels of input and state, and with the
+    /// scratch of its matrix for the input.
+    pub(super) fn new(dims: [usize; 2], room: [usize; 2], scratch: Scratch<T>) -> Self {
+        let zeros = |len: usize| vec![T::ZERO; len];
+        let ([steps, samples], state) = (room, room[1] * dims[1]);
+        Self {
+            dims,
+            room,
+            sizes: [0; 2],
+            holds_values: false,
+            begins: Vec::with_capacity(samples),
+            reads: Vec::with_capacity(steps * samples),
+            row_gates: zeros(steps * 3 * state),
+            states: zeros((steps + 1) * state),
+            coefficients: zeros((steps + 1) * state),
+            gates: zeros(steps * 3 * state),
+            from_state: zeros(3 * state),
+            candidates: zeros(steps * state),
+            d_state: zeros(state),
+            d_before: zeros(state),
+            scratch,
+        }
+    }
+
+    /// The states `[N, H]` after the last step of the last forward pass.
+    pub fn out(&self) -> &[T] {
+        &self.coefficients[self.rows(self.sizes[0])]
+    }
+
+    /// Range of the states before a step.
+    pub(super) fn rows(&self, step: usize) -> Range<usize> {
+        let len = self.sizes[1] * self.dims[1];
+        step * len..(step + 1) * len
+    }
+
+    /// Copies the part of each row to the gates, `width` of them, of the steps that read it.
+    pub(super) fn spread_rows(&mut self, width: usize) {
+        for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
+            if let Some(row) = read {
+                to.copy_from_slice(&self.row_gates[row * width..(row + 1) * width]);
+            }
+        }
+    }
+
+    /// Adds up the gradients in the gates of all steps that read the same row.
+    pub(super) fn gather_rows(&mut self, width: usize) {
+        self.row_gates.fill(T::ZERO);
+        for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {
+            if let Some(row) = read {
+                let sums = &mut self.row_gates[row * width..(row + 1) * width];
+                sums.iter_mut().zip(from).for_each(|(sum, &d)| *sum += d);
+            }
+        }
     }
 }

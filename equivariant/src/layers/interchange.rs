@@ -21,7 +21,7 @@ pub enum InterchangeError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         source: std::io::Error,
     },
     /// The file is not in the safetensors format.
@@ -29,7 +29,7 @@ pub enum InterchangeError {
     Format {
         /// The file.
         path: PathBuf,
-        /// What the format's parser says.
+        /// Error of the format's parser.
         source: SafeTensorError,
     },
     /// The file was not written by [`save`].
@@ -70,7 +70,7 @@ pub enum InterchangeError {
 /// the tensor `i.params`, which [`load`] reads. What other libraries read are `i.kernel` `[C_out,
 /// C_in, size, size]` and `i.bias` `[C_out]`, an ordinary convolution in the regular basis
 /// ([`Dense::regular_kernel`](crate::Dense::regular_kernel)). The metadata `covers-equivariant 1`
-/// holds one line a layer, its [`description`](crate::Signature::description).
+/// holds one line a layer, which is what the layer prints.
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -100,8 +100,8 @@ pub fn save(
 /// Loads the parameters of a layer or a chain of layers that [`save`] wrote.
 ///
 /// # Errors
-/// When the file cannot be read, or holds other layers than `layer`, compared by their
-/// descriptions: kind, types, window, and all else that they were built with.
+/// When the file cannot be read, or holds other layers than `layer`, compared by what they
+/// print: kind, types, window, and all else that they were built with.
 pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, InterchangeError> {
     let path = path.as_ref();
     let bytes = std::fs::read(path).map_err(|source| io_error(path, source))?;
@@ -129,7 +129,7 @@ pub fn load(path: impl AsRef<Path>, layer: &dyn Layer<f32>) -> Result<Vec<f32>, 
 }
 
 fn describe(layers: &[&dyn Layer<f32>]) -> String {
-    let lines: Vec<String> = layers.iter().map(|layer| layer.description()).collect();
+    let lines: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
     lines.join("\n")
 }
 
@@ -148,7 +148,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
             continue;
         }
         push(format!("{i}.params"), &[own.len()], own);
-        if let Some(dense) = layer.as_dense() {
+        if let Some(dense) = layer.kind().dense() {
             let (kernel, bias) = (dense.regular_kernel(own), dense.regular_bias(own));
             push(format!("{i}.kernel"), &dense.kernel_shape(), &kernel);
             push(format!("{i}.bias"), &[bias.len()], &bias);
@@ -160,7 +160,7 @@ fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
 /// Refuses a file whose layers differ from those of the network.
 fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), InterchangeError> {
     let mut got = lines.lines();
-    let mut expected = layers.iter().map(|layer| layer.description());
+    let mut expected = layers.iter().map(|layer| layer.to_string());
     for index in 0.. {
         match (got.next(), expected.next()) {
             (None, None) => break,

@@ -1,4 +1,4 @@
-//! What a layer is.
+//! Layers, and what planners see of them.
 
 use std::any::type_name;
 use std::fmt;
@@ -6,21 +6,26 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use rand::Rng;
 
-use crate::backward_pass::BackwardPass;
-use crate::conv::chain::Fusible;
-use crate::layers::scalar::Scalar;
-use crate::scratch::Scratch;
+use crate::conv::dispatch::Passes;
+use crate::conv::r2_conv::R2Conv;
+use crate::scratch::{BackwardPass, Scratch};
 use crate::shape::{LARGEST, Shape};
 use crate::steerable::dense::Dense;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
+use crate::window::Kernel;
 
 /// The gain of weights that are followed by a ReLU: it halves the second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 
-/// What a layer maps between, whatever the precision.
+/// `f32` for training and `f64` for gradient checks. What they can do is in [`Real`](crate::Real).
+pub trait Scalar: Passes {}
+
+impl Scalar for f32 {}
+impl Scalar for f64 {}
+
+/// Shapes and sizes of a layer, whatever the precision.
 ///
-/// What the trait provides is right for a layer without parameters or scratch.
+/// The provided methods are right for a layer without parameters or scratch. A layer prints
+/// everything that it was built with, since files of networks are compared by it.
 pub trait Signature: fmt::Display + Send + Sync {
     /// The shape of one input sample.
     fn in_shape(&self) -> Shape;
@@ -38,43 +43,17 @@ pub trait Signature: fmt::Display + Send + Sync {
         0
     }
 
-    /// Whether `backward` reads what `forward` left in the scratch.
+    /// `true` where `backward` reads what `forward` left in the scratch.
     fn keeps_scratch(&self) -> bool {
         false
     }
 
-    /// One line with all that distinguishes the layer from others but its parameters:
-    /// [`save`](crate::save) writes it and [`load`](crate::load) compares it. By default it is what
-    /// the layer prints.
-    fn description(&self) -> String {
-        self.to_string()
-    }
-
-    /// The layer as an ordinary convolution, if it is linear and has weights.
-    fn as_dense(&self) -> Option<Dense<'_>> {
-        None
-    }
-
-    /// What tells layers apart whose scratches are kept. By default that is their type, shapes and
-    /// number of parameters; a layer whose kept scratch depends on more says so. Every pass asks
-    /// for it, so nothing is printed here: that allocates.
-    #[doc(hidden)]
-    fn mark(&self) -> u64 {
+    /// Number that tells layers apart whose scratches are kept: a hash of their type, shapes and
+    /// number of parameters. A layer whose kept scratch depends on more overrides it. Every pass
+    /// asks for it, so it must not allocate.
+    fn scratch_key(&self) -> u64 {
         let shapes = (self.in_shape(), self.out_shape());
-        mark_of((type_name::<Self>(), shapes, self.num_params()))
-    }
-
-    /// What the layer does, for other hardware; none if only the processor knows it.
-    #[cfg(feature = "wgpu")]
-    #[doc(hidden)]
-    fn operation(&self) -> Option<Operation<'_>> {
-        self.as_dense().map(Box::new).map(Operation::Linear)
-    }
-
-    /// What a sequence may fuse this layer as.
-    #[doc(hidden)]
-    fn fusible(&self) -> Option<Fusible<'_>> {
-        None
+        hash_of((type_name::<Self>(), shapes, self.num_params()))
     }
 }
 
@@ -183,31 +162,119 @@ pub trait Layer<T: Scalar>: Signature {
         Scratch::filled(self.scratch_len(samples), T::ZERO)
     }
 
-    /// The layers of a chain, in order; their parameters follow one another. Other layers have
-    /// none.
-    fn layers(&self) -> &[Box<dyn Layer<T>>] {
-        &[]
+    /// The kind of layer, for planners: who fuses, exports or runs layers elsewhere looks at it.
+    /// Layers that nobody treats in a way of its own are [`LayerKind::Other`].
+    fn kind(&self) -> LayerKind<'_, T> {
+        LayerKind::Other
     }
 
-    /// What [`init_scaled`](Layer::init_scaled) does, with a slice of the right length.
+    /// The work of [`init_scaled`](Layer::init_scaled), with a slice of the right length.
     fn draw(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
 
-    /// What [`forward`](Layer::forward) does, with slices of the right lengths; `scratch` has those
-    /// that [`scratch_len`](Signature::scratch_len) asks for.
+    /// The work of [`forward`](Layer::forward), with slices of the right lengths; `scratch` has
+    /// those that [`scratch_len`](Signature::scratch_len) asks for.
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
 
-    /// What [`backward`](Layer::backward) does, with slices of the right lengths.
+    /// The work of [`backward`](Layer::backward), with slices of the right lengths.
     fn run_backward(&self, pass: BackwardPass<T>);
+}
+
+/// Kinds of layers, with what planners need besides the shapes.
+#[non_exhaustive]
+pub enum LayerKind<'a, T: Scalar> {
+    /// A convolution.
+    R2Conv(&'a R2Conv),
+    /// A linear map of vectors.
+    Linear(Box<Dense<'a>>),
+    /// The ReLU in the basis that the group permutes.
+    Relu,
+    /// The largest value of a window, in the basis that the group permutes.
+    MaxPool(Kernel),
+    /// The average of a window.
+    AveragePool(Kernel),
+    /// The largest value of a regular field.
+    GroupMaxPool,
+    /// The mean of a regular field.
+    GroupMeanPool,
+    /// Normalised fields.
+    FieldNorm(&'a Statistics),
+    /// The expected positions of the maxima of fields.
+    SpatialSoftArgmax {
+        /// Divisor of the values.
+        temperature: f64,
+    },
+    /// Layers one after the other; so are their parameters.
+    Sequential(&'a [Box<dyn Layer<T>>]),
+    /// Any other layer: it runs by its own passes only.
+    Other,
+}
+
+impl<'a, T: Scalar> LayerKind<'a, T> {
+    /// The layer as an ordinary convolution, if it is linear and has weights.
+    pub fn dense(&self) -> Option<Dense<'a>> {
+        match self {
+            LayerKind::R2Conv(conv) => Some(conv.dense()),
+            LayerKind::Linear(dense) => Some(Dense::clone(dense)),
+            _ => None,
+        }
+    }
+}
+
+/// Source of the mean and the variance of a [`FieldNorm`](crate::FieldNorm).
+#[derive(Clone, Debug, PartialEq)]
+pub enum Statistics {
+    /// Statistics of each sample alone (Ulyanov et al., "Instance normalization", 2016): the same
+    /// at training and inference.
+    Sample,
+    /// Statistics of all samples of one call of `forward` (Ioffe and Szegedy, "Batch
+    /// normalization", ICML 2015). In a minibatch that runs in chunks that is the chunk: ghost
+    /// batch normalisation (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed, so the
+    /// result does not depend on threads.
+    Batch,
+    /// Fixed ones, `[mean, variance]` per field, such as
+    /// [`FieldNorm::moments`](crate::FieldNorm::moments) of training data: for inference after
+    /// training with `Batch`.
+    Fixed(Vec<[f64; 2]>),
+}
+
+/// A map without parameters, which is a [`Layer`] in either precision.
+pub(crate) trait Parameterless: Signature {
+    /// The layer's [`kind`](Layer::kind).
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::Other
+    }
+
+    /// The forward pass.
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]);
+
+    /// The backward pass where the gradient in the input is asked for.
+    fn pull_back<T: Scalar>(&self, x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]);
+}
+
+impl<T: Scalar, L: Parameterless> Layer<T> for L {
+    fn kind(&self) -> LayerKind<'_, T> {
+        Parameterless::kind(self)
+    }
+
+    fn run_forward(&self, _params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        self.apply(x, y, scratch);
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        if let Some(dx) = pass.dx {
+            self.pull_back(pass.x, pass.y, pass.dy, dx, pass.scratch);
+        }
+    }
 }
 
 /// The layers of a chain, those of chains inside it included; any other layer is its only one.
 pub(crate) fn leaves<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
-    match layer.layers() {
-        [] => vec![layer],
-        layers => {
+    match layer.kind() {
+        LayerKind::Sequential(layers) => {
             let layers = layers.iter();
             layers.flat_map(|layer| leaves(layer.as_ref())).collect()
         }
+        _ => vec![layer],
     }
 }
 
@@ -277,7 +344,7 @@ pub(crate) fn fill<T: Scalar>(
     scratch: &mut Scratch<T>,
 ) {
     if layer.keeps_scratch() {
-        scratch.set_filled(samples, layer.mark());
+        scratch.set_filled(samples, layer.scratch_key());
     }
 }
 
@@ -298,20 +365,20 @@ pub(crate) fn filled<'a, T: Scalar>(
 }
 
 /// Refuses a scratch that `forward` of this layer did not leave for these samples.
-fn check_filled(layer: &(impl Signature + ?Sized), samples: usize, (filled, mark): (usize, u64)) {
+fn check_filled(layer: &(impl Signature + ?Sized), samples: usize, (filled, key): (usize, u64)) {
     assert!(
         filled == samples,
         "{layer}: got a scratch that forward left for {filled} samples, expected one for the \
          {samples} of x"
     );
     assert!(
-        mark == layer.mark(),
+        key == layer.scratch_key(),
         "{layer}: got a scratch that forward of another layer left, expected one of this layer"
     );
 }
 
-/// A hash of what tells a layer apart, without allocations.
-pub(crate) fn mark_of(layer: impl Hash) -> u64 {
+/// A hash, made without allocations.
+pub(crate) fn hash_of(layer: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     layer.hash(&mut hasher);
     hasher.finish()

@@ -3,12 +3,12 @@
 use std::fmt;
 
 use rand::Rng;
-use symmetry::{FieldType, Irrep};
+use symmetry::{FieldType, Group, Irrep};
 
-use crate::backward_pass::BackwardPass;
 use crate::error::LayerError;
-use crate::layers::layer::{Layer, Signature};
-use crate::layers::scalar::Scalar;
+use crate::layers::check::Example;
+use crate::layers::layer::{Layer, LayerKind, Scalar, Signature};
+use crate::scratch::BackwardPass;
 use crate::shape::{Shape, product};
 use crate::steerable::blocks::{Blocks, Columns, ColumnsMut};
 use crate::steerable::dense::Dense;
@@ -82,13 +82,13 @@ impl Signature for Linear {
     fn num_params(&self) -> usize {
         self.blocks.num_params()
     }
-
-    fn as_dense(&self) -> Option<Dense<'_>> {
-        Some(self.dense())
-    }
 }
 
 impl<T: Scalar> Layer<T> for Linear {
+    fn kind(&self) -> LayerKind<'_, T> {
+        LayerKind::Linear(Box::new(self.dense()))
+    }
+
     fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         self.blocks.init(rng, gain, params);
     }
@@ -124,4 +124,15 @@ impl fmt::Display for Linear {
         let (from, to, parameters) = (self.in_type, self.out_type, self.blocks.num_params());
         write!(f, "Linear({from} -> {to} | {parameters} parameters)")
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let mixed = FieldType::new(group, [2, 1, 3, 0]);
+    let lacking = FieldType::new(group, [1, 2, 0, 2]);
+    let from_mixed = Linear::new(mixed, group.regular(4))?;
+    Ok(vec![
+        Example::rounded("linear", Linear::new(group.regular(3), lacking)?),
+        Example::rounded("linear from mixed", from_mixed),
+    ])
 }

@@ -2,17 +2,14 @@
 
 use std::fmt;
 
-use crate::conv::chain::Fusible;
+use symmetry::Group;
+
 use crate::error::LayerError;
-use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::Signature;
-use crate::layers::parameterless::Parameterless;
-use crate::layers::scalar::Scalar;
+use crate::layers::check::Example;
+use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
 use crate::real::exceeds;
 use crate::shape::Shape;
-use crate::steerable::hadamard::transform_pixels;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
+use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 use crate::steerable::windows::Windows;
 use crate::window::Kernel;
 
@@ -94,18 +91,13 @@ impl Signature for MaxPool {
     fn scratch_len(&self, _samples: usize) -> usize {
         self.shape.len() + 2 * self.shape.fields.dim()
     }
-
-    fn fusible(&self) -> Option<Fusible<'_>> {
-        Some(Fusible::MaxPool(self.windows.kernel))
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::MaxPool(self.windows.kernel))
-    }
 }
 
 impl Parameterless for MaxPool {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::MaxPool(self.windows.kernel)
+    }
+
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let regular = &mut scratch[..self.shape.len()];
         for (x, y) in self.shape.each(x).zip(self.out_shape().each_mut(y)) {
@@ -143,6 +135,21 @@ impl fmt::Display for MaxPool {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.windows.write_pooling(f, "MaxPool", self.shape.fields)
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let pool = |height, width, fields, [size, stride, padding]: [usize; 3]| {
+        let kernel = Kernel::new(size, stride, padding);
+        MaxPool::new(Shape::image(height, width, fields), kernel)
+    };
+    let regular = |n| group.regular(n);
+    let trivial = pool(4, 4, group.trivial(3), [2, 2, 0])?;
+    Ok(vec![
+        Example::exact("max-pool 2x2/2", pool(4, 6, regular(3), [2, 2, 0])?),
+        Example::exact("max-pool 3x3/2", pool(5, 3, regular(2), [3, 2, 1])?),
+        Example::exact("trivial max-pool", trivial),
+    ])
 }
 
 #[cfg(test)]

@@ -3,17 +3,13 @@
 use std::array::from_fn;
 use std::fmt;
 
-use crate::conv::chain::Fusible;
+use symmetry::Group;
+
 use crate::error::LayerError;
-use crate::layers::accepted::permuted_fields;
-use crate::layers::layer::Signature;
-use crate::layers::parameterless::Parameterless;
-use crate::layers::scalar::Scalar;
-use crate::order::with_order;
+use crate::layers::check::Example;
+use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
 use crate::shape::Shape;
-use crate::steerable::hadamard::{parts, parts_mut, transform};
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
+use crate::steerable::hadamard::{parts, parts_mut, permuted_fields, transform, with_order};
 
 /// The pointwise max(0, .) in the regular basis.
 ///
@@ -49,18 +45,13 @@ impl Signature for Relu {
     fn out_shape(&self) -> Shape {
         self.shape
     }
-
-    fn fusible(&self) -> Option<Fusible<'_>> {
-        Some(Fusible::Relu)
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::Relu)
-    }
 }
 
 impl Parameterless for Relu {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::Relu
+    }
+
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
         with_order!(G = self.order, forward_fields::<T, G>(self.fields, x, y));
     }
@@ -136,6 +127,17 @@ fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &
             }
         }
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let image = Shape::image;
+    let trivial = Shape::vector(group.trivial(5));
+    Ok(vec![
+        Example::exact("relu", Relu::new(image(3, 2, group.regular(3)))?),
+        Example::exact("relu of 8", Relu::new(image(3, 2, group.regular(8)))?),
+        Example::exact("trivial relu", Relu::new(trivial)?),
+    ])
 }
 
 #[cfg(test)]

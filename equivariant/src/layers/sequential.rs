@@ -5,29 +5,27 @@ use std::ops::Range;
 
 use rand::Rng;
 
-use crate::backward_pass::BackwardPass;
 use crate::conv::chain::Chain;
 use crate::conv::maps::Input;
 use crate::error::LayerError;
 use crate::layers::layer::{
-    Layer, Signature, check_backward, check_forward, empty, fill, filled, mark_of, samples,
+    Layer, LayerKind, Scalar, Signature, check_backward, check_forward, empty, fill, filled,
+    hash_of, samples,
 };
-use crate::layers::scalar::Scalar;
-use crate::scratch::Scratch;
+use crate::scratch::{BackwardPass, Scratch, take_front, take_whole, whole};
 use crate::shape::Shape;
-use crate::simd::lanes::LANES;
 
 /// A chain of layers, itself a layer.
 ///
 /// Convolutions, ReLUs and max-poolings that follow one another run fused, which changes no value
 /// but by rounding. Its parameters are those of its layers in order. `forward` leaves every
-/// activation in `scratch`, from where `backward` reads them: hand it the scratch that `forward` of the same
-/// samples filled.
+/// activation in `scratch`, from where `backward` reads them: hand it the scratch that `forward` of
+/// the same samples filled.
 pub struct Sequential<T> {
     layers: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
     stages: Vec<Stage>,
-    mark: u64,
+    scratch_key: u64,
 }
 
 /// Layers that run as one.
@@ -37,19 +35,36 @@ struct Stage {
     fused: Option<Chain>,
 }
 
-/// Fuses what can be fused.
+/// Groups layers into stages: a convolution takes all layers behind it that can be fused with it.
 fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
-    let mut stages = Vec::new();
-    let mut start = 0;
-    while start < layers.len() {
-        let rest = layers[start..].iter().map(|layer| layer.fusible());
-        let (fused, len) = Chain::take(rest).unzip();
-        let end = start + len.unwrap_or(1);
-        let layers = start..end;
+    let mut stages: Vec<Stage> = Vec::new();
+    for (i, layer) in layers.iter().enumerate() {
+        let kind = layer.kind();
+        if let Some(last) = stages.last_mut()
+            && let Some(chain) = &mut last.fused
+            && extends(chain, &kind)
+        {
+            last.layers.end = i + 1;
+            continue;
+        }
+        let fused = match kind {
+            LayerKind::R2Conv(conv) => Some(Chain::new(conv)),
+            _ => None,
+        };
+        let layers = i..i + 1;
         stages.push(Stage { layers, fused });
-        start = end;
     }
     stages
+}
+
+/// Adds a layer to a chain if it can be fused with it.
+fn extends<T: Scalar>(chain: &mut Chain, kind: &LayerKind<'_, T>) -> bool {
+    match kind {
+        LayerKind::R2Conv(conv) => chain.convolve(conv),
+        LayerKind::Relu => chain.rectify(),
+        LayerKind::MaxPool(kernel) => chain.pool(*kernel),
+        _ => false,
+    }
 }
 
 impl<T: Scalar> Sequential<T> {
@@ -77,16 +92,21 @@ impl<T: Scalar> Sequential<T> {
             end += layer.num_params();
             start..end
         });
-        let descriptions: Vec<String> = layers.iter().map(|layer| layer.description()).collect();
+        let printed: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
         Ok(Sequential {
             params: params.collect(),
             stages: stages(&layers),
-            mark: mark_of(descriptions),
+            scratch_key: hash_of(printed),
             layers,
         })
     }
 
-    /// Where the parameters of layer `index` lie among those of the chain.
+    /// The layers, in order.
+    pub fn layers(&self) -> &[Box<dyn Layer<T>>] {
+        &self.layers
+    }
+
+    /// Range of the parameters of layer `index` among those of the chain.
     pub fn params_of(&self, index: usize) -> Range<usize> {
         self.params[index].clone()
     }
@@ -174,9 +194,10 @@ impl<T: Scalar> Sequential<T> {
         let mut y = Some(y);
         let mut input = x;
         for (i, (layer, range)) in self.stages().enumerate() {
-            let scratch = match layer.keeps_scratch() {
-                true => take_whole(&mut parts.kept, layer.scratch_len(samples)),
-                false => &mut parts.shared[..layer.scratch_len(samples)],
+            let scratch = if layer.keeps_scratch() {
+                take_whole(&mut parts.kept, layer.scratch_len(samples))
+            } else {
+                &mut parts.shared[..layer.scratch_len(samples)]
             };
             let output = match y.take_if(|_| i + 1 == self.stages.len()) {
                 Some(y) => y,
@@ -211,15 +232,17 @@ impl<T: Scalar> Sequential<T> {
                 params: &pass.params[range.clone()],
                 x: input,
                 y: output,
-                dy: match i + 1 == self.stages.len() {
-                    true => pass.dy,
-                    false => &output_gradient[..out_len],
+                dy: if i + 1 == self.stages.len() {
+                    pass.dy
+                } else {
+                    &output_gradient[..out_len]
                 },
                 dx,
                 dparams: &mut pass.dparams[range],
-                scratch: match layer.keeps_scratch() {
-                    true => take_back_mut(&mut parts.kept, layer.scratch_len(samples)),
-                    false => &mut parts.shared[..layer.scratch_len(samples)],
+                scratch: if layer.keeps_scratch() {
+                    take_back_mut(&mut parts.kept, layer.scratch_len(samples))
+                } else {
+                    &mut parts.shared[..layer.scratch_len(samples)]
                 },
             };
             match (i, x, &self.stages[i].fused) {
@@ -260,14 +283,9 @@ impl<T: Scalar> Sequential<T> {
     }
 }
 
-/// The length rounded up to cache lines, so that what follows starts on one.
-fn whole(len: usize) -> usize {
-    len.next_multiple_of(LANES)
-}
-
 /// Lengths of the parts of a chain's scratch.
 struct Sizes {
-    /// What stages hand on.
+    /// Outputs of stages.
     activations: usize,
     /// The scratches of those stages that keep theirs.
     kept: usize,
@@ -307,14 +325,14 @@ impl<T: Scalar> Signature for Sequential<T> {
         true
     }
 
-    fn mark(&self) -> u64 {
-        self.mark
+    fn scratch_key(&self) -> u64 {
+        self.scratch_key
     }
 }
 
 impl<T: Scalar> Layer<T> for Sequential<T> {
-    fn layers(&self) -> &[Box<dyn Layer<T>>] {
-        &self.layers
+    fn kind(&self) -> LayerKind<'_, T> {
+        LayerKind::Sequential(&self.layers)
     }
 
     fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
@@ -340,18 +358,48 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
     }
 }
 
-fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
-    let (front, back) = std::mem::take(rest).split_at_mut(len);
-    *rest = back;
-    front
+impl Signature for Chain {
+    fn in_shape(&self) -> Shape {
+        Chain::in_shape(self)
+    }
+
+    fn out_shape(&self) -> Shape {
+        Chain::out_shape(self)
+    }
+
+    fn num_params(&self) -> usize {
+        Chain::num_params(self)
+    }
+
+    fn scratch_len(&self, samples: usize) -> usize {
+        Chain::scratch_len(self, samples)
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        self.kept(1) > 0
+    }
 }
 
-/// Takes values off the front, and what [`whole`] adds.
-fn take_whole<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
-    &mut take_front(rest, whole(len))[..len]
+impl<T: Scalar> Layer<T> for Chain {
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let samples = x.len() / Signature::in_shape(self).len();
+        Chain::forward(self, params, (samples, Input::Channels(x)), y, scratch);
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let samples = pass.x.len() / Signature::in_shape(self).len();
+        Chain::backward(self, (samples, Input::Channels(pass.x)), pass);
+    }
 }
 
-/// The same from the back.
+impl fmt::Display for Chain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shapes: Vec<String> = self.outs().map(|out| out.to_string()).collect();
+        write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
+    }
+}
+
+/// Takes values off the back, and what [`whole`] adds.
 fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
     let (front, back) = rest.split_at(rest.len() - whole(len));
     *rest = front;

@@ -2,19 +2,14 @@
 
 use std::fmt;
 
-use symmetry::Irrep;
+use symmetry::{FieldType, Group, Irrep};
 
 use crate::error::LayerError;
-use crate::layers::accepted::{check_channels, permuted_fields};
-use crate::layers::layer::{Signature, mark_of};
-use crate::layers::parameterless::Parameterless;
-use crate::layers::scalar::Scalar;
+use crate::layers::check::Example;
+use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature, hash_of};
 use crate::real::exceeds;
 use crate::shape::Shape;
-use crate::steerable::hadamard::transform_pixels;
-#[cfg(feature = "wgpu")]
-use crate::steerable::operation::Operation;
-use symmetry::FieldType;
+use crate::steerable::hadamard::{permuted_fields, transform_pixels};
 
 /// The expected position of every map under the softmax over its pixels.
 ///
@@ -45,7 +40,7 @@ impl SpatialSoftArgmax {
     /// and normal number in single precision.
     pub fn new(shape: Shape, temperature: f64) -> Result<SpatialSoftArgmax, LayerError> {
         let (order, fields) = permuted_fields("SpatialSoftArgmax", shape)?;
-        check_channels("SpatialSoftArgmax", 2 * shape.fields.dim())?;
+        LayerError::check_channels("SpatialSoftArgmax", 2 * shape.fields.dim())?;
         // the passes use the reciprocal, in either precision
         let usable = [temperature as f32, temperature.recip() as f32];
         if !usable.iter().all(|t| t.is_normal() && *t > 0.0) {
@@ -82,8 +77,7 @@ impl SpatialSoftArgmax {
         ]
     }
 
-    /// Where the coordinate of a channel of the regular basis lies in the output, and its sign
-    /// there.
+    /// Place in the output of a coordinate of a channel of the regular basis, and its sign there.
     fn target(&self, channel: usize, coordinate: usize) -> (usize, i8) {
         let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
         let group = self.shape.fields.group();
@@ -207,19 +201,18 @@ impl Signature for SpatialSoftArgmax {
         true
     }
 
-    fn mark(&self) -> u64 {
-        mark_of(("SpatialSoftArgmax", self.shape, self.temperature.to_bits()))
-    }
-
-    #[cfg(feature = "wgpu")]
-    fn operation(&self) -> Option<Operation<'_>> {
-        Some(Operation::SoftArgmax {
-            temperature: self.temperature,
-        })
+    fn scratch_key(&self) -> u64 {
+        hash_of(("SpatialSoftArgmax", self.shape, self.temperature.to_bits()))
     }
 }
 
 impl Parameterless for SpatialSoftArgmax {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::SpatialSoftArgmax {
+            temperature: self.temperature,
+        }
+    }
+
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(x.len());
@@ -262,6 +255,17 @@ impl fmt::Display for SpatialSoftArgmax {
             "SpatialSoftArgmax({from} -> {to}, temperature {temperature})"
         )
     }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let regular = Shape::image(4, 5, group.regular(3));
+    let trivial = Shape::image(3, 3, group.trivial(2));
+    let trivial = SpatialSoftArgmax::new(trivial, 1.0)?;
+    Ok(vec![
+        Example::rounded("soft-argmax", SpatialSoftArgmax::new(regular, 0.5)?),
+        Example::rounded("trivial soft-argmax", trivial),
+    ])
 }
 
 #[cfg(test)]

@@ -156,7 +156,7 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
 }
 
 impl Orbit {
-    /// Where the taps lie in a window, in blocks and in rising order, and the parities of the
+    /// Places of the taps in a window, in blocks and in rising order, and the parities of the
     /// folds.
     #[inline(always)]
     fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {

@@ -1,12 +1,44 @@
 //! Sixteen numbers at a time, on the instruction set that the processor has.
 
+use crate::real::{Real, exceeds};
+
+/// Instruction sets of convolutions in single precision, from narrow to wide. They take the widest
+/// that the processor has, unless they are told otherwise.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum InstructionSet {
+    /// Instructions that every processor has.
+    Portable,
+    /// AVX2 and FMA.
+    Avx2,
+    /// AVX-512 with its extensions DQ and VL.
+    Avx512,
+}
+
+impl InstructionSet {
+    /// All of them, from narrow to wide.
+    pub const ALL: [Self; 3] = [Self::Portable, Self::Avx2, Self::Avx512];
+
+    /// `true` if this processor has it.
+    #[cfg(target_arch = "x86_64")]
+    pub fn is_available(self) -> bool {
+        match self {
+            Self::Portable => true,
+            Self::Avx2 => pulp::x86::V3::try_new().is_some(),
+            Self::Avx512 => pulp::x86::V4::try_new().is_some(),
+        }
+    }
+
+    /// `true` if this processor has it.
+    #[cfg(not(target_arch = "x86_64"))]
+    pub fn is_available(self) -> bool {
+        self == Self::Portable
+    }
+}
+
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-use crate::instruction_set::InstructionSet;
-use crate::real::{Real, exceeds};
-
-/// How many numbers a kernel handles at once.
+/// Number of values that a kernel handles at once.
 pub(crate) const LANES: usize = 16;
 
 /// The unit of memory of the kernels.
@@ -18,7 +50,7 @@ pub(crate) type Block<T> = [T; LANES];
 pub(crate) trait Lanes<T>: Copy {
     /// Sixteen numbers in registers.
     type V: Copy;
-    /// How many lots of sixteen lanes the registers hold.
+    /// Number of lots of sixteen lanes that the registers hold.
     const REGISTERS: usize;
 
     fn load(self, block: &Block<T>) -> Self::V;

@@ -1,12 +1,17 @@
-//! Trivial channels of D2, folded along y.
+//! Lines of first layers: pictures of trivial channels, as numbers or bytes, folded along y, and
+//! the weight gradients of every column.
+
+#![expect(
+    clippy::needless_range_loop,
+    reason = "loops over constants that index several arrays of registers"
+)]
 
 use std::ops::Range;
 
 use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::{head, head_mut};
-use crate::simd::lanes::{LANES, Lanes};
-use crate::simd::pixels::Pixel;
+use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::window::Kernel;
 
 /// Lanes of a group.
@@ -49,7 +54,7 @@ impl Lines {
         self.kernel.size
     }
 
-    /// What a window sees of its lines: taps and channels.
+    /// Values of a line that a window sees: taps and channels.
     pub fn columns(&self) -> usize {
         self.each() * self.size() * self.channels
     }
@@ -59,7 +64,7 @@ impl Lines {
         (self.shift() + self.offset(self.each())).next_multiple_of(LANES)
     }
 
-    /// Where a line starts, seen from the first.
+    /// Start of a line, seen from the first.
     pub fn offset(&self, i: usize) -> usize {
         i * self.len
     }
@@ -73,7 +78,7 @@ impl Lines {
         self.out_height * self.each()
     }
 
-    /// Where the lines of one line of windows start, but for the shift.
+    /// Start of the lines of one line of windows, but for the shift.
     pub fn first(&self, oy: usize) -> usize {
         self.offset(oy * self.each())
     }
@@ -88,14 +93,14 @@ impl Lines {
         (row < self.image.height).then(|| row * self.row_len())
     }
 
-    /// Where the part of a line that is not padding starts.
+    /// Start of the part of a line that is not padding.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         self.shift() + self.first(oy) + self.offset(i) + padding
     }
 
-    /// What brings the first pixel to a cache line: a store that straddles two of them takes twice
-    /// the time.
+    /// Shift that brings the first pixel to a cache line: a store that straddles two of them takes
+    /// twice the time.
     pub fn shift(&self) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         padding.next_multiple_of(LANES) - padding
@@ -175,12 +180,118 @@ fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line
     }
 }
 
-/// The same where the other row is padding, or where there is none.
+/// Folds a row where the other one is padding, or where there is none.
 #[inline(always)]
 fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T]) {
     for (group, x) in line.as_chunks_mut().0.iter_mut().zip(row) {
         let x = x.number();
         let o = if odd { sign * x } else { T::ZERO };
         *group = [x, x, o, o];
+    }
+}
+
+/// Factor of a byte.
+const UNIT: f64 = 1.0 / 255.0;
+/// Number that is subtracted then.
+const CENTRE: f64 = 0.5;
+
+/// The number that a byte of a picture stands for, in [-0.5, 0.5].
+#[inline(always)]
+pub fn level<T: Real>(byte: u8) -> T {
+    T::from_f64(f64::from(byte)) * T::from_f64(UNIT) - T::from_f64(CENTRE)
+}
+
+/// A value of a picture.
+pub(crate) trait Pixel<T>: Copy {
+    /// The number that it stands for.
+    fn number(self) -> T;
+
+    /// The numbers of sixteen of them.
+    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[Self; LANES]) -> L::V;
+}
+
+impl<T: Real> Pixel<T> for T {
+    #[inline(always)]
+    fn number(self) -> T {
+        self
+    }
+
+    #[inline(always)]
+    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[T; LANES]) -> L::V {
+        lanes.load(pixels)
+    }
+}
+
+/// Bytes stand for their [`level`]s, with the same rounding one by one and sixteen at a time.
+impl<T: Real> Pixel<T> for u8 {
+    #[inline(always)]
+    fn number(self) -> T {
+        level(self)
+    }
+
+    #[inline(always)]
+    fn numbers<L: Lanes<T>>(lanes: L, pixels: &[u8; LANES]) -> L::V {
+        let unit = lanes.mul(lanes.bytes(pixels), lanes.splat(T::from_f64(UNIT)));
+        lanes.sub(unit, lanes.splat(T::from_f64(CENTRE)))
+    }
+}
+
+/// The operands of the weight gradient of a line.
+pub(crate) struct Columns<'a, T, L> {
+    pub lanes: L,
+    /// Blocks of an output pixel.
+    pub width: usize,
+    /// From the window of an output pixel to the next.
+    pub step: usize,
+    pub x: &'a [T],
+    pub dy: &'a [Block<T>],
+    /// The first block of dy.
+    pub first: usize,
+}
+
+impl<T: Real, L: Lanes<T>> Columns<'_, T, L> {
+    /// V blocks of all columns, K of them at a time.
+    #[inline(always)]
+    pub fn all<const K: usize, const V: usize>(
+        &self,
+        columns: usize,
+        dw: &mut [Block<T>],
+    ) -> usize {
+        let whole = columns / K * K;
+        for column in (0..whole).step_by(K) {
+            self.sum::<K, V>(column, dw);
+        }
+        for column in whole..columns {
+            self.sum::<1, V>(column, dw);
+        }
+        V
+    }
+
+    #[inline(always)]
+    fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
+        let Columns {
+            lanes, width, step, ..
+        } = *self;
+        let rows = self.dy.len() / width;
+        let mut dy = [&self.dy[..rows]; V];
+        for v in 0..V {
+            dy[v] = &self.dy[(self.first + v) * rows..][..rows];
+        }
+        let mut sums = [[lanes.splat(T::ZERO); V]; K];
+        for r in 0..rows {
+            let x: &[[T; G]; K] = head(self.x[r * step + column * G..].as_chunks().0);
+            for v in 0..V {
+                let d = lanes.load(&dy[v][r]);
+                for k in 0..K {
+                    sums[k][v] = lanes.mul_add(lanes.quad(&x[k]), d, sums[k][v]);
+                }
+            }
+        }
+        for k in 0..K {
+            for v in 0..V {
+                let dw = &mut dw[(column + k) * width + self.first + v];
+                lanes.store(dw, lanes.add(lanes.load(dw), sums[k][v]));
+            }
+        }
     }
 }

@@ -15,13 +15,12 @@ use std::ops::Range;
 
 use symmetry::{Group, Irrep};
 
-use crate::order::with_order;
 use crate::real::Real;
 use crate::shape::Shape;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, LANES, Lanes};
-use crate::simd::lines::Lines;
-use crate::simd::pixels::Pixel;
+use crate::simd::lines::{Lines, Pixel};
+use crate::steerable::hadamard::with_order;
 use crate::steerable::taps::Taps;
 use crate::window::Kernel;
 
@@ -30,9 +29,9 @@ use crate::window::Kernel;
 pub(crate) struct Patches {
     image: Shape,
     kernel: Kernel,
-    /// Where the window of every output pixel starts in a staged image.
+    /// Start of the window of every output pixel in a staged image.
     windows: Vec<usize>,
-    /// Where every pixel of the image lies in a staged image.
+    /// Index of every pixel of the image in a staged image.
     pixels: Vec<usize>,
     /// The length of a staged pixel.
     pitch: usize,
@@ -50,7 +49,7 @@ pub(crate) struct Patches {
 pub(crate) struct Orbit {
     /// The tap that it starts with.
     pub start: [usize; 2],
-    /// Where the taps lie in a window.
+    /// Places of the taps in a window.
     pub taps: Vec<usize>,
     /// The parities of the folds, as positions in the group's list of irreps.
     pub parities: Vec<usize>,
@@ -209,17 +208,17 @@ impl Patches {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Where the window of every output pixel starts in a staged image.
+    /// Start of the window of every output pixel in a staged image.
     pub fn windows(&self) -> &[usize] {
         &self.windows
     }
 
-    /// Where every pixel of the image lies in a staged image.
+    /// Index of every pixel of the image in a staged image.
     pub fn pixels(&self) -> &[usize] {
         &self.pixels
     }
 
-    /// Where consecutive pixels lie in staged images, in blocks.
+    /// Places of consecutive pixels in staged images, in blocks.
     #[inline(always)]
     pub fn places(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixels.len();
@@ -286,7 +285,7 @@ impl Patches {
         }
     }
 
-    /// The same from the bytes of trivial channels, where they are not folded into lines.
+    /// Stages the bytes of trivial channels, where they are not folded into lines.
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
         let order = self.image.fields.group().order();

@@ -5,9 +5,8 @@ use std::ops::Range;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
-use crate::init::fill_normal;
 use crate::matrix::{Strided, StridedMut};
-use crate::real::Real;
+use crate::real::{Real, fill_normal};
 
 /// Parameter layout and products of an equivariant linear map.
 ///
@@ -33,7 +32,7 @@ impl Blocks {
         self.cols(b) * self.out.multiplicity(b)
     }
 
-    /// Where the weights of a block lie among the parameters.
+    /// Range of the weights of a block among the parameters.
     pub fn weights(&self, b: Irrep) -> Range<usize> {
         let start = Irrep::ALL[..b.index()]
             .iter()
@@ -147,7 +146,7 @@ pub(crate) struct Columns<'a, T> {
     pub stride: usize,
 }
 
-/// The same, to be written.
+/// Columns of a wider matrix, to be written.
 pub(crate) struct ColumnsMut<'a, T> {
     pub data: &'a mut [T],
     pub stride: usize,

@@ -37,7 +37,8 @@ pub struct Dense<'a> {
 pub struct Projection<T> {
     /// The layer's parameters; the biases are zero.
     pub params: Vec<T>,
-    /// What is not steerable: the Euclidean norm of the rest over that of the kernel, in [0, 1].
+    /// Share that is not steerable: the Euclidean norm of the rest over that of the kernel, in [0,
+    /// 1].
     pub residual: f64,
 }
 

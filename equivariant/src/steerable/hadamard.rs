@@ -4,7 +4,9 @@ use std::array::from_fn;
 
 use symmetry::{FieldType, Group};
 
+use crate::error::LayerError;
 use crate::real::Real;
+use crate::shape::Shape;
 
 /// The orthonormal Walsh-Hadamard transform of G = 1, 2 or 4 numbers; its own inverse.
 ///
@@ -56,6 +58,20 @@ pub(crate) fn permuted(fields: FieldType) -> Option<(usize, usize)> {
     Some((fields.group().order(), n))
 }
 
+/// The order of the group and the number of fields of a map that has a basis which the group
+/// permutes; refuses other maps.
+pub(crate) fn permuted_fields(
+    layer: &'static str,
+    shape: Shape,
+) -> Result<(usize, usize), LayerError> {
+    LayerError::check_map(layer, shape, 0)?;
+    permuted(shape.fields).ok_or(LayerError::Type {
+        layer,
+        got: shape.fields,
+        expected: "regular fields only or trivial channels only",
+    })
+}
+
 /// Transforms n fields of this order in place at every pixel.
 pub(crate) fn transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]) {
     match order {
@@ -81,13 +97,35 @@ fn transform_each<T: Real, const G: usize>(n: usize, pixels: &mut [T]) {
     }
 }
 
+/// Evaluates an expression in which `$order` is a constant: the value of `$value`, 1, 2 or 4.
+macro_rules! with_order {
+    ($order:ident = $value:expr, $result:expr) => {
+        match $value {
+            1 => {
+                const $order: usize = 1;
+                $result
+            }
+            2 => {
+                const $order: usize = 2;
+                $result
+            }
+            _ => {
+                const $order: usize = 4;
+                $result
+            }
+        }
+    };
+}
+
+pub(crate) use with_order;
+
 /// Splits the channels of one pixel into those of the irreps.
 #[inline(always)]
 pub(crate) fn parts<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
     from_fn(|a| &pixel[a * n..][..n])
 }
 
-/// The same, to be written.
+/// Splits the channels of one pixel to be written.
 #[inline(always)]
 pub(crate) fn parts_mut<T, const G: usize>(mut pixel: &mut [T], n: usize) -> [&mut [T]; G] {
     from_fn(|_| {

@@ -1,4 +1,4 @@
-//! Where windows lie on an image.
+//! Places of windows on an image.
 
 use std::fmt;
 
@@ -40,7 +40,7 @@ impl Windows {
         })
     }
 
-    /// The same for a pooling, whose windows must not lie in the padding altogether.
+    /// The windows of a pooling, which must not lie in the padding altogether.
     pub fn of_pooling(
         layer: &'static str,
         shape: Shape,

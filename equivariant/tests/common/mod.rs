@@ -4,106 +4,28 @@
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
 
 use equivariant::{
-    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, Kernel, Layer,
-    Linear, MaxPool, R2Conv, Relu, Scalar, Scratch, Sequential, Shape, SpatialSoftArgmax,
-    Statistics,
+    Concat, FieldType, Group, Kernel, Layer, LayerError, Linear, MaxPool, R2Conv, Relu, Scalar,
+    Scratch, Sequential, Shape, examples,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-use symmetry::Irrep;
 
-/// Every kind of layer for every group, by name.
+/// Every example of the registry and chains of layers, for every group, by name.
 pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
     let named = |group: Group| {
-        let all = [exact_layers_of(group), inexact_layers_of(group)];
-        let layers = all.into_iter().flatten();
+        let layers = layers_of(group).into_iter();
         layers.map(move |(name, layer)| (format!("{name} of {group}"), layer))
     };
     Group::ALL.into_iter().flat_map(named).collect()
 }
 
-type Named<T> = Vec<(&'static str, Box<dyn Layer<T>>)>;
-
-/// Layers that only permute, compare and scale single values in the regular basis.
-pub fn exact_layers_of<T: Scalar>(group: Group) -> Named<T> {
-    let regular = |n| group.regular(n);
-    let image = Shape::image;
-    let pool = |shape, window| boxed(MaxPool::new(shape, kernel(window)));
-    vec![
-        ("relu", boxed(Relu::new(image(3, 2, regular(3))))),
-        ("relu of 8", boxed(Relu::new(image(3, 2, regular(8))))),
-        (
-            "trivial relu",
-            boxed(Relu::new(Shape::vector(group.trivial(5)))),
-        ),
-        (
-            "group max-pool",
-            boxed(GroupMaxPool::new(image(2, 3, regular(4)))),
-        ),
-        (
-            "group mean-pool",
-            boxed(GroupMeanPool::new(image(2, 3, regular(4)))),
-        ),
-        ("max-pool 2x2/2", pool(image(4, 6, regular(3)), [2, 2, 0])),
-        ("max-pool 3x3/2", pool(image(5, 3, regular(2)), [3, 2, 1])),
-        (
-            "trivial max-pool",
-            pool(image(4, 4, group.trivial(3)), [2, 2, 0]),
-        ),
-    ]
-}
-
-/// Layers that sum, with even, odd, strided and 1 x 1 kernels, mixed and lacking irreps.
-pub fn inexact_layers_of<T: Scalar>(group: Group) -> Named<T> {
-    let regular = |n| group.regular(n);
-    let mixed = FieldType::new(group, [2, 1, 3, 0]);
-    let lacking = FieldType::new(group, [1, 2, 0, 2]);
-    let image = Shape::image;
-    let average = |shape, window| boxed(AveragePool::new(shape, kernel(window)));
-    let norm = |fields, statistics| boxed(FieldNorm::new(image(3, 2, fields), statistics));
-    let keypoints = |shape, temperature| boxed(SpatialSoftArgmax::new(shape, temperature));
-    let fixed = Statistics::Fixed([[0.3, 2.0], [-1.0, 0.5], [0.0, 1.0]].to_vec());
-    // only trivial channels, those of C1 included, have a mean
-    let trivial = mixed.multiplicity(Irrep::Trivial);
-    let mean = |f| if f < trivial { 0.7 } else { 0.0 };
-    // the mixed type is regular under one of the flips
-    let fields = mixed.regular_fields().unwrap_or(mixed.dim());
-    let moments = (0..fields).map(|f| [mean(f), 0.5 + f as f64]);
-    let fixed_mixed = Statistics::Fixed(moments.collect());
-    vec![
-        (
-            "4x4/2",
-            conv(group.trivial(6), regular(4), [4, 2, 1], [6, 8]),
-        ),
-        ("3x3", conv(regular(2), regular(3), [3, 1, 0], [3, 3])),
-        ("3x3/2", conv(mixed, lacking, [3, 2, 1], [5, 7])),
-        ("5x5", conv(regular(1), mixed, [5, 1, 2], [4, 3])),
-        ("2x2", conv(regular(8), regular(2), [2, 2, 0], [4, 6])),
-        ("1x1", conv(mixed, mixed, [1, 1, 0], [2, 3])),
-        (
-            "flatten",
-            boxed(R2Conv::flatten(image(3, 3, regular(2)), mixed)),
-        ),
-        ("linear", boxed(Linear::new(regular(3), lacking))),
-        ("linear from mixed", boxed(Linear::new(mixed, regular(4)))),
-        ("average-pool 2x2/2", average(image(4, 6, mixed), [2, 2, 0])),
-        (
-            "average-pool 3x3",
-            average(image(3, 4, regular(2)), [3, 1, 1]),
-        ),
-        ("norm of a batch", norm(regular(9), Statistics::Batch)),
-        ("norm of samples", norm(regular(3), Statistics::Sample)),
-        ("norm of mixed", norm(mixed, Statistics::Batch)),
-        ("fixed norm", norm(regular(3), fixed)),
-        ("fixed norm of mixed", norm(mixed, fixed_mixed)),
-        ("soft-argmax", keypoints(image(4, 5, regular(3)), 0.5)),
-        (
-            "trivial soft-argmax",
-            keypoints(image(3, 3, group.trivial(2)), 1.0),
-        ),
-        ("sequential", Box::new(network(group))),
-        ("nested", Box::new(nested(group))),
-        ("pooled", Box::new(Sequential::new(pooled(group)).unwrap())),
-    ]
+/// Examples and chains of one group.
+pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>>)> {
+    let single = examples(group).unwrap().into_iter();
+    let mut layers: Vec<_> = single.map(|of| (of.name, of.layer)).collect();
+    layers.push(("sequential", Box::new(network(group))));
+    layers.push(("nested", Box::new(nested(group))));
+    layers.push(("pooled", boxed(Sequential::new(pooled(group)))));
+    layers
 }
 
 /// The sum of a map that lacks irreps and one of regular fields.
@@ -116,9 +38,7 @@ pub fn kernel([size, stride, padding]: [usize; 3]) -> Kernel {
     Kernel::new(size, stride, padding)
 }
 
-pub fn boxed<T: Scalar, L: Layer<T> + 'static>(
-    layer: Result<L, equivariant::LayerError>,
-) -> Box<dyn Layer<T>> {
+pub fn boxed<T: Scalar, L: Layer<T> + 'static>(layer: Result<L, LayerError>) -> Box<dyn Layer<T>> {
     Box::new(layer.unwrap())
 }
 

@@ -28,9 +28,10 @@ fn closed_form(dense: &Dense, weights: usize, regular: bool) -> Vec<Vec<f64>> {
     let kernel = |i| {
         let mut unit = vec![0.0; weights + biases];
         unit[i] = 1.0;
-        match regular {
-            true => dense.regular_kernel(&unit),
-            false => dense.kernel(&unit),
+        if regular {
+            dense.regular_kernel(&unit)
+        } else {
+            dense.kernel(&unit)
         }
     };
     (0..weights).map(kernel).collect()

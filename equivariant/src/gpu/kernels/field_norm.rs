@@ -7,14 +7,14 @@ use crate::gpu::kernels::partial::sum;
 use crate::gpu::kernels::product::expression;
 use crate::gpu::plan::{Plan, Shared, Tensor};
 use crate::gpu::step::{Rows, Slot, Step, Work};
-use crate::steerable::operation::Moments;
+use crate::layers::layer::Statistics;
 
 /// Added to every variance.
 const EPSILON: f64 = 1e-5;
 
 /// A normalisation as kernels see it.
 struct FieldNorm<'a> {
-    moments: Moments<'a>,
+    moments: &'a Statistics,
     x: Tensor,
     channels: Channels,
     /// Fields with a mean and a bias.
@@ -25,7 +25,7 @@ struct FieldNorm<'a> {
     kept: Slot,
 }
 
-pub(super) fn add(plan: &mut Plan, moments: Moments, x: &Tensor, y: &Tensor) {
+pub(super) fn add(plan: &mut Plan, moments: &Statistics, x: &Tensor, y: &Tensor) {
     let fields = x.shape.fields;
     let channels = match fields.regular_fields() {
         Some(n) => Channels::regular(fields.group().order(), n),
@@ -39,7 +39,7 @@ pub(super) fn add(plan: &mut Plan, moments: Moments, x: &Tensor, y: &Tensor) {
         centred,
         base: plan.reserve(len, 0..len),
         kept: match moments {
-            Moments::Batch => plan.buffer(2 * channels.fields(), 0),
+            Statistics::Batch => plan.buffer(2 * channels.fields(), 0),
             _ => plan.buffer(0, 2 * channels.fields()),
         },
         channels,
@@ -55,7 +55,7 @@ impl FieldNorm<'_> {
     /// Parts of the batch that kernels treat apart from one another.
     fn parts(&self) -> Rows {
         match self.moments {
-            Moments::Batch => Rows::Fixed(1),
+            Statistics::Batch => Rows::Fixed(1),
             _ => Rows::Each(1),
         }
     }
@@ -63,7 +63,7 @@ impl FieldNorm<'_> {
     fn kernel(&self, plan: &Plan, label: &'static str) -> Step {
         let (fields, pixels) = (self.channels.fields(), self.x.shape.pixels());
         let (work, pixels) = match self.moments {
-            Moments::Batch => (Work::fixed_groups(fields), Rows::Each(pixels)),
+            Statistics::Batch => (Work::fixed_groups(fields), Rows::Each(pixels)),
             _ => (Work::groups(fields), Rows::Fixed(pixels)),
         };
         let step = Step::new(label, self.channels.order(), work)
@@ -84,7 +84,7 @@ impl FieldNorm<'_> {
         let step = self.channels.write(step, "y", y);
         let step = step.write("kept", "vec2<f32>", self.kept);
         let step = match self.moments {
-            Moments::Fixed(moments) => step
+            Statistics::Fixed(moments) => step
                 .read("standards", "vec2<f32>", plan.table(standards(moments)))
                 .text(include_str!("../wgsl/fixed.wgsl")),
             _ => step
@@ -102,7 +102,7 @@ impl FieldNorm<'_> {
         };
         // fixed statistics do not depend on the input
         let dependent = match self.moments {
-            Moments::Fixed(_) => 0.0,
+            Statistics::Fixed(_) => 0.0,
             _ => 1.0,
         };
         let step = self.kernel(plan, "field norm backward");

@@ -1,4 +1,4 @@
-//! Times networks on request, for `benches/peers/layers.sh`: reads lines `<network> <task>
+//! Times networks on request, for `layers.sh` and `roofline.py`: reads lines `<network> <task>
 //! <threads>` and answers each with the milliseconds of one run.
 //!
 //! Networks: `reference`, `narrow`, `pooled`, `wide`. Tasks: `training` (forward and backward of a
@@ -162,7 +162,7 @@ impl Bench {
     /// Multiplications of a forward pass of one image: ours, and the dense network's.
     fn multiplications(&self) -> [usize; 2] {
         let layers = self.net.layers().iter();
-        let dense = layers.filter_map(|layer| Some((layer.as_dense()?, layer.num_params())));
+        let dense = layers.filter_map(|layer| Some((layer.kind().dense()?, layer.num_params())));
         dense.fold([0; 2], |[ours, theirs], (dense, params)| {
             let pixels = dense.out_shape().pixels();
             let entries: usize = dense.kernel_shape().iter().product();

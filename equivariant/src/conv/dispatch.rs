@@ -2,13 +2,13 @@
 //! threads.
 
 use crate::chunks::in_one_of_many_chunks;
-use crate::conv::geometry::Conv;
-use crate::conv::pass::{Backward, Forward};
+use crate::conv::operands::{Backward, Forward};
 use crate::conv::pool::{Pooling, Unpooling};
+use crate::conv::r2_conv::R2Conv;
 use crate::conv::{backward, forward};
-use crate::order::with_order;
 use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes, Portable, WithLanes, run_f32};
+use crate::steerable::hadamard::with_order;
 
 /// Multiplications from which on half of them are worth another thread, which takes microseconds to
 /// get.
@@ -71,7 +71,7 @@ impl Passes for f64 {
 }
 
 /// The length of the scratch of both passes; `staged` says whether the input is.
-pub(crate) fn scratch_len(conv: &Conv, samples: usize, staged: bool) -> usize {
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let forward = forward::scratch_len(conv, samples, staged);
     forward.max(backward::scratch_len(conv, samples, staged))
 }

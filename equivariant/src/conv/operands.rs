@@ -1,15 +1,15 @@
-//! What the passes of a convolution read and write.
+//! Operands of the passes of a convolution.
 
 use std::ops::Range;
 
-use crate::conv::geometry::Conv;
 use crate::conv::maps::{Input, Maps, MapsMut};
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::lanes::LANES;
 
 /// Everything that a forward pass reads and writes.
 pub struct Forward<'a, T> {
-    pub(crate) conv: &'a Conv,
+    pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
     pub(crate) params: &'a [T],
     pub(crate) x: Input<'a, T>,
@@ -17,20 +17,20 @@ pub struct Forward<'a, T> {
     pub(crate) scratch: &'a mut [T],
 }
 
-/// What a forward pass writes.
+/// Output of a forward pass.
 pub(crate) struct Output<'a, T> {
     /// Which lines of the output; all of them unless there is one sample. `y` and `masks` begin
     /// with the first.
     pub lines: Range<usize>,
     pub y: MapsMut<'a, T>,
-    /// Where to keep which values a ReLU passes, a number for every block of outputs; none for no
+    /// Room for the values that a ReLU passes, a number for every block of outputs; none for no
     /// ReLU.
     pub masks: Option<&'a mut [T]>,
 }
 
 /// Everything that a backward pass reads and writes.
 pub struct Backward<'a, T> {
-    pub(crate) conv: &'a Conv,
+    pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
     pub(crate) x: Input<'a, T>,
     pub(crate) dy: Maps<'a, T>,
@@ -65,7 +65,7 @@ impl<T: Real> Forward<'_, T> {
 
 impl<T: Real> Output<'_, T> {
     /// The upper and the lower lines of a single image.
-    fn halves(self, conv: &Conv) -> (Self, Self) {
+    fn halves(self, conv: &R2Conv) -> (Self, Self) {
         let middle = conv.out.height / 2;
         let pixels = middle * conv.out.width;
         let (y, y_below) = self.y.split(pixels, conv.out.fields.dim());

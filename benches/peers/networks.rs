@@ -1,4 +1,4 @@
-//! The networks that examples time.
+//! Networks that the timing programs of this folder share.
 
 use equivariant::{Group, Kernel, Layer, LayerError, MaxPool, R2Conv, Relu, Sequential, Signature};
 

@@ -1,7 +1,7 @@
-//! What the products of a network's convolutions take in faer alone, beside whole passes of the
+//! Times the products of a network's convolutions in faer alone, beside whole passes of the
 //! network: medians of turns in ms, for 64 images of 64 x 64 x 6 on one thread.
 //!
-//! `cargo run --release -p covers-equivariant --example product_times`
+//! `cargo run --release -p covers-benches --example product_times`
 //!
 //! A convolution is four products, one for each irrep: folded patches times weights. A training
 //! step has two more of each, for the gradients in the weights and, but for the first layer, in the

@@ -1,16 +1,15 @@
-//! What happens to the sums of an output pixel.
+//! Bias, ReLU and layout of the sums of an output pixel.
 
-use crate::conv::geometry::Conv;
-use crate::conv::maps::MapsMut;
-use crate::conv::pass::Output;
-use crate::conv::pieces::Pieces;
+use crate::conv::maps::{MapsMut, Pieces};
+use crate::conv::operands::Output;
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
 use crate::simd::tiles::ROWS;
 
 /// Adds the bias to sums, rectifies them if there are masks, and writes the output.
-pub(crate) struct Finish<'a, T, L, const G: usize> {
+pub(crate) struct Epilogue<'a, T, L, const G: usize> {
     lanes: L,
     width: usize,
     join: Join,
@@ -26,11 +25,11 @@ pub(crate) struct Finish<'a, T, L, const G: usize> {
     skipped: usize,
 }
 
-impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
+impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
     #[inline(always)]
     pub fn new(
         lanes: L,
-        conv: &Conv,
+        conv: &R2Conv,
         params: &[T],
         pieces: &mut Pieces<'a, T>,
         to: Output<'a, T>,
@@ -46,7 +45,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         for (group, &b) in bias.as_flattened_mut().chunks_exact_mut(G).zip(biases) {
             group[0] = b;
         }
-        Finish {
+        Epilogue {
             lanes,
             width,
             join: Join::new(conv.out.fields),
@@ -60,8 +59,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Finish<'a, T, L, G> {
         }
     }
 
-    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of those
-    /// it has.
+    /// Writes `count` output pixels, at most as many as it has room for, from pixel `first` of
+    /// those it has.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
@@ -117,7 +116,7 @@ struct PixelSums<'a, T, L> {
     lanes: L,
     sums: &'a [Block<T>],
     bias: &'a [Block<T>],
-    /// Where the first block of every row goes.
+    /// Index of the first block of every row.
     places: &'a [usize],
 }
 

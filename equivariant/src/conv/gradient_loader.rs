@@ -1,9 +1,8 @@
-//! How a backward pass reads the output gradient.
+//! Panels of the output gradient, as a backward pass reads it.
 
-use crate::conv::geometry::Conv;
-use crate::conv::maps::Maps;
-use crate::conv::pass::Backward;
-use crate::conv::pieces::Pieces;
+use crate::conv::maps::{Maps, Pieces};
+use crate::conv::operands::Backward;
+use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::join::Join;
 use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
@@ -15,7 +14,7 @@ pub(crate) const MOST: usize = 64;
 pub(crate) struct Buffers<'a, T> {
     /// The gradient of the packed weights.
     pub dw: &'a mut [Block<T>],
-    /// That of the parameters, unless they are packed already and `dw` is the same.
+    /// The gradient of the parameters, unless they are packed already and `dw` is the same.
     dweights: Option<&'a mut [T]>,
     dbias: &'a mut [Block<T>],
     dbiases: &'a mut [T],
@@ -29,7 +28,7 @@ pub(crate) struct Buffers<'a, T> {
 
 impl<'a, T: Real> Buffers<'a, T> {
     /// The length of the buffers for up to [`MOST`] rows, in values.
-    pub fn scratch_len(conv: &Conv) -> usize {
+    pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
         let panels = 4 * MOST + 2 * MOST * weights.width();
         (3 * weights.blocks() + weights.width() + panels) * LANES
@@ -60,7 +59,7 @@ impl<'a, T: Real> Buffers<'a, T> {
     }
 
     /// Adds the gradients of the weights and of the bias to those of the parameters.
-    pub fn finish<const G: usize>(self, conv: &Conv) {
+    pub fn finish<const G: usize>(self, conv: &R2Conv) {
         if let Some(dweights) = self.dweights {
             conv.weights.add_unpacked(self.dw, dweights);
         }
@@ -85,7 +84,7 @@ pub(crate) struct Loader<'a, T, L, const G: usize> {
 }
 
 impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
-    pub fn new(lanes: L, conv: &Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
+    pub fn new(lanes: L, conv: &R2Conv, dy: Maps<'a, T>, masks: Option<&'a [T]>) -> Self {
         Loader {
             lanes,
             dy,
@@ -145,7 +144,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Loader<'a, T, L, G> {
 struct PixelGradients<'a, T, L> {
     lanes: L,
     from: &'a [Block<T>],
-    /// Where the first block of every pixel lies.
+    /// Index of the first block of every pixel.
     places: &'a [usize],
     dbias: &'a mut [Block<T>],
 }

@@ -1,0 +1,125 @@
+//! Steerable convolutions: their geometry, and where their parameters lie.
+
+use symmetry::{FieldType, Irrep};
+
+use crate::conv::weights::Weights;
+use crate::error::LayerError;
+use crate::shape::{Shape, product};
+use crate::simd::lanes::InstructionSet;
+use crate::simd::patches::Patches;
+use crate::steerable::blocks::Blocks;
+use crate::steerable::dense::Dense;
+use crate::steerable::taps::Taps;
+use crate::steerable::windows::Windows;
+use crate::window::Kernel;
+
+/// Output pixels that are worth staging several images together.
+const GROUP_PIXELS: usize = 64;
+
+/// A convolution that commutes with the group of its types, with a bias on the trivial irrep.
+///
+/// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
+/// ICLR 2017). Between irreps a and b that is w(g t) = a(g) b(g) w(t): the signs of the irrep a b.
+/// Patches are therefore folded by parity (even and odd along each axis for D2), and output irrep b
+/// is one product of its folded columns with a matrix of parameters `[out multiplicity of b,
+/// columns]`. The parameters of all irreps are interleaved, in the order in which the kernels read
+/// them, `[folded tap and input channel, output field, irrep]`, and the bias follows;
+/// [`dense`](R2Conv::dense) says what each of them does. Every steerable kernel on the grid is
+/// reached. Types of C1 give an ordinary convolution whose parameters are the kernel `[size, size,
+/// C_in, C_out]`.
+#[derive(Clone, Debug)]
+pub struct R2Conv {
+    pub(crate) taps: Taps,
+    pub(crate) patches: Patches,
+    pub(crate) blocks: Blocks,
+    pub(crate) weights: Weights,
+    pub(crate) out: Shape,
+    /// Widest instructions of single precision, if the processor has them.
+    pub(crate) widest: InstructionSet,
+}
+
+impl R2Conv {
+    /// A convolution of maps of `[height, width]` pixels.
+    ///
+    /// # Errors
+    /// When the groups of the types differ, a map is empty, the windows do not sit symmetrically
+    /// (see [`Kernel`]) or none fits.
+    pub fn new(
+        in_type: FieldType,
+        out_type: FieldType,
+        kernel: Kernel,
+        size: [usize; 2],
+    ) -> Result<R2Conv, LayerError> {
+        let layer = "R2Conv";
+        let image = Shape::image(size[0], size[1], in_type);
+        LayerError::check_groups(layer, in_type, out_type)?;
+        let windows = Windows::new(layer, out_type.group(), kernel, size)?;
+        let out = windows.out_shape(out_type);
+        LayerError::check_map(layer, image, kernel.padding)?;
+        LayerError::check_map(layer, out, 0)?;
+        let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
+        product(dense).ok_or(LayerError::TooLarge {
+            layer,
+            what: "a kernel",
+        })?;
+        let taps = Taps::new(image.fields, kernel.size);
+        let patches = Patches::new(&taps, image, kernel, windows.out_size);
+        let blocks = Blocks::new(Irrep::ALL.map(|b| taps.cols(b)), out_type);
+        Ok(R2Conv {
+            weights: Weights::new(&taps, &patches, &blocks, out_type),
+            taps,
+            patches,
+            blocks,
+            out,
+            widest: InstructionSet::Avx512,
+        })
+    }
+
+    /// A convolution whose window is the whole map: it flattens a square map to a vector.
+    ///
+    /// # Errors
+    /// When the groups of the types differ or the map is not square.
+    pub fn flatten(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
+        let Shape { height, width, .. } = shape;
+        if height != width {
+            return Err(LayerError::NotSquare {
+                layer: "R2Conv::flatten",
+                height,
+                width,
+            });
+        }
+        let kernel = Kernel::new(height, 1, 0);
+        R2Conv::new(shape.fields, out_type, kernel, [height, width])
+    }
+
+    /// Limits the layer to instructions no wider than these, for comparing: AVX2 and AVX-512 give
+    /// the same bits, and the portable code others. Double precision is portable in any case.
+    pub fn at_most(mut self, widest: InstructionSet) -> R2Conv {
+        self.widest = widest;
+        self
+    }
+
+    /// The layer as an ordinary convolution.
+    pub fn dense(&self) -> Dense<'_> {
+        Dense {
+            name: "R2Conv",
+            taps: self.taps.clone(),
+            blocks: &self.blocks,
+            places: Some(self.weights.places()),
+            window: self.patches.kernel(),
+            in_shape: self.image(),
+            out_shape: self.out,
+        }
+    }
+
+    /// The shape of one input sample.
+    pub(crate) fn image(&self) -> Shape {
+        self.patches.image()
+    }
+
+    /// The number of samples that are staged together.
+    pub(crate) fn group(&self, samples: usize) -> usize {
+        let group = GROUP_PIXELS / self.out.pixels();
+        group.clamp(1, samples.max(1))
+    }
+}

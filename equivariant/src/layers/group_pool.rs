@@ -1,0 +1,254 @@
+//! Pooling over the group: from regular fields to invariants.
+
+use std::array::from_fn;
+use std::fmt;
+
+use symmetry::Group;
+
+use crate::error::LayerError;
+use crate::layers::check::Example;
+use crate::layers::layer::{LayerKind, Parameterless, Scalar, Signature};
+use crate::real::exceeds;
+use crate::shape::Shape;
+use crate::steerable::hadamard::{parts, parts_mut, transform, with_order};
+
+/// Maps of regular fields, and how many they have.
+#[derive(Clone, Copy, Debug)]
+struct RegularMaps {
+    shape: Shape,
+    fields: usize,
+}
+
+impl RegularMaps {
+    /// Refuses every other type.
+    fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
+        LayerError::check_map(layer, shape, 0)?;
+        let fields = shape.fields.regular_fields().ok_or(LayerError::Type {
+            layer,
+            got: shape.fields,
+            expected: "regular fields only",
+        })?;
+        Ok(RegularMaps { shape, fields })
+    }
+
+    /// Maps with a trivial channel for each field.
+    fn pooled(&self) -> Shape {
+        let fields = self.shape.fields.group().trivial(self.fields);
+        Shape {
+            fields,
+            ..self.shape
+        }
+    }
+}
+
+/// Makes a layer of a struct around [`RegularMaps`] that leaves one number of each field.
+macro_rules! pooled_over_the_group {
+    ($Pool:ident) => {
+        impl $Pool {
+            /// The pooling of maps of this shape.
+            ///
+            /// # Errors
+            /// When the map is empty or its type is not regular fields only.
+            pub fn new(shape: Shape) -> Result<$Pool, LayerError> {
+                RegularMaps::new(stringify!($Pool), shape).map($Pool)
+            }
+        }
+
+        impl Signature for $Pool {
+            fn in_shape(&self) -> Shape {
+                self.0.shape
+            }
+
+            fn out_shape(&self) -> Shape {
+                self.0.pooled()
+            }
+        }
+
+        impl fmt::Display for $Pool {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, concat!(stringify!($Pool), "({})"), self.0.shape)
+            }
+        }
+    };
+}
+
+/// The maximum over the group of every regular field.
+///
+/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On
+/// ties the gradient goes to the first group element.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupMaxPool(RegularMaps);
+
+pooled_over_the_group!(GroupMaxPool);
+
+impl Parameterless for GroupMaxPool {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::GroupMaxPool
+    }
+
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let order = self.0.shape.fields.group().order();
+        with_order!(G = order, forward::<T, G>(self.0.fields, x, y));
+    }
+
+    fn pull_back<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+        let order = self.0.shape.fields.group().order();
+        with_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
+    }
+}
+
+fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
+    for (x, y) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
+        let x = parts::<T, G>(x, n);
+        for f in 0..n {
+            y[f] = first_maximum(transform::<T, G>(from_fn(|a| x[a][f]))).1;
+        }
+    }
+}
+
+fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
+    let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
+    for ((x, dy), dx) in inputs.zip(dx.chunks_exact_mut(G * n)) {
+        let x = parts::<T, G>(x, n);
+        let dx = parts_mut::<T, G>(dx, n);
+        for f in 0..n {
+            let (g, _) = first_maximum(transform::<T, G>(from_fn(|a| x[a][f])));
+            let mut values = [T::ZERO; G];
+            values[g] = dy[f];
+            let values = transform(values);
+            for a in 0..G {
+                dx[a][f] = values[a];
+            }
+        }
+    }
+}
+
+/// The first of the largest values, and its place; not a number counts as larger than anything.
+fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
+    let mut best = (0, values[0]);
+    for (g, &value) in values.iter().enumerate().skip(1) {
+        if exceeds(value, best.1) {
+            best = (g, value);
+        }
+    }
+    best
+}
+
+/// The mean over the group of every regular field.
+///
+/// Maps n regular fields to n trivial channels: the mean of a field's values is its trivial
+/// coefficient over the square root of the group's order. The other coefficients are dropped, so it
+/// is linear.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupMeanPool(RegularMaps);
+
+impl GroupMeanPool {
+    fn scale<T: Scalar>(&self) -> T {
+        let order = self.0.shape.fields.group().order() as f64;
+        T::from_f64(order.sqrt().recip())
+    }
+}
+
+pooled_over_the_group!(GroupMeanPool);
+
+impl Parameterless for GroupMeanPool {
+    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
+        LayerKind::GroupMeanPool
+    }
+
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
+        let ys = y.chunks_exact_mut(self.0.fields);
+        for (x, y) in x.chunks_exact(dim).zip(ys) {
+            for (y, &x) in y.iter_mut().zip(x) {
+                *y = x * scale;
+            }
+        }
+    }
+
+    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
+        let dys = dy.chunks_exact(self.0.fields);
+        for (dx, dy) in dx.chunks_exact_mut(dim).zip(dys) {
+            let (trivial, rest) = dx.split_at_mut(dy.len());
+            for (dx, &dy) in trivial.iter_mut().zip(dy) {
+                *dx = dy * scale;
+            }
+            rest.fill(T::ZERO);
+        }
+    }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let shape = Shape::image(2, 3, group.regular(4));
+    Ok(vec![
+        Example::exact("group max-pool", GroupMaxPool::new(shape)?),
+        Example::exact("group mean-pool", GroupMeanPool::new(shape)?),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layers::layer::Layer;
+    use crate::steerable::hadamard::hadamard;
+
+    #[test]
+    fn ties_go_to_the_first_element() {
+        assert_eq!(first_maximum([1.0, 3.0, 3.0, 2.0]), (1, 3.0));
+    }
+
+    #[test]
+    fn not_a_number_is_never_pooled_away() {
+        for place in 0..4 {
+            let mut values = [1.0f64, 5.0, 2.0, 3.0];
+            values[place] = f64::NAN;
+            assert!(first_maximum(values).1.is_nan(), "{values:?}");
+        }
+    }
+
+    #[test]
+    fn the_largest_value_of_the_regular_basis_comes_out() {
+        let pool = GroupMaxPool::new(Shape::vector(Group::D2.regular(1))).unwrap();
+        let x: [f64; 4] = transform([1.0, -2.0, 3.0, -4.0]);
+        let mut y = [0.0];
+        let mut scratch = pool.scratch(1);
+        pool.forward(&[], &x, &mut y, &mut scratch);
+        assert_eq!(y, [3.0]);
+        let mut dx = [0.0; 4];
+        pool.backward(&[], &x, &y, &[2.0], Some(&mut dx), &mut [], &mut scratch);
+        assert_eq!(transform(dx), [0.0, 0.0, 2.0, 0.0]);
+    }
+
+    #[test]
+    fn trivial_channels_are_refused() {
+        let shape = Shape::vector(Group::D2.trivial(4));
+        let message = GroupMaxPool::new(shape).unwrap_err().to_string();
+        assert!(
+            message.contains("got the type `4 1`, expected regular"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn the_mean_is_that_of_the_regular_basis() {
+        for group in Group::ALL {
+            let pool = GroupMeanPool::new(Shape::vector(group.regular(1))).unwrap();
+            let values = [1.0, -2.0, 3.0, -8.0];
+            let mut x = values[..group.order()].to_vec();
+            let mean = x.iter().sum::<f64>() / x.len() as f64;
+            hadamard(group, &mut x);
+            let mut y = [0.0];
+            pool.forward(&[], &x, &mut y, &mut pool.scratch(1));
+            assert!((y[0] - mean).abs() < 1e-15, "{group}");
+        }
+    }
+
+    #[test]
+    fn trivial_channels_of_a_larger_group_are_refused() {
+        let shape = Shape::vector(Group::C2.trivial(4));
+        let message = GroupMeanPool::new(shape).unwrap_err().to_string();
+        assert!(message.contains("got the type `C2: 4 1`"), "{message}");
+    }
+}

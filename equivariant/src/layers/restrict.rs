@@ -1,0 +1,242 @@
+//! The change to a subgroup inside a chain.
+
+use std::fmt;
+use std::ops::Range;
+
+use symmetry::{D2, FieldType, Group, Irrep};
+
+use crate::error::LayerError;
+use crate::layers::check::Example;
+use crate::layers::layer::{Parameterless, Scalar, Signature};
+use crate::shape::Shape;
+
+/// Maps of a group seen as maps of a subgroup, as escnn's `RestrictionModule` does it.
+///
+/// Layers behind it need to commute with the subgroup only. A regular field becomes |G| / |H|
+/// regular fields of the subgroup H, one for each of its cosets, and their values in the regular
+/// basis are those that the field had: a ReLU before gives what a ReLU behind gives. Channels of
+/// other types keep their values and are sorted by the irreps of the subgroup.
+#[derive(Clone, Debug)]
+pub struct Restrict {
+    shape: Shape,
+    group: Group,
+    blocks: Vec<Block>,
+}
+
+/// Channels `from` of the input, times `scale`, as a part of channels `to` and on of the output.
+#[derive(Clone, Debug)]
+struct Block {
+    to: usize,
+    from: Range<usize>,
+    scale: f64,
+}
+
+impl Restrict {
+    /// The restriction of maps of this shape to a group.
+    ///
+    /// # Errors
+    /// When the map is empty or the group is not a subgroup of that of its type.
+    pub fn new(shape: Shape, group: Group) -> Result<Restrict, LayerError> {
+        LayerError::check_map("Restrict", shape, 0)?;
+        if !group.is_subgroup_of(shape.fields.group()) {
+            return Err(LayerError::Setting {
+                layer: "Restrict",
+                setting: "group",
+                got: group.to_string(),
+                expected: "a subgroup of that of the input",
+            });
+        }
+        let blocks = match shape.fields.regular_fields() {
+            Some(fields) => of_regular_fields(shape.fields, fields, group),
+            None => sorted(shape.fields, group),
+        };
+        Ok(Restrict {
+            shape,
+            group,
+            blocks,
+        })
+    }
+}
+
+/// The irreps of a type that become irrep `b` of a subgroup, with their channels.
+fn sources_of(
+    fields: FieldType,
+    group: Group,
+    b: Irrep,
+) -> impl Iterator<Item = (Irrep, Range<usize>)> {
+    let irreps = fields.group().irreps().iter();
+    let irreps = irreps.filter(move |&&a| group.restrict(a) == b);
+    irreps.map(move |&a| (a, fields.range(a)))
+}
+
+/// Channels that keep their values, next to those of the same irrep of the subgroup.
+fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
+    let sources = group.irreps().iter();
+    let sources = sources.flat_map(|&b| sources_of(fields, group, b));
+    let mut to = 0;
+    let blocks = sources.map(|(_, from)| {
+        let start = to;
+        to += from.len();
+        Block {
+            to: start,
+            from,
+            scale: 1.0,
+        }
+    });
+    blocks.collect()
+}
+
+/// The matrix that keeps the values of regular fields.
+///
+/// The field of coset H t has the value v(h t) at element h, where v(g) = |G|^-1/2 sum_a a(g) c_a
+/// are the values of the field of G. Its coefficient of irrep b is hence (|H| / |G|)^1/2 sum_a a(t)
+/// c_a over the irreps a of G that become b.
+fn of_regular_fields(fields: FieldType, n: usize, group: Group) -> Vec<Block> {
+    let cosets = cosets(fields.group(), group);
+    let scale = (cosets.len() as f64).sqrt().recip();
+    let mut blocks = Vec::new();
+    for &b in group.irreps() {
+        let start = fields.restrict(group).range(b).start;
+        for (coset, &t) in cosets.iter().enumerate() {
+            blocks.extend(sources_of(fields, group, b).map(|(a, from)| Block {
+                to: start + coset * n,
+                from,
+                scale: scale * f64::from(a.sign(t)),
+            }));
+        }
+    }
+    blocks
+}
+
+/// The first element of every coset of a subgroup.
+fn cosets(group: Group, subgroup: Group) -> Vec<D2> {
+    let (all, own) = (group.elements().iter(), subgroup.elements());
+    let first = |t: &D2| own.iter().all(|&h| t.bits() <= (h * *t).bits());
+    all.copied().filter(first).collect()
+}
+
+impl Signature for Restrict {
+    fn in_shape(&self) -> Shape {
+        self.shape
+    }
+
+    fn out_shape(&self) -> Shape {
+        let fields = self.shape.fields.restrict(self.group);
+        Shape {
+            fields,
+            ..self.shape
+        }
+    }
+}
+
+impl Parameterless for Restrict {
+    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
+        let dim = self.shape.fields.dim();
+        y.fill(T::ZERO);
+        for (x, y) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
+            for Block { to, from, scale } in &self.blocks {
+                add(*scale, &x[from.clone()], &mut y[*to..]);
+            }
+        }
+    }
+
+    /// The matrix is orthogonal.
+    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+        let dim = self.shape.fields.dim();
+        dx.fill(T::ZERO);
+        for (dy, dx) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
+            for Block { to, from, scale } in &self.blocks {
+                add(*scale, &dy[*to..], &mut dx[from.clone()]);
+            }
+        }
+    }
+}
+
+/// Adds values times `scale`, as many as the shorter slice has.
+fn add<T: Scalar>(scale: f64, from: &[T], to: &mut [T]) {
+    let scale = T::from_f64(scale);
+    for (to, &from) in to.iter_mut().zip(from) {
+        *to += scale * from;
+    }
+}
+
+impl fmt::Display for Restrict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Restrict({} -> {})", self.shape, self.group)
+    }
+}
+
+/// Examples for the tests of all layers: restrictions to the next smaller groups.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
+    let regular = Shape::image(2, 4, group.regular(3));
+    let sub = match group {
+        Group::D2 => Group::D1y,
+        _ => Group::C1,
+    };
+    Ok(vec![
+        Example::exact("restriction", Restrict::new(regular, sub)?),
+        Example::exact("restriction to C1", Restrict::new(regular, Group::C1)?),
+        Example::exact("restriction of mixed", Restrict::new(mixed, sub)?),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layers::layer::Layer;
+    use crate::layers::relu::Relu;
+    use crate::steerable::hadamard::hadamard;
+
+    fn run(layer: &dyn Layer<f64>, x: &[f64]) -> Vec<f64> {
+        let mut y = vec![f64::NAN; layer.out_shape().len()];
+        layer.forward(&[], x, &mut y, &mut layer.scratch(1));
+        y
+    }
+
+    #[test]
+    fn regular_fields_keep_their_values() {
+        let values = [0.3, -1.0, 2.0, 0.7];
+        for group in Group::ALL {
+            for sub in Group::ALL.into_iter().filter(|h| h.is_subgroup_of(group)) {
+                let restrict = Restrict::new(Shape::vector(group.regular(1)), sub).unwrap();
+                let mut x = values[..group.order()].to_vec();
+                hadamard(group, &mut x);
+                let mut y = run(&restrict, &x);
+                hadamard(sub, &mut y);
+                let at = |g: D2| group.elements().iter().position(|&e| e == g).unwrap();
+                let cosets = cosets(group, sub);
+                let elements = sub.elements().iter();
+                let elements = elements.flat_map(|&h| cosets.iter().map(move |&t| h * t));
+                for (y, g) in y.into_iter().zip(elements) {
+                    assert!((y - values[at(g)]).abs() < 1e-15, "{group} to {sub}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_relu_may_come_before_or_behind() {
+        let shape = Shape::image(2, 2, Group::D2.regular(3));
+        let x: Vec<f64> = (0..shape.len()).map(|i| (i as f64).cos()).collect();
+        let restrict = Restrict::new(shape, Group::C2).unwrap();
+        let before = run(&restrict, &run(&Relu::new(shape).unwrap(), &x));
+        let behind = run(
+            &Relu::new(restrict.out_shape()).unwrap(),
+            &run(&restrict, &x),
+        );
+        let pairs = before.iter().zip(&behind);
+        assert!(pairs.clone().all(|(a, b)| (a - b).abs() < 1e-15));
+        assert!(before != run(&restrict, &x));
+    }
+
+    #[test]
+    fn only_subgroups_are_taken() {
+        let shape = Shape::vector(Group::D1x.regular(1));
+        for group in [Group::D1y, Group::C2, Group::D2] {
+            let message = Restrict::new(shape, group).unwrap_err().to_string();
+            let expected = format!("Restrict: got the group {group}, expected a subgroup");
+            assert!(message.starts_with(&expected), "{message}");
+        }
+    }
+}

@@ -1,0 +1,267 @@
+//! Sums of branches, such as residual connections.
+
+use std::fmt;
+use std::ops::Range;
+
+use rand::Rng;
+use symmetry::{FieldType, Group};
+
+use crate::error::LayerError;
+use crate::layers::check::Example;
+use crate::layers::layer::{Layer, Scalar, Signature, hash_of};
+use crate::layers::linear::Linear;
+use crate::layers::max_pool::MaxPool;
+use crate::layers::r2_conv::R2Conv;
+use crate::layers::relu::Relu;
+use crate::layers::sequential::Sequential;
+use crate::scratch::{BackwardPass, take_whole, whole};
+use crate::shape::Shape;
+use crate::window::Kernel;
+
+/// The sum of what several layers make of one input: f(x) + g(x) + ..., or x + f(x).
+///
+/// Its parameters are those of its branches in order. The residual connection x + f(x) is that of
+/// He et al., "Deep residual learning", CVPR 2016, equation 1. Initial weights of every branch have
+/// the gain over the square root of the number of terms, x included, so that a sum of branches has
+/// the second moment that a single one would have.
+pub struct Sum<T> {
+    branches: Vec<Box<dyn Layer<T>>>,
+    params: Vec<Range<usize>>,
+    /// `true` where the input is a term of its own.
+    residual: bool,
+    scratch_key: u64,
+}
+
+impl<T: Scalar> Sum<T> {
+    /// The sum of layers.
+    ///
+    /// # Errors
+    /// When there are none, or they do not map the same shape to the same shape.
+    pub fn new(branches: Vec<Box<dyn Layer<T>>>) -> Result<Sum<T>, LayerError> {
+        Sum::of(branches, false)
+    }
+
+    /// The sum of the input and of a layer.
+    ///
+    /// # Errors
+    /// When the layer's output has another shape than its input.
+    pub fn residual(branch: Box<dyn Layer<T>>) -> Result<Sum<T>, LayerError> {
+        Sum::of(vec![branch], true)
+    }
+
+    fn of(branches: Vec<Box<dyn Layer<T>>>, residual: bool) -> Result<Sum<T>, LayerError> {
+        let refused = |setting, got, expected| LayerError::Setting {
+            layer: "Sum",
+            setting,
+            got,
+            expected,
+        };
+        let Some(first) = branches.first() else {
+            return Err(refused("number of branches", "0".to_owned(), "at least 1"));
+        };
+        if residual && first.in_shape() != first.out_shape() {
+            let expected = "one whose output has the shape of its input";
+            return Err(refused("branch", first.to_string(), expected));
+        }
+        let shapes = [first.in_shape(), first.out_shape()];
+        for branch in &branches {
+            if [branch.in_shape(), branch.out_shape()] != shapes {
+                let expected = "one between the shapes of the first branch";
+                return Err(refused("branch", branch.to_string(), expected));
+            }
+        }
+        let mut end = 0;
+        let params = branches.iter().map(|branch| {
+            let start = end;
+            end += branch.num_params();
+            start..end
+        });
+        let params = params.collect();
+        let printed: Vec<String> = branches.iter().map(|branch| branch.to_string()).collect();
+        Ok(Sum {
+            params,
+            residual,
+            scratch_key: hash_of(("Sum", residual, printed)),
+            branches,
+        })
+    }
+
+    fn branches(&self) -> impl Iterator<Item = (&dyn Layer<T>, Range<usize>)> {
+        let branches = self.branches.iter().map(|branch| branch.as_ref());
+        branches.zip(self.params.iter().cloned())
+    }
+}
+
+/// The output of a branch and its own scratch, off the front of that of the sum.
+fn take_branch<'a, T: Scalar>(
+    branch: &dyn Layer<T>,
+    samples: usize,
+    scratch: &mut &'a mut [T],
+) -> (&'a mut [T], &'a mut [T]) {
+    let output = take_whole(scratch, samples * branch.out_shape().len());
+    (output, take_whole(scratch, branch.scratch_len(samples)))
+}
+
+fn add<T: Scalar>(to: &mut [T], terms: &[T]) {
+    for (to, &term) in to.iter_mut().zip(terms) {
+        *to += term;
+    }
+}
+
+impl<T: Scalar> Signature for Sum<T> {
+    fn in_shape(&self) -> Shape {
+        self.branches[0].in_shape()
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.branches[0].out_shape()
+    }
+
+    fn num_params(&self) -> usize {
+        self.params[self.params.len() - 1].end
+    }
+
+    /// Outputs and scratches of all branches, then the gradient of one of them in the input.
+    fn scratch_len(&self, samples: usize) -> usize {
+        let output = whole(samples * self.out_shape().len());
+        let branches = self.branches.iter();
+        let branches = branches.map(|branch| output + whole(branch.scratch_len(samples)));
+        branches.sum::<usize>() + samples * self.in_shape().len()
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        true
+    }
+
+    fn scratch_key(&self) -> u64 {
+        self.scratch_key
+    }
+}
+
+impl<T: Scalar> Layer<T> for Sum<T> {
+    fn draw(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+        let terms = self.branches.len() + usize::from(self.residual);
+        for (branch, range) in self.branches() {
+            branch.init_scaled(rng, gain / (terms as f64).sqrt(), &mut params[range]);
+        }
+    }
+
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let samples = x.len() / self.in_shape().len();
+        let mut rest = scratch;
+        if self.residual {
+            y.copy_from_slice(x);
+        } else {
+            y.fill(T::ZERO);
+        }
+        for (branch, range) in self.branches() {
+            let (output, own) = take_branch(branch, samples, &mut rest);
+            branch.run_forward(&params[range], x, output, own);
+            add(y, output);
+        }
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let samples = pass.x.len() / self.in_shape().len();
+        let gradient = pass.scratch.len() - pass.x.len();
+        let (mut rest, gradient) = pass.scratch.split_at_mut(gradient);
+        let mut dx = pass.dx;
+        if let Some(dx) = &mut dx {
+            if self.residual {
+                dx.copy_from_slice(pass.dy);
+            } else {
+                dx.fill(T::ZERO);
+            }
+        }
+        for (branch, range) in self.branches() {
+            let (output, own) = take_branch(branch, samples, &mut rest);
+            branch.run_backward(BackwardPass {
+                params: &pass.params[range.clone()],
+                x: pass.x,
+                y: output,
+                dy: pass.dy,
+                dx: dx.is_some().then_some(&mut *gradient),
+                dparams: &mut pass.dparams[range],
+                scratch: own,
+            });
+            if let Some(dx) = &mut dx {
+                add(dx, gradient);
+            }
+        }
+    }
+}
+
+impl<T: Scalar> fmt::Display for Sum<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let input = self.residual.then(|| "x".to_owned()).into_iter();
+        let branches = self.branches.iter().map(|branch| branch.to_string());
+        let terms: Vec<String> = input.chain(branches).collect();
+        write!(f, "Sum({})", terms.join(" + "))
+    }
+}
+
+impl<T: Scalar> fmt::Debug for Sum<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{self}")
+    }
+}
+
+/// Examples for the tests of all layers.
+pub(super) fn examples<T: Scalar>(group: Group) -> Result<Vec<Example<T>>, LayerError> {
+    let shape = Shape::image(4, 3, group.regular(2));
+    let same = Kernel::new(3, 1, 1);
+    let conv = || R2Conv::new(shape.fields, shape.fields, same, [4, 3]);
+    let block = Sequential::new(vec![
+        Box::new(conv()?) as Box<dyn Layer<T>>,
+        Box::new(Relu::new(shape)?),
+        Box::new(conv()?),
+    ])?;
+    let (relu, pool) = (Relu::new(shape)?, MaxPool::new(shape, same)?);
+    let [from, to] = [[2, 1, 3, 0], [1, 2, 0, 2]].map(|irreps| FieldType::new(group, irreps));
+    let linear = || Linear::new(from, to).map(|linear| Box::new(linear) as Box<dyn Layer<T>>);
+    Ok(vec![
+        Example::exact("sum", Sum::new(vec![Box::new(relu), Box::new(pool)])?),
+        Example::exact("residual relu", Sum::residual(Box::new(Relu::new(shape)?))?),
+        Example::rounded("residual block", Sum::residual(Box::new(block))?),
+        Example::rounded("sum of linear", Sum::new(vec![linear()?, linear()?])?),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn relu(fields: FieldType) -> Box<dyn Layer<f64>> {
+        Box::new(Relu::new(Shape::vector(fields)).unwrap())
+    }
+
+    #[test]
+    fn terms_are_added_and_the_input_passes_its_gradient_on() {
+        let fields = Group::D2.trivial(2);
+        let sum = Sum::residual(relu(fields)).unwrap();
+        let (mut y, mut dx) = ([f64::NAN; 2], [f64::NAN; 2]);
+        let mut scratch = sum.scratch(1);
+        let x = [3.0, -4.0];
+        sum.forward(&[], &x, &mut y, &mut scratch);
+        assert_eq!(y, [6.0, -4.0]);
+        let dy = [1.0, 10.0];
+        sum.backward(&[], &x, &y, &dy, Some(&mut dx), &mut [], &mut scratch);
+        assert_eq!(dx, [2.0, 10.0]);
+        assert_eq!(sum.to_string(), "Sum(x + Relu(1 x 1 x (2 1)))");
+    }
+
+    #[test]
+    fn branches_of_other_shapes_are_refused_by_name() {
+        let [one, two] = [1, 2].map(|n| Group::D2.trivial(n));
+        let message = Sum::new(vec![relu(one), relu(two)])
+            .unwrap_err()
+            .to_string();
+        let expected = "Sum: got the branch Relu(1 x 1 x (2 1)), expected one between";
+        assert!(message.starts_with(expected), "{message}");
+        let widens = Box::new(Linear::new(one, two).unwrap());
+        let message = Sum::<f64>::residual(widens).unwrap_err().to_string();
+        assert!(message.contains("the shape of its input"), "{message}");
+        let message = Sum::<f64>::new(Vec::new()).unwrap_err().to_string();
+        assert!(message.starts_with("Sum: got the number of branches 0"));
+    }
+}
