@@ -68,8 +68,8 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::actor_critic_policy::ActorCriticPolicy;
     use crate::fixtures::{kills, observations, settings, spec, strided};
+    use crate::network_policy::ActorCriticPolicy;
 
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {

@@ -4,8 +4,7 @@ use std::fmt;
 
 use symmetry::{D2, Irrep};
 
-use crate::error::{BoxError, Place, RlError, check_finite_at, check_len};
-use crate::require::{require, require_memory};
+use crate::error::{BoxError, Place, RlError, check_finite_at, check_len, require, require_memory};
 
 /// Largest magnitude accepted in an observation vector, whose components are to be of order 1:
 /// a margin below the numbers whose squares overflow (1.8e19).

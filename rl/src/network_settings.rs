@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::encoder::{Encoder, copies};
-use crate::error::RlError;
-use crate::require::{require_log_std, require_positive, require_width};
+use crate::error::{RlError, require_log_std, require_positive, require_width};
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x
 /// 48 pixels.

@@ -4,10 +4,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Group, Irrep};
 
+use crate::distributions::standard_normals;
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
-use crate::error::RlError;
-use crate::gaussian::standard_normals;
-use crate::require::require;
+use crate::error::{RlError, require};
 use crate::rollout::{Episode, step};
 
 /// Random moves of the episodes that the observed deviation is compared with: with all of them

@@ -3,7 +3,8 @@
 use std::ops::Range;
 
 use equivariant::{
-    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape, Signature,
+    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Scratch, Sequential, Shape,
+    Signature, level, unit_sums,
 };
 use rand::Rng;
 use symmetry::irrep_order;
@@ -11,8 +12,6 @@ use symmetry::irrep_order;
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
-use crate::sight_pass::SightPass;
-use crate::stage::Stage;
 
 /// The shared part of a network, with the settings and the spec of all of it.
 ///
@@ -53,18 +52,18 @@ pub struct Parts<'a, T> {
 /// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
-    image: Option<SightPass<T>>,
-    vector: Stage<T>,
-    pool: Stage<T>,
+    image: Option<EncoderBuffers<T>>,
+    vector: LayerBuffers<T>,
+    pool: LayerBuffers<T>,
 }
 
 /// A network that begins with a trunk.
-pub trait OnTrunk<T> {
+pub trait HasTrunk<T> {
     fn trunk(&self) -> &Trunk<T>;
 }
 
 /// The buffers of such a network.
-pub trait OnTrunkPass<T> {
+pub trait HasTrunkPass<T> {
     fn trunk(&mut self) -> &mut TrunkPass<T>;
 }
 
@@ -144,9 +143,9 @@ impl<T: Scalar> Trunk<T> {
     pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
         let sight = self.sight.as_ref();
         TrunkPass {
-            image: sight.map(|sight| SightPass::new(&sight.encoder, capacity)),
-            vector: Stage::new(&self.vector, capacity),
-            pool: Stage::new(&self.pool, capacity),
+            image: sight.map(|sight| EncoderBuffers::new(&sight.encoder, capacity)),
+            vector: LayerBuffers::new(&self.vector, capacity),
+            pool: LayerBuffers::new(&self.pool, capacity),
         }
     }
 
@@ -220,8 +219,7 @@ impl<T: Scalar> Trunk<T> {
     /// Brings a gradient in the features, `[n, F]`, to h.
     pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
         pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
-        pass.pool
-            .backward(&self.pool, (&[], 0..0), n, &mut [], true);
+        pass.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
     /// Adds the gradient in the parameters to `dparams`, from that in h: [`TrunkPass::d_fields`].
@@ -238,8 +236,9 @@ impl<T: Scalar> Trunk<T> {
             }
             _ => d_vector.copy_from_slice(sum),
         }
-        let own = (params, self.vector_params());
-        pass.vector.backward(&self.vector, own, n, dparams, false);
+        let own = self.vector_params();
+        pass.vector
+            .backward(&self.vector, params, own, n, dparams, false);
     }
 }
 
@@ -310,5 +309,111 @@ impl Layout {
     pub fn next(&mut self, len: usize) -> Range<usize> {
         self.0 += len;
         self.0 - len..self.0
+    }
+}
+
+/// Buffers of one layer for up to a fixed number of samples: input and output with their gradients,
+/// and the layer's scratch.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerBuffers<T> {
+    pub x: Vec<T>,
+    pub y: Vec<T>,
+    pub dx: Vec<T>,
+    pub dy: Vec<T>,
+    scratch: Scratch<T>,
+}
+
+impl<T: Scalar> LayerBuffers<T> {
+    pub fn new(layer: &impl Layer<T>, samples: usize) -> Self {
+        let zeros = |len| vec![T::ZERO; len];
+        let (input, output) = (
+            samples * layer.in_shape().len(),
+            samples * layer.out_shape().len(),
+        );
+        Self {
+            x: zeros(input),
+            y: zeros(output),
+            dx: zeros(input),
+            dy: zeros(output),
+            scratch: layer.scratch(samples),
+        }
+    }
+
+    /// Runs the first n samples.
+    pub fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) {
+        let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
+    }
+
+    /// Sums of what each unit puts out for the first n samples, a list for each ReLU.
+    pub fn unit_sums(&self, layer: &impl Layer<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+        unit_sums(layer, params, &self.x[..n * layer.in_shape().len()])
+    }
+
+    /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.
+    pub fn backward(
+        &mut self,
+        layer: &impl Layer<T>,
+        params: &[T],
+        range: Range<usize>,
+        n: usize,
+        dparams: &mut [T],
+        input_too: bool,
+    ) {
+        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        let dx = input_too.then_some(&mut self.dx[..input]);
+        let (x, y, dy) = (&self.x[..input], &self.y[..output], &self.dy[..output]);
+        let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
+        layer.backward(params, x, y, dy, dx, dparams, &mut self.scratch);
+    }
+}
+
+/// Buffers for up to a fixed number of pictures: they, the output with its gradient, and the
+/// encoder's scratch.
+#[derive(Clone, Debug)]
+pub(crate) struct EncoderBuffers<T> {
+    /// `[N, H, W, C]`, bytes.
+    pub pictures: Vec<u8>,
+    pub y: Vec<T>,
+    pub dy: Vec<T>,
+    scratch: Scratch<T>,
+}
+
+impl<T: Scalar> EncoderBuffers<T> {
+    pub fn new(encoder: &Sequential<T>, samples: usize) -> Self {
+        let output = samples * encoder.out_shape().len();
+        Self {
+            pictures: vec![0; samples * encoder.in_shape().len()],
+            y: vec![T::ZERO; output],
+            dy: vec![T::ZERO; output],
+            scratch: encoder.scratch(samples),
+        }
+    }
+
+    /// Runs the first n pictures.
+    pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) {
+        let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
+        let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
+        encoder.forward_bytes(params, pictures, y, &mut self.scratch);
+    }
+
+    /// Sums of what each unit puts out for the first n pictures, a list for each ReLU.
+    pub fn unit_sums(&self, encoder: &Sequential<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+        let pictures = &self.pictures[..n * encoder.in_shape().len()];
+        let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
+        unit_sums(encoder, params, &x)
+    }
+
+    /// Adds the gradient in the parameters to `dparams`, from that in the output.
+    pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
+        let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
+        let outputs = [&self.y[..y], &self.dy[..y]];
+        encoder.backward_bytes(
+            params,
+            &self.pictures[..x],
+            outputs,
+            dparams,
+            &mut self.scratch,
+        );
     }
 }

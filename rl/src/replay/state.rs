@@ -6,9 +6,7 @@ use std::fmt;
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::recorded::Place;
-use crate::replay::ring::Replay;
-use crate::replay::settings::ReplaySettings;
+use crate::replay::{Place, Replay, ReplaySettings};
 
 /// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]

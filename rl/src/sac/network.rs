@@ -6,14 +6,13 @@ use equivariant::{Concat, FieldType, Layer, Scalar, Sequential, Shape, Signature
 use rand::Rng;
 use symmetry::{Irrep, irrep_order};
 
+use crate::distributions::raw_log_std;
 use crate::env::EnvSpec;
-use crate::error::RlError;
+use crate::error::{RlError, require};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::require::require;
-use crate::sac::reader::Reader;
+use crate::sac::context::Reader;
 use crate::sac::settings::ContextSettings;
-use crate::sac::squashed::raw_log_std;
-use crate::trunk::{Layout, OnTrunk, Trunk, head};
+use crate::trunk::{HasTrunk, Layout, Trunk, head};
 
 /// Actor and twin critics on shared equivariant features.
 ///
@@ -192,7 +191,7 @@ impl<T: Scalar> SacNetwork<T> {
     }
 }
 
-impl<T> OnTrunk<T> for SacNetwork<T> {
+impl<T> HasTrunk<T> for SacNetwork<T> {
     fn trunk(&self) -> &Trunk<T> {
         &self.trunk
     }

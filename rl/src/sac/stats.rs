@@ -1,7 +1,6 @@
 //! What an update of soft actor-critic reports.
 
-use crate::algorithm::Metrics;
-use crate::figures::{named, sums};
+use crate::algorithm::{Metrics, named, sums};
 
 /// What an update did: means over all steps of all minibatches that were run. Where none was, as
 /// during the burn-in, `steps` is 0, and the means are zeros that say nothing: every row of a table
@@ -42,7 +41,7 @@ impl Metrics for SacStats {
 
 sums! {
     /// Sums over steps of the losses' terms and of the diagnostics.
-    SacSums: samples, critic, actor, cloning, value, log_prob
+    SacSums: samples, critic_loss, actor_loss, cloning_loss, value, log_pi
 }
 
 /// Running sums of an update.
@@ -59,11 +58,11 @@ impl SacTotals {
         let mean = |sum: f64| sum / self.sums.samples.max(1.0);
         let each = |sum: f64| sum / self.steps.max(1) as f64;
         SacStats {
-            critic_loss: mean(self.sums.critic),
-            actor_loss: mean(self.sums.actor),
-            cloning_loss: mean(self.sums.cloning),
+            critic_loss: mean(self.sums.critic_loss),
+            actor_loss: mean(self.sums.actor_loss),
+            cloning_loss: mean(self.sums.cloning_loss),
             value: mean(self.sums.value),
-            entropy: mean(-self.sums.log_prob),
+            entropy: mean(-self.sums.log_pi),
             temperature,
             grad_norm: each(self.grad_norms),
             clip_fraction: each(self.clipped),

@@ -5,8 +5,7 @@ use rand::Rng;
 use symmetry::{Irrep, irrep_order};
 
 use crate::env::EnvSpec;
-use crate::error::RlError;
-use crate::require::require;
+use crate::error::{RlError, require};
 use crate::sac::settings::ContextSettings;
 
 /// Gives a head its input: the fields h of the observation alone, or with a context the state of a
@@ -133,7 +132,8 @@ impl Reader {
         &self,
         index: usize,
         fields: &[T],
-        (action, reward): (&[f32], f32),
+        action: &[f32],
+        reward: f32,
         items: &mut Items<T>,
     ) {
         let Some(context) = &self.context else { return };
@@ -150,7 +150,8 @@ impl Reader {
         &self,
         params: &[T],
         fields: &[T],
-        (items, steps): (&Items<T>, &Steps),
+        items: &Items<T>,
+        steps: &Steps,
         pass: &mut ReaderPass<T>,
     ) {
         let samples = fields.len() / self.fields.dim();
