@@ -33,7 +33,7 @@ pub struct RolloutBuffer {
     finals: Observations,
     truncated: Vec<usize>,
     last: Observations,
-    /// What actions are drawn with.
+    /// Noise that actions are drawn with.
     noise: ActionNoise,
     /// Of the step that is being collected, `[N]`.
     step_decisions: Decisions,
@@ -74,10 +74,10 @@ impl RolloutBuffer {
     }
 
     /// Lets the noise of actions keep its direction in what [`collect`](crate::collect) fills the
-    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal, so
-    /// that x is, too. It begins afresh with every episode and every collection, so that
-    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new buffer
-    /// has c = 0: independent numbers.
+    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal,
+    /// so that x is, too. It begins afresh with every episode and every collection, so that
+    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new
+    /// buffer has c = 0: independent numbers.
     ///
     /// Log-probabilities are those of each decision by itself, as in Hollenstein et al., "Colored
     /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they are not

@@ -29,7 +29,7 @@ pub(crate) struct Observed {
     pub draws: Slot,
 }
 
-/// What the network puts out, and where two kinds of parameters start.
+/// Outputs of the network, and starts of two kinds of parameters.
 pub(crate) struct Outputs {
     /// Mean actions, irrep-major.
     pub mean: Tensor,
@@ -49,7 +49,8 @@ impl Observed {
         draws: usize,
     ) -> Self {
         let spec = network.spec();
-        let picture = network.trunk.parts().sight.map_or(0, |_| spec.image_len());
+        let encoder = network.trunk.parts().encoder;
+        let picture = encoder.map_or(0, |encoder| encoder.in_shape().len());
         let bytes = observations.saturating_mul(picture);
         let components = observations.saturating_mul(spec.vector.len());
         Self {
@@ -69,11 +70,11 @@ impl Observed {
     ) {
         let parts = network.trunk.parts();
         // a blind network reads no picture
-        if parts.sight.is_some() {
-            program.write_bytes(self.images, images);
+        if parts.encoder.is_some() {
+            program.write_bytes(self.images, &network.trunk.canvases(images));
         }
         let order = parts.vector_order;
-        let rows = vectors.chunks_exact(order.len());
+        let rows = vectors.chunks_exact(order.len().max(1));
         let components: Vec<f32> = rows
             .flat_map(|vector| order.iter().map(|&i| vector[i]))
             .collect();
@@ -88,22 +89,23 @@ pub(crate) fn add_network(
     observed: Observed,
 ) -> Result<Outputs, GpuError> {
     let parts = network.trunk.parts();
-    let x_vector = plan.input(parts.vector.in_shape());
-    let sight = parts.sight.map(|(encoder, concat)| {
-        let x = plan.input(encoder.in_shape());
-        (encoder, concat, x)
-    });
-    let gather = gather(plan, observed, sight.map(|(.., x)| x), x_vector);
+    let image = parts.encoder.map(|layers| plan.input(layers.in_shape()));
+    let vector = parts.vector.map(|layers| plan.input(layers.in_shape()));
+    let gather = gather(plan, observed, image, vector);
     plan.push(vec![gather], Vec::new());
-    let top = match sight {
-        Some((encoder, _, x)) => Some(plan.layer(encoder, x)?),
-        None => None,
+    let top = match (parts.encoder, image) {
+        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        _ => None,
     };
     let heads = plan.device_params();
-    let fields = plan.layer(parts.vector, x_vector)?;
-    let h = match (sight, top) {
-        (Some((_, concat, _)), Some(top)) => plan.concat(concat, [top, fields]),
-        _ => fields,
+    let fields = match (parts.vector, vector) {
+        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        _ => None,
+    };
+    let h = match (parts.concat, top, fields) {
+        (Some(concat), Some(top), Some(fields)) => plan.concat(concat, [top, fields]),
+        (_, Some(alone), None) | (_, None, Some(alone)) => alone,
+        _ => unreachable!("a trunk has an input, and joins two"),
     };
     let [of_actor, of_critic] = plan.fork(h);
     let mean = plan.layer(&network.actor, of_actor)?;
@@ -121,12 +123,16 @@ pub(crate) fn add_network(
     })
 }
 
-/// Reads the observations of a batch; a blind network has no picture.
-fn gather(plan: &mut Plan, observed: Observed, image: Option<Tensor>, vector: Tensor) -> Step {
-    let pixels = image.map_or(0, |x| x.shape.len());
-    let nothing = || plan.buffer(0, 0);
-    let x_image = image.map_or_else(nothing, |x| x.values);
-    let components = vector.shape.len();
+/// Reads the observations of a batch; a network may have no picture, or no vector.
+fn gather(
+    plan: &mut Plan,
+    observed: Observed,
+    image: Option<Tensor>,
+    vector: Option<Tensor>,
+) -> Step {
+    let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
+    let [x_image, x_vector] =
+        [image, vector].map(|x| x.map_or_else(|| plan.buffer(0, 0), |x| x.values));
     Step::new("gather", 1, Work::threads(pixels + components))
         .constants([("IMAGE", pixels), ("VECTOR", components)])
         .text(DRAW)
@@ -134,7 +140,7 @@ fn gather(plan: &mut Plan, observed: Observed, image: Option<Tensor>, vector: Te
         .read("images", "u32", observed.images)
         .read("vectors", "f32", observed.vectors)
         .write("x_image", "f32", x_image)
-        .write("x_vector", "f32", vector.values)
+        .write("x_vector", "f32", x_vector)
         .text(include_str!("device/wgsl/gather.wgsl"))
 }
 
@@ -153,7 +159,7 @@ pub struct DevicePolicy {
     observed: Observed,
     /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
     outputs: [Slot; 2],
-    /// Whether the device has the policy's parameters.
+    /// `true` if the device has the policy's parameters.
     current: bool,
 }
 

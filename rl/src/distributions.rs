@@ -53,7 +53,7 @@ pub(crate) fn tanh_log_std(raw: f64) -> (f64, f64) {
     (log_std, half * (1.0 - squashed * squashed))
 }
 
-/// What the network must put out for a logarithm of a standard deviation; none outside the bounds.
+/// Output of the network for a logarithm of a standard deviation; none outside the bounds.
 pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
     let share = (log_std - TANH_LOG_STD[0]) / (TANH_LOG_STD[1] - TANH_LOG_STD[0]);
     (share > 0.0 && share < 1.0).then(|| (2.0 * share - 1.0).atanh())
@@ -116,7 +116,7 @@ pub(crate) struct ActionNoise {
     width: usize,
     values: Vec<f32>,
     fresh: Vec<f32>,
-    /// Whether the episode of an environment has had noise, `[N]`.
+    /// `true` where the episode of an environment has had noise, `[N]`.
     begun: Vec<bool>,
 }
 

@@ -14,7 +14,7 @@ pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 /// Bytes of a GiB.
 const GIB: f64 = (1_u64 << 30) as f64;
 
-/// What can go wrong while networks are built, rollouts are collected and policies are updated.
+/// Errors of building networks, collecting rollouts and updating policies.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RlError {
@@ -53,13 +53,19 @@ pub enum RlError {
     },
     /// An environment describes itself with a size of zero.
     #[error(
-        "EnvSpec::{field} is empty; a policy needs at least one environment, one pixel, one \
-         vector and one action component"
+        "EnvSpec::{field} is empty; a policy needs at least one environment and one action \
+         component, and images of at least one pixel and channel, or EnvSpec::NO_IMAGE"
     )]
     EmptySpec {
         /// The offending field.
         field: &'static str,
     },
+    /// Neither an image nor a vector reaches the network.
+    #[error(
+        "the network would see neither images nor vectors; describe one of them in EnvSpec, and \
+         look at images that come alone with another encoder than `blind`"
+    )]
+    NothingObserved,
     /// A setting lies outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
     Setting {
@@ -86,7 +92,7 @@ pub enum RlError {
         bytes / GIB
     )]
     Memory {
-        /// What the array would hold.
+        /// Contents of the array.
         what: &'static str,
         /// Its size in bytes.
         bytes: f64,
@@ -112,25 +118,27 @@ pub enum RlError {
     },
     /// The network cannot be built for these images.
     #[error(
-        "images of {side} x {side} pixels do not fit the {encoder} encoder with {halvings} \
+        "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
          halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
     ImageSize {
-        /// Height and width of the images in pixels.
-        side: usize,
+        /// Height of the images in pixels.
+        height: usize,
+        /// Width of the images in pixels.
+        width: usize,
         /// The kind of encoder.
         encoder: &'static str,
-        /// How often it halves the images.
+        /// Number of times that it halves the images.
         halvings: usize,
         /// The sizes that it takes, in words.
         expected: String,
     },
-    /// Encoders take square images only.
+    /// Images that cannot be put into the middle of a square.
     #[error(
-        "images of {height} x {width} pixels: expected a square; crop or resize them to equal \
-         height and width"
+        "images of {height} x {width} pixels: expected a square, or height and width that differ \
+         by an even number; crop or resize them"
     )]
-    NotSquare {
+    OffCentre {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
@@ -178,7 +186,7 @@ pub enum RlError {
         name: String,
         /// The number.
         value: f64,
-        /// What is allowed, in words.
+        /// Values allowed, in words.
         expected: &'static str,
     },
     /// A layer refuses its types or sizes.
@@ -318,10 +326,11 @@ impl fmt::Display for Place {
 }
 
 impl RlError {
-    /// Adds the `step` in the episode of an environment to an error that names the environment.
-    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> usize) -> Self {
+    /// Adds the `step` in the episode of an environment to an error that names the environment and
+    /// no step yet.
+    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
         if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
-            place.step = place.env.map(step);
+            place.step = place.step.or_else(|| place.env.and_then(step));
         }
         self
     }

@@ -30,9 +30,8 @@
 //!
 //! ```
 //! use rl::{
-//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations,
-//!     Outcome, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv,
-//!     collect,
+//!     ActorCriticPolicy, Algorithm, BoxError, EnvSpec, NetworkSettings, Observations, Outcome, Ppo,
+//!     PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //! use symmetry::Irrep;
@@ -65,16 +64,12 @@
 //!
 //! let spec = EnvSpec {
 //!     num_envs: 2,
-//!     image: [4, 4, 1],
+//!     image: EnvSpec::NO_IMAGE,
 //!     vector: vec![Irrep::X],
 //!     action: vec![Irrep::X],
 //! };
 //! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
-//! let network = NetworkSettings {
-//!     encoder: Encoder::Strided { fields: vec![2] },
-//!     ..NetworkSettings::default()
-//! };
-//! let mut policy = ActorCriticPolicy::new(&network, &spec, 0)?;
+//! let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;
 //! let mut rng = ChaCha8Rng::seed_from_u64(0);

@@ -42,7 +42,7 @@ pub struct ActorCritic<T> {
     pub(crate) action_order: Vec<usize>,
 }
 
-/// Where the parameters of each part lie in the flat slice.
+/// Ranges of each part's parameters in the flat slice.
 pub(crate) struct Parts {
     pub actor: Range<usize>,
     pub critic: Range<usize>,
@@ -54,8 +54,9 @@ impl<T: Scalar> ActorCritic<T> {
     /// not matter.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot
-    /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero.
+    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images that the convolutions cannot
+    /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes of zero,
+    /// [`RlError::NothingObserved`] for a network that sees neither images nor vectors.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action);
@@ -73,12 +74,12 @@ impl<T: Scalar> ActorCritic<T> {
         self.parts().log_std.end
     }
 
-    /// Where the parameters of the image encoder lie.
+    /// Range of the image encoder's parameters.
     pub fn encoder(&self) -> Range<usize> {
         self.trunk.encoder()
     }
 
-    /// Where all the other parameters lie.
+    /// Range of all the other parameters.
     pub fn heads(&self) -> Range<usize> {
         self.encoder().end..self.num_params()
     }
@@ -144,7 +145,7 @@ fn critic<T: Scalar>(
 
 /// Every activation, gradient and scratch of a pass over up to `capacity` samples, allocated once.
 ///
-/// What the loss reads and writes is in f64 and in natural order; the rest is the network's own.
+/// Inputs and outputs of the loss are in f64 and in natural order; the rest is the network's own.
 /// Arrays have a row for each of the K samples of the capacity. After a pass over n of them, the
 /// first n rows are theirs, and the others are what an earlier pass left.
 #[derive(Clone, Debug)]
@@ -230,7 +231,7 @@ impl<T: Scalar> ActorCritic<T> {
         to_f64(&params[parts.log_std], &mut w.log_std);
     }
 
-    /// What the units put out for the n samples of the last forward pass.
+    /// Activity of the units for the n samples of the last forward pass.
     pub(crate) fn activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> Activity {
         let parts = self.parts();
         let own = &params[self.trunk.params()];
@@ -328,6 +329,7 @@ mod tests {
     use symmetry::{Group, Irrep};
 
     use super::*;
+    use crate::encoder::Encoder;
     use crate::env::EnvSpec;
     use crate::network_settings::NetworkSettings;
 
@@ -387,15 +389,29 @@ mod tests {
                     assert!(message.contains(expected), "{message}");
                     assert!(message.contains(&format!("{side} x {side}")), "{message}");
                 }
-                assert!(matches!(
-                    new([48, 64, 6]).unwrap(),
-                    RlError::NotSquare {
-                        height: 48,
-                        width: 64
+                let rectangle = new([right, 2 * right, 6]);
+                match settings.encoder {
+                    Encoder::Pooled { .. } => {
+                        let message = rectangle.unwrap().to_string();
+                        assert!(message.contains("256 x 256"), "{message}");
                     }
-                ));
+                    _ => assert!(rectangle.is_none()),
+                }
             }
         }
+    }
+
+    #[test]
+    fn images_that_no_square_can_centre_are_refused_with_both_sides() {
+        let error = ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 63, 6])).err();
+        let named = matches!(
+            error,
+            Some(RlError::OffCentre {
+                height: 48,
+                width: 63
+            })
+        );
+        assert!(named, "{error:?}");
     }
 
     #[test]

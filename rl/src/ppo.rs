@@ -1,6 +1,7 @@
 //! Proximal policy optimisation: one update of a policy from one rollout.
 //!
-//! Names and order are those of CleanRL's `ppo_continuous_action.py`, as far as the two do the same.
+//! Names and order are those of CleanRL's `ppo_continuous_action.py`, as far as the two do the
+//! same.
 
 #[cfg(feature = "wgpu")]
 mod gpu;
@@ -205,7 +206,8 @@ fn shuffle(b_inds: &mut [usize], rng: &mut ChaCha8Rng) {
     }
 }
 
-/// Writes the advantages at `mb_inds`, shifted and scaled to mean 0 and sample standard deviation 1.
+/// Writes the advantages at `mb_inds`, shifted and scaled to mean 0 and sample standard deviation
+/// 1.
 ///
 /// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation
 /// details of PPO" (Huang et al., ICLR blog track 2022).
@@ -220,13 +222,13 @@ fn normalise(advantages: &[f32], mb_inds: &[usize], out: &mut Vec<f64>) {
 }
 
 impl LossWeights {
-    /// Returns the loss terms of one decision and the gradient with respect to the value. Writes the
-    /// gradient with respect to the mean to `d_mean` and adds the one with respect to log_std to
-    /// `d_log_std`; all are multiplied by `scale` (1 / minibatch).
+    /// Returns the loss terms of one decision and the gradient with respect to the value. Writes
+    /// the gradient with respect to the mean to `d_mean` and adds the one with respect to log_std
+    /// to `d_log_std`; all are multiplied by `scale` (1 / minibatch).
     ///
-    /// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7 and
-    /// 9, without value clipping. The KL estimator is k3 of Schulman, "Approximating KL divergence"
-    /// (2020): (r - 1) - ln r.
+    /// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7
+    /// and 9, without value clipping. The KL estimator is k3 of Schulman, "Approximating KL
+    /// divergence" (2020): (r - 1) - ln r.
     fn loss(
         &self,
         old: &Decision,

@@ -159,7 +159,7 @@ impl Replay {
         self.order.len()
     }
 
-    /// Whether no step is held.
+    /// Returns `true` if no step is held.
     pub fn is_empty(&self) -> bool {
         self.order.is_empty()
     }
@@ -320,7 +320,7 @@ impl<A: Actor> Experience<A> for Replay {
     }
 }
 
-/// Where an observation lies: it is that before step `step` of the episode.
+/// Place of an observation: that before step `step` of the episode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Place {
     /// Number of the episode, counted from the first one ever.
@@ -346,7 +346,7 @@ impl<'a> Recorded<'a> {
         self.episode.removed + self.step
     }
 
-    /// Where the observation lies that was acted on.
+    /// Place of the observation that was acted on.
     pub(crate) fn place(&self) -> Place {
         Place {
             episode: self.number,
@@ -354,7 +354,7 @@ impl<'a> Recorded<'a> {
         }
     }
 
-    /// Where the observation after the step lies.
+    /// Place of the observation after the step.
     pub(crate) fn next_place(&self) -> Place {
         let Place { episode, step } = self.place();
         Place {
@@ -386,7 +386,7 @@ impl<'a> Recorded<'a> {
         self.episode.rewards[self.step]
     }
 
-    /// How the step left the episode. A running episode that
+    /// Outcome of the step. A running episode that
     /// [`Replay::cut`](crate::Replay::cut) stopped stays [`Outcome::Running`].
     pub fn outcome(&self) -> Outcome {
         if self.step + 1 == self.episode.steps() {
@@ -454,7 +454,7 @@ pub struct ReplaySettings {
     pub steps: usize,
     /// Decisions at the beginning whose actions are drawn uniformly from [-1, 1].
     pub warm_up: u64,
-    /// How many channels, the last ones of a picture, stand still during an episode. They are
+    /// Number of channels, the last ones of a picture, that stand still during an episode. They are
     /// stored once for each episode.
     pub still_channels: usize,
 }

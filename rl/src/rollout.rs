@@ -9,14 +9,14 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::{Actor, Memory};
 
-/// Where N environments stand between two rollouts. The fields are the whole state.
+/// State of N environments between two rollouts. The fields are all of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutState<M = ()> {
-    /// What the actor acts on next.
+    /// Observations that the actor acts on next.
     pub observations: Observations,
     /// The running episodes so far, `[N]`.
     pub episodes: Vec<Episode>,
-    /// What the actor remembers of them.
+    /// The actor's memory of them.
     pub memory: M,
 }
 
@@ -29,9 +29,9 @@ pub struct Episode {
     pub length: usize,
     /// Undiscounted sum of rewards.
     pub total_reward: f64,
-    /// Whether the success condition held at any time of the episode.
+    /// `true` if the success condition held at any time of the episode.
     pub success: bool,
-    /// Whether the success condition held at the end of the last step.
+    /// `true` if the success condition held at the end of the last step.
     pub success_at_end: bool,
 }
 
@@ -98,7 +98,7 @@ impl<M: Memory> RolloutState<M> {
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(&spec, spec.num_envs)?;
         let finite = observations.check_finite(&spec);
-        finite.map_err(|error| error.at_step(|_| 0))?;
+        finite.map_err(|error| error.at_step(|_| Some(0)))?;
         Ok(Self {
             observations,
             episodes: (0..spec.num_envs).map(fresh).collect(),
@@ -142,7 +142,7 @@ pub(crate) fn step(
     transition: &mut Transition,
 ) -> Result<(), RlError> {
     let spec = env.spec();
-    let next = |env: usize| episodes.get(env).map_or(1, |episode| episode.length + 1);
+    let next = |env: usize| episodes.get(env).map(|episode| episode.length + 1);
     let expected = spec.num_envs * spec.action.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
     check_rows_finite("an action", actions, spec.action.len())
@@ -230,7 +230,7 @@ pub trait Experience<A: Actor> {
     /// actor is asked, too.
     ///
     /// # Errors
-    /// What the actor says.
+    /// Errors of the actor.
     fn decide(
         &mut self,
         actor: &mut A,
@@ -249,7 +249,7 @@ pub trait Experience<A: Actor> {
     /// Keeps the step that the last actions led to: `from` what was seen `to` what came of it.
     ///
     /// # Errors
-    /// What the actor says, or an array that does not fit.
+    /// Errors of the actor, or an array that does not fit.
     fn record(
         &mut self,
         actor: &mut A,
@@ -260,7 +260,7 @@ pub trait Experience<A: Actor> {
     /// Ends the collection; `last` is what the actor would have acted on next.
     ///
     /// # Errors
-    /// What the actor says, or an array that does not fit.
+    /// Errors of the actor, or an array that does not fit.
     fn end(&mut self, _actor: &mut A, _last: &Observations) -> Result<(), RlError> {
         Ok(())
     }
@@ -288,7 +288,7 @@ pub fn evaluate<A: Actor>(
 /// environments stand.
 ///
 /// # Errors
-/// As there, and what `look` says.
+/// Those of [`evaluate`], and of `look`.
 pub fn watch<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,

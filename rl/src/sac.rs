@@ -1,6 +1,7 @@
 //! Soft actor-critic: updates of a policy from a replay.
 //!
-//! Names and order are those of CleanRL's `sac_continuous_action.py`, as far as the two do the same.
+//! Names and order are those of CleanRL's `sac_continuous_action.py`, as far as the two do the
+//! same.
 
 pub(crate) mod context;
 #[cfg(test)]

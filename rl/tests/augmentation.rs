@@ -8,7 +8,7 @@ use rl::{
 };
 use symmetry::Group;
 
-use crate::common::largest::largest;
+use crate::common::parts::largest;
 use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 5;

@@ -9,7 +9,7 @@ use rl::{
     VectorEnv, collect,
 };
 
-use crate::common::largest::largest;
+use crate::common::parts::largest;
 use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 5;

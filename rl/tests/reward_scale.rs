@@ -9,8 +9,7 @@ use rl::{
 };
 use symmetry::Irrep;
 
-use crate::common::joint::joint;
-use crate::common::parts::{Spoiling, policy};
+use crate::common::parts::{Spoiling, joint, policy};
 use crate::common::toy::{Toy, Toys};
 
 /// N goals in [-0.9, 0.9], which the vector shows. An episode is one decision; its reward is

@@ -17,8 +17,8 @@ const ROW: usize = 8;
 /// Partial sums of squares: as many as the threads that add them up.
 const SQUARES: usize = 64;
 
-/// A GPU with the kernels of an update. It runs all minibatches without waiting for one another, and
-/// takes no step after one that the divergence forbids.
+/// A GPU with the kernels of an update. It runs all minibatches without waiting for one another,
+/// and takes no step after one that the divergence forbids.
 pub(super) struct Gpu {
     device: equivariant::gpu::Device,
     schedule: Schedule,
@@ -37,7 +37,7 @@ struct Compiled {
 struct Schedule {
     /// Decision and advantage of each draw, as words.
     draws: Vec<u32>,
-    /// Where each minibatch starts among the draws, and its length.
+    /// Start of each minibatch among the draws, and its length.
     minibatches: Vec<(usize, usize)>,
     /// The generator after the shuffle that each minibatch follows.
     generators: Vec<ChaCha8Rng>,
@@ -267,7 +267,7 @@ fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     rows.collect()
 }
 
-/// How much an update may hold.
+/// Largest sizes of an update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Size {
     /// Decisions of the rollout.
@@ -286,7 +286,7 @@ struct Graph {
     moments: [Slot; 2],
 }
 
-/// What the processor writes and reads besides parameters.
+/// Buffers that the processor writes and reads besides parameters.
 #[derive(Clone, Copy)]
 struct Slots {
     /// The rollout's observations, and the draws from them.

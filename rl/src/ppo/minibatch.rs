@@ -18,12 +18,12 @@ use crate::ppo::symmetry_loss::{Moved, symmetry_loss};
 /// quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
-/// Logarithm at which a ratio is cut, so that sums over a minibatch stay finite in single precision.
-/// One decision beyond it brings the KL estimate past every limit, which ends an update before it
-/// learns from that.
+/// Logarithm at which a ratio is cut, so that sums over a minibatch stay finite in single
+/// precision. One decision beyond it brings the KL estimate past every limit, which ends an update
+/// before it learns from that.
 pub(super) const LARGEST_LOG_RATIO: f64 = 60.0;
 
-/// What computes the minibatches of an update.
+/// Computes the minibatches of an update.
 pub(super) trait Device: Send + Sync {
     /// Returns the losses of a minibatch and their gradient in the parameters; `None` where the
     /// device queues the minibatch and takes its step by itself.
@@ -36,8 +36,8 @@ pub(super) trait Device: Send + Sync {
         minibatch: &Minibatch,
     ) -> Result<Option<(LossSums, &mut [f32])>, RlError>;
 
-    /// Runs what was queued, and leaves policy, optimiser and generator as the steps that were taken
-    /// leave them; `None` where nothing was queued.
+    /// Runs what was queued, and leaves policy, optimiser and generator as the steps that were
+    /// taken leave them; `None` where nothing was queued.
     ///
     /// # Errors
     /// [`RlError::NotFinite`] for a loss or a gradient that is not a number, and what the device
@@ -55,7 +55,7 @@ pub(super) struct Update<'a> {
     pub rng: &'a mut ChaCha8Rng,
 }
 
-/// What an update derives from its rollout, `[T, N]` each; kept for its memory.
+/// Values that an update derives from its rollout, `[T, N]` each; kept for their memory.
 #[derive(Default)]
 pub(super) struct Batch {
     pub advantages: Vec<f32>,
@@ -130,7 +130,7 @@ pub(super) struct Decision<'a> {
     pub ret: f64,
 }
 
-/// What the network says about the decision now.
+/// Output of the network for the decision now.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Output<'a> {
     /// Mean action, `[A]`.

@@ -1,9 +1,9 @@
-//! What an update of proximal policy optimisation reports.
+//! Statistics of an update of proximal policy optimisation.
 
 use crate::algorithm::{Metrics, named, sums};
 
-/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that
-/// were run.
+/// Statistics of an update. Losses and diagnostics are means over all decisions of all minibatches
+/// that were run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UpdateStats {
     /// The clipped surrogate, negated: what the actor minimises.

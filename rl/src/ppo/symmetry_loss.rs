@@ -96,8 +96,8 @@ impl Moved {
         network.forward(params, indices.len(), w);
     }
 
-    /// Leaves what should be answered to the moved decisions where their gradients will be: the last
-    /// forward pass's means, moved, and its values. The next forward pass leaves them there.
+    /// Leaves what should be answered to the moved decisions where their gradients will be: the
+    /// last forward pass's means, moved, and its values. The next forward pass leaves them there.
     fn hold<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
         let width = spec.action.len();
         for (slot, &i) in indices.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! What the heads read: the fields of an observation, and the last steps before it.
+//! Inputs of the heads: the fields of an observation, and the last steps before it.
 
 use equivariant::{Concat, FieldType, Gru, GruPass, Scalar, Shape};
 use rand::Rng;
@@ -27,7 +27,7 @@ struct Context {
     length: usize,
 }
 
-/// What is read of steps, each of them once: items `[M, I]`.
+/// Items `[M, I]` that are read of steps, each of them once.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Items<T>(Vec<T>);
 
@@ -36,7 +36,7 @@ pub(crate) struct Items<T>(Vec<T>);
 pub(crate) struct Steps {
     /// Their numbers, `[L, n]`; a sample's own are the last ones.
     reads: Vec<usize>,
-    /// How many there are, `[n]`.
+    /// Number of steps of each sample, `[n]`.
     lengths: Vec<usize>,
 }
 
@@ -65,7 +65,7 @@ impl Steps {
 #[derive(Clone, Debug)]
 pub(crate) struct ReaderPass<T> {
     gru: Option<GruPass<T>>,
-    /// What a head reads, and the gradient in it, written before the backward pass: `[N, S]`.
+    /// Input of a head, and the gradient in it, written before the backward pass: `[N, S]`.
     pub state: Vec<T>,
     pub d_state: Vec<T>,
     d_out: Vec<T>,

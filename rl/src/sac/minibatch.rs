@@ -22,7 +22,7 @@ pub(super) fn training_chunk(window: usize) -> usize {
     window.clamp(8, 32)
 }
 
-/// What is drawn for a minibatch; kept for its memory.
+/// Random draws for a minibatch; kept for their memory.
 #[derive(Default)]
 pub(super) struct Draws {
     /// The first step of each window.
@@ -232,11 +232,11 @@ pub(crate) struct SacWorkspace<T> {
     pub there: TrunkPass<T>,
     /// Which observations both hold, one pass after the other.
     pub shown: Vec<Shown>,
-    /// Where the fields are of the observation after each step, and of those of the steps before.
+    /// Places of the fields of the observation after each step, and of those of the steps before.
     pub sources: Vec<usize>,
     /// Fields of the observations after the steps, `[K, h]`.
     pub next_fields: Vec<T>,
-    /// What contexts read: the step of each observation that is held, in their order.
+    /// Items that contexts read: the step of each observation that is held, in their order.
     pub items: Items<T>,
     /// The steps before, and those before the next observation.
     pub before: [Steps; 2],
@@ -256,7 +256,7 @@ pub(crate) struct SacWorkspace<T> {
     pub d_state: Vec<T>,
     /// Targets of the critics, `[K]`.
     pub next_q_values: Vec<f64>,
-    /// Where gradients go that nobody asks for.
+    /// Gradients that nobody asks for.
     pub discarded: Vec<T>,
     /// One picture.
     pub image: Vec<u8>,

@@ -9,10 +9,10 @@ use crate::sac::minibatch::{Batch, SacWorkspace};
 use crate::sac::network::{CriticParts, SacNetwork};
 use crate::sac::stats::SacSums;
 
-/// The losses of a minibatch as functions of a network's parameters: with twin critics and without a
-/// value network (Haarnoja et al., arXiv 1812.05905). The critics' loss is a function of the critics
-/// and of the shared part, the actor's of the actor. Both are means over the minibatch and are taken
-/// at the same parameters, so that the shared part runs once.
+/// The losses of a minibatch as functions of a network's parameters: with twin critics and without
+/// a value network (Haarnoja et al., arXiv 1812.05905). The critics' loss is a function of the
+/// critics and of the shared part, the actor's of the actor. Both are means over the minibatch and
+/// are taken at the same parameters, so that the shared part runs once.
 #[derive(Clone, Copy)]
 pub(super) struct Losses<'a, T> {
     pub network: &'a SacNetwork<T>,

@@ -46,7 +46,7 @@ pub struct SacSettings {
     pub max_gradient: f32,
     /// Share of the way that the target critics go to the critics at each gradient step, in (0, 1].
     pub tau: f32,
-    /// What a nat of entropy is worth.
+    /// The temperature alpha, the worth of a nat of entropy.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
     /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded

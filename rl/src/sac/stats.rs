@@ -1,4 +1,4 @@
-//! What an update of soft actor-critic reports.
+//! Statistics of an update of soft actor-critic.
 
 use crate::algorithm::{Metrics, named, sums};
 
@@ -9,7 +9,7 @@ use crate::algorithm::{Metrics, named, sums};
 pub struct SacStats {
     /// Halved squared error of the critics, both together.
     pub critic_loss: f64,
-    /// What the actor minimises, without cloning.
+    /// The loss of the actor, without cloning.
     pub actor_loss: f64,
     /// Squared distance of the mean action from the stored one, summed over components.
     pub cloning_loss: f64,
@@ -17,7 +17,7 @@ pub struct SacStats {
     pub value: f64,
     /// Estimated entropy of actions in nats.
     pub entropy: f64,
-    /// What a nat of entropy is worth, after the update.
+    /// The temperature, after the update.
     pub temperature: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
