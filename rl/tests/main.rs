@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod actions;
-mod augmentation;
 mod buffer;
 mod collection;
 mod common;

@@ -29,7 +29,7 @@ impl Bandit {
         };
         let spec = EnvSpec {
             num_envs,
-            image: [1, 1, 1],
+            image: EnvSpec::NO_IMAGE,
             vector: vec![Irrep::X],
             action: vec![Irrep::X],
         };

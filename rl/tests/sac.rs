@@ -5,7 +5,7 @@ use rl::{
     Observations, PpoSettings, Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
     Temperature, VectorEnv, evaluate,
 };
-use symmetry::{Group, Irrep};
+use symmetry::Group;
 
 use crate::common::parts::joint;
 use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
@@ -310,12 +310,7 @@ fn an_evaluation_runs_whole_episodes_with_a_context() {
 }
 
 fn small_spec() -> EnvSpec {
-    EnvSpec {
-        num_envs: 1,
-        image: [8, 8, 2],
-        vector: vec![Irrep::X, Irrep::Y],
-        action: vec![Irrep::X, Irrep::Y],
-    }
+    PointReach::new(1, 0).spec().clone()
 }
 
 fn small_network() -> NetworkSettings {
