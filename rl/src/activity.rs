@@ -1,10 +1,10 @@
-//! How active the units of a network are.
+//! Activity of the units of a network.
 
 use crate::env::Observations;
 use crate::error::RlError;
 use crate::policy::Actor;
 
-/// What the rectified units of a network put out on average: Sokar et al., "The dormant neuron
+/// Mean outputs of the rectified units of a network: Sokar et al., "The dormant neuron
 /// phenomenon in deep reinforcement learning" (ICML 2023, section 3).
 ///
 /// A unit is a channel of a ReLU in the basis in which it is pointwise, so a regular field of D2
@@ -18,7 +18,7 @@ pub struct Activity {
 
 /// A policy whose network has units.
 pub trait Units: Actor {
-    /// What the units of all parts of the network put out for the observations of N environments,
+    /// Returns the activity of all parts of the network for the observations of N environments,
     /// of which `memory` holds what is remembered. Critics see the mean actions.
     ///
     /// # Errors
@@ -68,8 +68,8 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::actor_critic_policy::ActorCriticPolicy;
     use crate::fixtures::{kills, observations, settings, spec, strided};
+    use crate::network_policy::ActorCriticPolicy;
 
     #[test]
     fn dormant_units_are_those_below_a_share_of_their_layers_mean() {

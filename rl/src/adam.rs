@@ -20,6 +20,14 @@ pub struct ParamGroup {
 }
 
 impl ParamGroup {
+    /// All of `len` parameters.
+    pub(crate) fn all(len: usize, learning_rate: f32) -> Self {
+        Self {
+            range: 0..len,
+            learning_rate,
+        }
+    }
+
     fn assert_within(&self, len: usize) {
         let range = &self.range;
         assert!(

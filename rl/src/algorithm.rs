@@ -1,4 +1,4 @@
-//! What improves a policy from experience.
+//! Algorithms, which improve a policy from experience.
 
 use rand_chacha::ChaCha8Rng;
 
@@ -9,15 +9,15 @@ const MAX_COUNTER: u64 = 1 << 53;
 
 /// Improves a policy from experience and owns the state of its optimisers.
 ///
-/// What it saves, with the policy's parameters and the generator, is everything that its next
+/// Saved with the policy's parameters and the generator, its state is everything that its next
 /// update depends on besides the experience.
 pub trait Algorithm {
-    /// What it improves.
+    /// Policy that is improved.
     type Policy;
-    /// What it learns from: [`RolloutBuffer`](crate::RolloutBuffer) for on-policy algorithms, a
-    /// replay for others.
+    /// Experience to learn from: [`RolloutBuffer`](crate::RolloutBuffer) for on-policy algorithms,
+    /// a replay for others.
     type Experience;
-    /// What it reports.
+    /// Report of an update.
     type Stats: Metrics;
 
     /// Improves `policy` once; random draws come from `rng`.
@@ -45,7 +45,7 @@ pub trait Algorithm {
     fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 }
 
-/// What can be logged by name, so that learners of different kinds write into one table.
+/// Named values for a log, so that learners of different kinds write into one table.
 pub trait Metrics {
     /// Names and values. Names and their order are the same after every update of one algorithm.
     fn metrics(&self) -> Vec<(String, f64)>;
@@ -139,6 +139,33 @@ pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Resu
         None => Ok(()),
     }
 }
+
+/// Declares sums, all `f64`, and how those of other steps or decisions are added to them.
+macro_rules! sums {
+    ($(#[$doc:meta])* $name:ident: $($sum:ident),+) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq)]
+        pub(crate) struct $name {
+            $(pub $sum: f64,)+
+        }
+
+        impl $name {
+            /// Adds other sums.
+            pub fn add(&mut self, other: &Self) {
+                $(self.$sum += other.$sum;)+
+            }
+        }
+    };
+}
+
+/// The fields of these names with their names, as [`Metrics`](crate::Metrics) returns them.
+macro_rules! named {
+    ($stats:ident: $($field:ident),+) => {
+        vec![$((stringify!($field).to_owned(), $stats.$field as f64)),+]
+    };
+}
+
+pub(crate) use {named, sums};
 
 #[cfg(test)]
 mod tests {

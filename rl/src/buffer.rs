@@ -1,19 +1,17 @@
 //! The rollout buffer: T steps of N environments, time-major.
 
-mod experience;
-mod truncation;
-
 use std::fmt;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
+use crate::distributions::ActionNoise;
 use crate::env::{EnvSpec, Observations, Outcome, Transition, signed};
 use crate::error::{RlError, check_all_finite, check_finite, check_len};
 use crate::gae::{GaeInputs, gae};
-use crate::noise::ActionNoise;
-use crate::policy::{Assess, Decisions, Values};
+use crate::policy::{Assess, Decisions, OnPolicy, Values};
+use crate::rollout::Experience;
 
 /// T steps of N environments. It is allocated once; `push` T times, `finish`, read, `clear`; or
 /// [`collect`](crate::collect) fills it.
@@ -35,7 +33,7 @@ pub struct RolloutBuffer {
     finals: Observations,
     truncated: Vec<usize>,
     last: Observations,
-    /// What actions are drawn with.
+    /// Noise that actions are drawn with.
     noise: ActionNoise,
     /// Of the step that is being collected, `[N]`.
     step_decisions: Decisions,
@@ -76,10 +74,10 @@ impl RolloutBuffer {
     }
 
     /// Lets the noise of actions keep its direction in what [`collect`](crate::collect) fills the
-    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal, so
-    /// that x is, too. It begins afresh with every episode and every collection, so that
-    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new buffer
-    /// has c = 0: independent numbers.
+    /// buffer with: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the correlation and e standard normal,
+    /// so that x is, too. It begins afresh with every episode and every collection, so that
+    /// [`RolloutState`](crate::RolloutState) stays the whole state between two of them. A new
+    /// buffer has c = 0: independent numbers.
     ///
     /// Log-probabilities are those of each decision by itself, as in Hollenstein et al., "Colored
     /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they are not
@@ -343,4 +341,137 @@ fn check_final_values(outcomes: &[Outcome], values: &[f32]) -> Result<(), RlErro
 /// Copies `row` to row `t` of an array of such rows.
 fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
     array[t * row.len()..(t + 1) * row.len()].copy_from_slice(row);
+}
+
+impl<P: OnPolicy> Experience<P> for RolloutBuffer {
+    /// As many as there is room for, also where the last rollout lost its end.
+    #[allow(
+        clippy::misnamed_getters,
+        reason = "`steps` are those of the last rollout"
+    )]
+    fn steps(&self) -> usize {
+        self.capacity
+    }
+
+    fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.spec.check_same(spec)?;
+        check_len("environments", "[N]", spec.num_envs, self.spec.num_envs)?;
+        self.clear();
+        self.noise.restart();
+        Ok(())
+    }
+
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        (&mut self.step_decisions.actions, false)
+    }
+
+    /// With the log-probabilities and the values.
+    fn decide(
+        &mut self,
+        policy: &mut P,
+        observations: &Observations,
+        memory: &mut P::Memory,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        let noise = self.noise.draw(rng);
+        policy.decide(observations, memory, noise, &mut self.step_decisions)?;
+        Ok(&self.step_decisions.actions)
+    }
+
+    fn record(
+        &mut self,
+        policy: &mut P,
+        from: &Observations,
+        to: &Transition,
+    ) -> Result<(), RlError> {
+        value_truncated(policy, to, &mut self.step_final_values)?;
+        // lent out, since a push borrows all of the buffer
+        let decisions = std::mem::take(&mut self.step_decisions);
+        let final_values = std::mem::take(&mut self.step_final_values);
+        let result = self.push(from, &decisions, to, &final_values);
+        (self.step_decisions, self.step_final_values) = (decisions, final_values);
+        result?;
+        let ended = |&(_, outcome): &(usize, &Outcome)| outcome.ended();
+        let ends = to.outcomes.iter().enumerate().filter(ended);
+        ends.for_each(|(env, _)| self.noise.forget(env));
+        Ok(())
+    }
+
+    fn end(&mut self, policy: &mut P, last: &Observations) -> Result<(), RlError> {
+        let mut values = vec![0.0; self.spec.num_envs];
+        policy.values(last, &mut values)?;
+        self.finish(last, &values)
+    }
+}
+
+/// Asks for the values of the final observations where a truncation will bootstrap them.
+fn value_truncated<P: Values>(
+    policy: &mut P,
+    transition: &Transition,
+    out: &mut [f32],
+) -> Result<(), RlError> {
+    if transition.outcomes.contains(&Outcome::Truncated) {
+        policy.values(&transition.final_observations, out)?;
+    }
+    Ok(())
+}
+
+impl RolloutBuffer {
+    /// Forgets all steps but the first `steps`, until [`RolloutBuffer::clear`]. Episodes that still
+    /// run there bootstrap from the values of the step that follows.
+    ///
+    /// # Errors
+    /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::Setting`] for no step at all.
+    pub fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
+        self.check_finished()?;
+        if steps == 0 {
+            return Err(RlError::Setting {
+                name: "steps",
+                value: 0.0,
+                expected: "at least 1",
+            });
+        }
+        if steps >= self.steps {
+            return Ok(());
+        }
+        let n = self.spec.num_envs;
+        let (from, to) = (steps * n, (steps + 1) * n);
+        let (image, vector) = (self.spec.image_len(), self.spec.vector.len());
+        let next = &self.observations;
+        self.last
+            .images
+            .copy_from_slice(&next.images[from * image..to * image]);
+        self.last
+            .vectors
+            .copy_from_slice(&next.vectors[from * vector..to * vector]);
+        self.last_values
+            .copy_from_slice(&self.decisions.values[from..to]);
+        let ends = self.truncated.partition_point(|&sample| sample < from);
+        self.truncated.truncate(ends);
+        self.finals.images.truncate(ends * image);
+        self.finals.vectors.truncate(ends * vector);
+        self.resize(steps);
+        self.pushed = steps;
+        Ok(())
+    }
+
+    /// Makes room for so many steps; those that are there stay.
+    pub(super) fn resize(&mut self, steps: usize) {
+        let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
+        self.observations
+            .images
+            .resize(samples * spec.image_len(), 0);
+        self.observations
+            .vectors
+            .resize(samples * spec.vector.len(), 0.0);
+        self.decisions
+            .actions
+            .resize(samples * spec.action.len(), 0.0);
+        self.decisions.log_probs.resize(samples, 0.0);
+        self.decisions.values.resize(samples, 0.0);
+        self.rewards.resize(samples, 0.0);
+        self.outcomes.resize(samples, crate::env::Outcome::Running);
+        self.final_values.resize(samples, 0.0);
+        self.steps = steps;
+    }
 }

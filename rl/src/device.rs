@@ -1,4 +1,318 @@
-//! Actor-critics on a GPU.
+//! Actor-critics on a GPU: their networks as part of a plan, and policies that decide there.
 
-pub(crate) mod network;
-pub(crate) mod policy;
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use equivariant::Signature;
+use equivariant::gpu::{Batch, Device, GpuError, Passes, Plan, Program, Slot, Step, Tensor, Work};
+use rand_chacha::ChaCha8Rng;
+
+use crate::env::{EnvSpec, Observations};
+use crate::error::{RlError, require};
+use crate::network::ActorCritic;
+use crate::network_policy::ActorCriticPolicy;
+use crate::network_settings::Critic;
+use crate::policy::{Actor, Decisions, OnPolicy, Values};
+
+/// WGSL: a row of [`Observed::draws`].
+pub(crate) const DRAW: &str = include_str!("device/wgsl/draw.wgsl");
+
+/// Observations on the device, and the draws from them that make up batches.
+#[derive(Clone, Copy)]
+pub(crate) struct Observed {
+    /// Bytes of all pictures, four to a word.
+    images: Slot,
+    /// All vectors, irrep-major.
+    vectors: Slot,
+    /// Observation and advantage of each draw.
+    pub draws: Slot,
+}
+
+/// Outputs of the network, and starts of two kinds of parameters.
+pub(crate) struct Outputs {
+    /// Mean actions, irrep-major.
+    pub mean: Tensor,
+    pub value: Tensor,
+    /// The first parameter that is not the encoder's.
+    pub heads: usize,
+    /// The first logarithm of a standard deviation.
+    pub log_std: usize,
+}
+
+impl Observed {
+    /// Room for so many observations and draws; for no pictures where the network is blind.
+    pub fn new(
+        plan: &mut Plan,
+        network: &ActorCritic<f32>,
+        observations: usize,
+        draws: usize,
+    ) -> Self {
+        let spec = network.spec();
+        let encoder = network.trunk.parts().encoder;
+        let picture = encoder.map_or(0, |encoder| encoder.in_shape().len());
+        let bytes = observations.saturating_mul(picture);
+        let components = observations.saturating_mul(spec.vector.len());
+        Self {
+            images: plan.buffer(bytes.div_ceil(4), 0),
+            vectors: plan.buffer(components, 0),
+            draws: plan.buffer(draws.saturating_mul(2), 0),
+        }
+    }
+
+    /// Brings pictures `[N, H, W, C]` and vectors `[N, D]` to the device.
+    pub fn write(
+        self,
+        program: &Program,
+        network: &ActorCritic<f32>,
+        images: &[u8],
+        vectors: &[f32],
+    ) {
+        let parts = network.trunk.parts();
+        // a blind network reads no picture
+        if parts.encoder.is_some() {
+            program.write_bytes(self.images, &network.trunk.canvases(images));
+        }
+        let order = parts.vector_order;
+        let rows = vectors.chunks_exact(order.len().max(1));
+        let components: Vec<f32> = rows
+            .flat_map(|vector| order.iter().map(|&i| vector[i]))
+            .collect();
+        program.write(self.vectors, &components);
+    }
+}
+
+/// Adds the passes of the network, from a batch's observations on.
+pub(crate) fn add_network(
+    plan: &mut Plan,
+    network: &ActorCritic<f32>,
+    observed: Observed,
+) -> Result<Outputs, GpuError> {
+    let parts = network.trunk.parts();
+    let image = parts.encoder.map(|layers| plan.input(layers.in_shape()));
+    let vector = parts.vector.map(|layers| plan.input(layers.in_shape()));
+    let gather = gather(plan, observed, image, vector);
+    plan.push(vec![gather], Vec::new());
+    let top = match (parts.encoder, image) {
+        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        _ => None,
+    };
+    let heads = plan.device_params();
+    let fields = match (parts.vector, vector) {
+        (Some(layers), Some(x)) => Some(plan.layer(layers, x)?),
+        _ => None,
+    };
+    let h = match (parts.concat, top, fields) {
+        (Some(concat), Some(top), Some(fields)) => plan.concat(concat, [top, fields]),
+        (_, Some(alone), None) | (_, None, Some(alone)) => alone,
+        _ => unreachable!("a trunk has an input, and joins two"),
+    };
+    let [of_actor, of_critic] = plan.fork(h);
+    let mean = plan.layer(&network.actor, of_actor)?;
+    let of_critic = match network.settings().critic {
+        Critic::Pooled { .. } => plan.layer(parts.pool, of_critic)?,
+        Critic::Joint { .. } => of_critic,
+    };
+    let value = plan.layer(&network.critic, of_critic)?;
+    let action = network.action_order.len();
+    Ok(Outputs {
+        mean,
+        value,
+        heads,
+        log_std: plan.reserve(action, 0..action),
+    })
+}
+
+/// Reads the observations of a batch; a network may have no picture, or no vector.
+fn gather(
+    plan: &mut Plan,
+    observed: Observed,
+    image: Option<Tensor>,
+    vector: Option<Tensor>,
+) -> Step {
+    let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
+    let [x_image, x_vector] =
+        [image, vector].map(|x| x.map_or_else(|| plan.buffer(0, 0), |x| x.values));
+    Step::new("gather", 1, Work::threads(pixels + components))
+        .constants([("IMAGE", pixels), ("VECTOR", components)])
+        .text(DRAW)
+        .read("draws", "Draw", observed.draws)
+        .read("images", "u32", observed.images)
+        .read("vectors", "f32", observed.vectors)
+        .write("x_image", "f32", x_image)
+        .write("x_vector", "f32", x_vector)
+        .text(include_str!("device/wgsl/gather.wgsl"))
+}
+
+/// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
+/// enough to keep one busy. Actions and log-probabilities are made of them by the policy itself, so
+/// but for rounding its decisions are those of the policy.
+///
+/// A batch goes there and its outputs come back in one round trip, or in as many as its samples
+/// need; one for few pictures may take longer than the processor does.
+pub struct DevicePolicy {
+    policy: ActorCriticPolicy,
+    /// The one that the plan was made for.
+    network: Arc<ActorCritic<f32>>,
+    plan: Plan,
+    program: Program,
+    observed: Observed,
+    /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
+    outputs: [Slot; 2],
+    /// `true` if the device has the policy's parameters.
+    current: bool,
+}
+
+impl DevicePolicy {
+    /// Compiles the policy's network for a device, with memory for `samples` observations at a
+    /// time.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] for no samples; [`RlError::Gpu`] where a buffer for so many is larger
+    /// than the adapter allows, before anything is allocated, and where the device fails.
+    pub fn new(
+        policy: ActorCriticPolicy,
+        device: &Device,
+        samples: usize,
+    ) -> Result<Self, RlError> {
+        require("samples", samples as f32, "at least 1", samples > 0)?;
+        let mut plan = Plan::new();
+        let network = Arc::clone(policy.network());
+        let observed = Observed::new(&mut plan, &network, samples, samples);
+        let outputs = add_network(&mut plan, &network, observed)?;
+        let plan = plan.forward_only();
+        let program = Program::new(device, &plan, samples)?;
+        let draws: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
+        program.write_words(observed.draws, &draws);
+        Ok(Self {
+            policy,
+            network,
+            plan,
+            program,
+            observed,
+            outputs: [outputs.mean.values, outputs.value.values],
+            current: false,
+        })
+    }
+
+    /// The policy.
+    pub fn policy(&self) -> &ActorCriticPolicy {
+        &self.policy
+    }
+
+    /// The policy, for an update. The device takes over its parameters at the next decision; a
+    /// policy with another network, in its place, is refused then with [`RlError::OtherNetwork`].
+    pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
+        self.current = false;
+        &mut self.policy
+    }
+
+    /// Fills the policy's outputs as a pass of its own does; returns N.
+    fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
+        if !Arc::ptr_eq(&self.network, self.policy.network()) {
+            return Err(RlError::OtherNetwork);
+        }
+        let spec = self.network.spec();
+        let (samples, width) = (observations.samples(spec)?, spec.action.len());
+        if !self.current {
+            let params = self.plan.placed(self.policy.params());
+            self.program.write(self.plan.params(), &params);
+        }
+        // what fails below may have kept the parameters from the device
+        self.current = false;
+        self.policy.outputs.resize(samples * (width + 1), 0.0);
+        let most = self.program.samples();
+        for start in (0..samples).step_by(most) {
+            self.run_batch(observations, start..samples.min(start + most))?;
+        }
+        self.current = samples > 0;
+        Ok(samples)
+    }
+
+    fn run_batch(
+        &mut self,
+        observations: &Observations,
+        range: Range<usize>,
+    ) -> Result<(), GpuError> {
+        let network = &self.network;
+        let EnvSpec { vector, action, .. } = network.spec();
+        let (pixels, width) = (network.spec().image_len(), action.len());
+        let images = &observations.images[range.start * pixels..range.end * pixels];
+        let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
+        self.observed.write(&self.program, network, images, vectors);
+        let samples = range.len();
+        let batch = Batch {
+            samples,
+            ..Batch::default()
+        };
+        self.program.submit(Passes::Forward, batch);
+        let [mean, value] = self.outputs;
+        let fronts = [(mean, samples * width), (value, samples)];
+        let [means, values] = self.program.read(fronts)?;
+        let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
+        for ((row, mean), &value) in rows.zip(means.chunks_exact(width)).zip(&values) {
+            for (&i, &mean) in network.action_order.iter().zip(mean) {
+                row[i] = mean.into();
+            }
+            row[width] = value.into();
+        }
+        Ok(())
+    }
+}
+
+impl Actor for DevicePolicy {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_actions(samples, rng, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_means(samples, out)
+    }
+}
+
+impl OnPolicy for DevicePolicy {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        noise: &[f32],
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_decisions(samples, noise, out)
+    }
+}
+
+impl Values for DevicePolicy {
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.policy.write_values(samples, out)
+    }
+}
+
+impl fmt::Debug for DevicePolicy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DevicePolicy")
+            .field("policy", &self.policy)
+            .field("adapter", &self.program.device().adapter().name)
+            .field("samples", &self.program.samples())
+            .finish()
+    }
+}

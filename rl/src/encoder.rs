@@ -22,10 +22,14 @@ pub(crate) const POOLING: Kernel = Kernel::new(2, 2, 0);
 const POOLED_SIDE: usize = 8;
 const TEMPERATURE: f64 = 1.0;
 
-/// How square pictures become the top regular fields
+/// Kinds of networks from pictures to the top regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
 /// equivariant. Widths are in regular fields of D2, see
 /// [`NetworkSettings::group`](crate::NetworkSettings::group).
+///
+/// `Strided` and `Pooled` end in one pixel, so they see pictures that are not square in the middle
+/// of a black square as high and wide as their longer side; height and width differ by an even
+/// number then. Environments without pictures need no encoder, whatever the setting.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Encoder {
@@ -63,8 +67,7 @@ pub enum Encoder {
         /// Fields of the maps whose positions are taken, at least 1.
         maps: usize,
     },
-    /// Looks at no picture: the network sees the observation's vector alone. Pictures may then have
-    /// any size, such as one pixel.
+    /// Looks at no picture: the network sees the observation's vector alone.
     Blind,
 }
 
@@ -95,14 +98,33 @@ impl Encoder {
         fields.chain(others).collect()
     }
 
-    /// The layers from an image `[height, width, channels]` to the top fields; none for a blind
-    /// network.
+    /// Height, width and channels of what the layers see of pictures of these sizes.
+    ///
+    /// # Errors
+    /// [`RlError::OffCentre`].
+    pub(crate) fn canvas(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
+        if matches!(self, Self::Keypoints { .. } | Self::Blind) {
+            return Ok(image);
+        }
+        let [height, width, channels] = image;
+        if !(height + width).is_multiple_of(2) {
+            return Err(RlError::OffCentre { height, width });
+        }
+        let side = height.max(width);
+        Ok([side, side, channels])
+    }
+
+    /// The layers from a canvas `[height, width, channels]` to the top fields; none for a blind
+    /// network, and where there are no pictures.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
         [height, width, channels]: [usize; 3],
         top_fields: usize,
     ) -> Result<Option<Sequential<T>>, RlError> {
+        if height == 0 {
+            return Ok(None);
+        }
         let stack = || Stack {
             group,
             layers: Vec::new(),
@@ -133,7 +155,7 @@ pub(crate) fn copies(group: Group, fields: usize) -> usize {
 
 type Layers<T> = Vec<Box<dyn Layer<T>>>;
 
-/// What so many halvings make one pixel of.
+/// Pixels that so many halvings make one of.
 fn halved(halvings: usize) -> usize {
     1 << halvings.min(31)
 }
@@ -194,8 +216,8 @@ impl<T: Scalar> Stack<T> {
     }
 
     fn check_multiple(&self, encoder: &'static str, halvings: usize) -> Result<(), RlError> {
-        let (side, of) = (self.shape.height, halved(halvings));
-        let fits = side > 0 && side.is_multiple_of(of);
+        let (Shape { height, width, .. }, of) = (self.shape, halved(halvings));
+        let fits = height.is_multiple_of(of) && width.is_multiple_of(of);
         let expected = format!("height and width to be multiples of {of}, at least {of}");
         self.check(encoder, halvings, fits, expected)
     }
@@ -209,15 +231,13 @@ impl<T: Scalar> Stack<T> {
         fits: bool,
         expected: String,
     ) -> Result<(), RlError> {
-        let Shape { height, width, .. } = self.shape;
-        if height != width {
-            return Err(RlError::NotSquare { height, width });
-        }
         if fits {
             return Ok(());
         }
+        let Shape { height, width, .. } = self.shape;
         Err(RlError::ImageSize {
-            side: height,
+            height,
+            width,
             encoder,
             halvings,
             expected,

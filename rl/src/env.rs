@@ -4,8 +4,7 @@ use std::fmt;
 
 use symmetry::{D2, Irrep};
 
-use crate::error::{BoxError, Place, RlError, check_finite_at, check_len};
-use crate::require::{require, require_memory};
+use crate::error::{BoxError, Place, RlError, check_finite_at, check_len, require, require_memory};
 
 /// Largest magnitude accepted in an observation vector, whose components are to be of order 1:
 /// a margin below the numbers whose squares overflow (1.8e19).
@@ -16,35 +15,40 @@ pub const MAX_OBSERVATION: f32 = 1e12;
 pub struct EnvSpec {
     /// N, the number of environments that step together, at least 1.
     pub num_envs: usize,
-    /// Height, width (pixels) and channels of an image. Every channel is of trivial type: a group
-    /// element moves the pixels and leaves the colours alone.
+    /// Height, width (pixels) and channels of an image, or [`EnvSpec::NO_IMAGE`]. Every channel is
+    /// of trivial type: a group element moves the pixels and leaves the colours alone.
     pub image: [usize; 3],
     /// Irreducible representation of every component of the observation vector, in its natural
-    /// order; length D.
+    /// order; length D, which is 0 for environments that show images alone.
     pub vector: Vec<Irrep>,
     /// Irreducible representation of every component of the action, in its natural order; length A.
     pub action: Vec<Irrep>,
 }
 
 impl EnvSpec {
+    /// The image of environments that show vectors alone.
+    pub const NO_IMAGE: [usize; 3] = [0; 3];
+
     /// Number of bytes of one image, H * W * C.
     pub fn image_len(&self) -> usize {
         self.image.iter().product()
     }
 
-    /// Refuses specs with an empty dimension.
+    /// Refuses specs with an empty dimension, and such that show nothing.
     ///
     /// # Errors
-    /// [`RlError::EmptySpec`] names the field.
+    /// [`RlError::EmptySpec`] names the field, [`RlError::NothingObserved`] is for neither images
+    /// nor vectors.
     pub fn check(&self) -> Result<(), RlError> {
+        let no_image = self.image == Self::NO_IMAGE;
         let sizes = [
             ("num_envs", self.num_envs),
-            ("image", self.image_len()),
-            ("vector", self.vector.len()),
+            ("image", self.image_len() + usize::from(no_image)),
             ("action", self.action.len()),
         ];
         match sizes.iter().find(|(_, size)| *size == 0) {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
+            None if no_image && self.vector.is_empty() => Err(RlError::NothingObserved),
             None => Ok(()),
         }
     }
@@ -125,7 +129,10 @@ impl Observations {
 
     /// N, where both arrays hold N observations of the sizes of `spec`.
     pub(crate) fn samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
-        let samples = self.vectors.len() / spec.vector.len();
+        let samples = match spec.vector.len() {
+            0 => self.images.len() / spec.image_len().max(1),
+            width => self.vectors.len() / width,
+        };
         self.check(spec, samples)?;
         Ok(samples)
     }
@@ -143,7 +150,7 @@ impl Observations {
     /// # Errors
     /// [`RlError::NotFinite`] or [`RlError::TooLarge`] with the value, environment and component.
     pub fn check_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
-        let width = spec.vector.len();
+        let width = spec.vector.len().max(1);
         let mut rows = self.vectors.chunks(width).enumerate();
         rows.try_for_each(|(env, row)| {
             check_vector("a component of an observation vector", env, row)
@@ -208,6 +215,9 @@ fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
 /// A picture of the environments of `spec`, moved by g.
 pub(crate) fn moved_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     let [height, width, channels] = spec.image;
+    if image.is_empty() {
+        return Vec::new();
+    }
     g.transform_image(image, height, width, channels)
 }
 
@@ -217,7 +227,7 @@ pub(crate) fn signed(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
-/// How an episode stands after a step. An episode ends in one of two ways. After a termination, no
+/// State of an episode after a step. An episode ends in one of two ways. After a termination, no
 /// reward follows. A truncation only stops the episode at its time limit: rewards would have
 /// followed, and the value of the final observation stands for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -232,13 +242,13 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// Whether the episode is over, for either reason.
+    /// Returns `true` if the episode is over, for either reason.
     pub fn ended(self) -> bool {
         self != Self::Running
     }
 }
 
-/// What one step of N environments returns.
+/// Result of one step of N environments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transition {
     /// Next observations: where an episode ended, the first one of the next episode.
@@ -249,11 +259,11 @@ pub struct Transition {
     pub rewards: Vec<f32>,
     /// Outcomes `[N]`.
     pub outcomes: Vec<Outcome>,
-    /// Whether the success condition held at any time within this step, its end included, `[N]`. A
-    /// step may be several control steps of a simulation.
+    /// `true` if the success condition held at any time within this step, its end included, `[N]`.
+    /// A step may be several control steps of a simulation.
     pub success: Vec<bool>,
-    /// Whether the success condition holds at the end of this step, `[N]`: where an episode ended,
-    /// in its final state. It implies `success`.
+    /// `true` if the success condition holds at the end of this step, `[N]`: where an episode
+    /// ended, in its final state. It implies `success`.
     pub success_at_end: Vec<bool>,
 }
 
@@ -286,7 +296,9 @@ impl Transition {
         check_len("success_at_end", "[N]", self.success_at_end.len(), n)?;
         self.check_success()?;
         check_rewards(&self.rewards)?;
-        self.observations.check_finite(spec)?;
+        let first = |env: usize| self.outcomes[env].ended().then_some(0);
+        let checked = self.observations.check_finite(spec);
+        checked.map_err(|error| error.at_step(first))?;
         self.check_finals_finite(spec)
     }
 
@@ -300,7 +312,8 @@ impl Transition {
 
     /// Rows of running episodes have no meaning, so they may hold anything.
     fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
-        let finals = self.final_observations.vectors.chunks(spec.vector.len());
+        let width = spec.vector.len().max(1);
+        let finals = self.final_observations.vectors.chunks(width);
         let ended = self.outcomes.iter().zip(finals).enumerate();
         ended
             .filter(|(_, (outcome, _))| outcome.ended())
@@ -412,6 +425,12 @@ mod tests {
         assert!(matches!(
             empty.check(),
             Err(RlError::EmptySpec { field: "action" })
+        ));
+        let mut partial = spec();
+        partial.image[2] = 0;
+        assert!(matches!(
+            partial.check(),
+            Err(RlError::EmptySpec { field: "image" })
         ));
         assert!(spec().check().is_ok());
     }

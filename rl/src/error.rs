@@ -1,6 +1,8 @@
 //! The errors of this crate.
 
 use std::fmt;
+use std::hint::black_box;
+use std::ops::RangeInclusive;
 
 use equivariant::LayerError;
 use symmetry::Irrep;
@@ -12,7 +14,7 @@ pub type BoxError = Box<dyn std::error::Error + Send + Sync + 'static>;
 /// Bytes of a GiB.
 const GIB: f64 = (1_u64 << 30) as f64;
 
-/// What can go wrong while networks are built, rollouts are collected and policies are updated.
+/// Errors of building networks, collecting rollouts and updating policies.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum RlError {
@@ -51,13 +53,19 @@ pub enum RlError {
     },
     /// An environment describes itself with a size of zero.
     #[error(
-        "EnvSpec::{field} is empty; a policy needs at least one environment, one pixel, one \
-         vector and one action component"
+        "EnvSpec::{field} is empty; a policy needs at least one environment and one action \
+         component, and images of at least one pixel and channel, or EnvSpec::NO_IMAGE"
     )]
     EmptySpec {
         /// The offending field.
         field: &'static str,
     },
+    /// Neither an image nor a vector reaches the network.
+    #[error(
+        "the network would see neither images nor vectors; describe one of them in EnvSpec, and \
+         look at images that come alone with another encoder than `blind`"
+    )]
+    NothingObserved,
     /// A setting lies outside its range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
     Setting {
@@ -84,7 +92,7 @@ pub enum RlError {
         bytes / GIB
     )]
     Memory {
-        /// What the array would hold.
+        /// Contents of the array.
         what: &'static str,
         /// Its size in bytes.
         bytes: f64,
@@ -110,25 +118,27 @@ pub enum RlError {
     },
     /// The network cannot be built for these images.
     #[error(
-        "images of {side} x {side} pixels do not fit the {encoder} encoder with {halvings} \
+        "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
          halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
     )]
     ImageSize {
-        /// Height and width of the images in pixels.
-        side: usize,
+        /// Height of the images in pixels.
+        height: usize,
+        /// Width of the images in pixels.
+        width: usize,
         /// The kind of encoder.
         encoder: &'static str,
-        /// How often it halves the images.
+        /// Number of times that it halves the images.
         halvings: usize,
         /// The sizes that it takes, in words.
         expected: String,
     },
-    /// Encoders take square images only.
+    /// Images that cannot be put into the middle of a square.
     #[error(
-        "images of {height} x {width} pixels: expected a square; crop or resize them to equal \
-         height and width"
+        "images of {height} x {width} pixels: expected a square, or height and width that differ \
+         by an even number; crop or resize them"
     )]
-    NotSquare {
+    OffCentre {
         /// Height of the images in pixels.
         height: usize,
         /// Width of the images in pixels.
@@ -176,7 +186,7 @@ pub enum RlError {
         name: String,
         /// The number.
         value: f64,
-        /// What is allowed, in words.
+        /// Values allowed, in words.
         expected: &'static str,
     },
     /// A layer refuses its types or sizes.
@@ -316,10 +326,11 @@ impl fmt::Display for Place {
 }
 
 impl RlError {
-    /// Adds the `step` in the episode of an environment to an error that names the environment.
-    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> usize) -> Self {
+    /// Adds the `step` in the episode of an environment to an error that names the environment and
+    /// no step yet.
+    pub(crate) fn at_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
         if let Self::NotFinite { place, .. } | Self::TooLarge { place, .. } = &mut self {
-            place.step = place.env.map(step);
+            place.step = place.step.or_else(|| place.env.and_then(step));
         }
         self
     }
@@ -403,4 +414,92 @@ pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
         got == expected,
         "{what}: got {got} values, expected {expected}"
     );
+}
+
+/// Logarithms of standard deviations. Much below -10, actions in f32 are too coarse for their own
+/// density; above 2, noise is seven times an action's unit.
+const LOG_STD: RangeInclusive<f32> = -10.0..=2.0;
+
+/// Refuses a setting that is not `allowed`.
+pub(crate) fn require(
+    name: &'static str,
+    value: f32,
+    expected: &'static str,
+    allowed: bool,
+) -> Result<(), RlError> {
+    if allowed {
+        return Ok(());
+    }
+    Err(RlError::Setting {
+        name,
+        value: f64::from(value),
+        expected,
+    })
+}
+
+/// The widest layer that a setting may ask for; a field type ends at 2^24 channels.
+const MAX_WIDTH: usize = 1 << 16;
+
+/// Refuses a width of zero, and one that no memory would hold.
+pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
+    let expected = "1 to 65536 (a list must not be empty)";
+    require(
+        name,
+        width as f32,
+        expected,
+        (1..=MAX_WIDTH).contains(&width),
+    )
+}
+
+/// Refuses an array of these sizes, in bytes, that this machine has no memory for: allocating it
+/// would end the program.
+pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), RlError> {
+    let bytes = sizes
+        .iter()
+        .try_fold(1_usize, |n, &size| n.checked_mul(size));
+    // without the black box, the compiler removes an allocation that nobody uses
+    let fits = |bytes| black_box(Vec::<u8>::new()).try_reserve_exact(bytes).is_ok();
+    if bytes.is_some_and(fits) {
+        return Ok(());
+    }
+    let bytes = sizes.iter().map(|&size| size as f64).product();
+    Err(RlError::Memory { what, bytes })
+}
+
+/// Refuses what is not a finite number above 0.
+pub(crate) fn require_positive(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = value > 0.0 && value.is_finite();
+    require(name, value, "a finite number above 0", allowed)
+}
+
+/// Refuses what is not a share.
+pub(crate) fn require_share(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = (0.0..=1.0).contains(&value);
+    require(name, value, "a number in [0, 1]", allowed)
+}
+
+/// Refuses what is not a finite number of at least 0.
+pub(crate) fn require_weight(name: &'static str, value: f32) -> Result<(), RlError> {
+    let allowed = value >= 0.0 && value.is_finite();
+    require(name, value, "a finite number, at least 0", allowed)
+}
+
+/// Refuses a count below `least`.
+pub(crate) fn require_count(
+    name: &'static str,
+    count: usize,
+    least: usize,
+    expected: &'static str,
+) -> Result<(), RlError> {
+    require(name, count as f32, expected, count >= least)
+}
+
+/// Refuses what is not a logarithm of a standard deviation to begin with or to stop at.
+pub(crate) fn require_log_std(name: &'static str, value: f32) -> Result<(), RlError> {
+    require(
+        name,
+        value,
+        "a number in [-10, 2]",
+        LOG_STD.contains(&value),
+    )
 }

@@ -11,8 +11,7 @@ use crate::activity::Activity;
 use crate::encoder::Encoder;
 use crate::env::{EnvSpec, Observations, Outcome, Transition};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::replay::ring::Replay;
-use crate::replay::settings::ReplaySettings;
+use crate::replay::{Replay, ReplaySettings};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
 

@@ -3,14 +3,14 @@
 use crate::env::Outcome;
 use crate::error::assert_len;
 
-/// What generalised advantage estimation reads: T steps of N environments, time-major.
+/// Inputs of generalised advantage estimation: T steps of N environments, time-major.
 #[derive(Clone, Copy, Debug)]
 pub struct GaeInputs<'a> {
     /// Rewards `[T, N]`.
     pub rewards: &'a [f32],
     /// V(s_t) `[T, N]`.
     pub values: &'a [f32],
-    /// How each step ended, `[T, N]`.
+    /// Outcomes of the steps, `[T, N]`.
     pub outcomes: &'a [Outcome],
     /// V of the final observation where a step was truncated, `[T, N]`; read nowhere else.
     pub final_values: &'a [f32],
@@ -31,7 +31,7 @@ impl GaeInputs<'_> {
         assert_len("final_values", self.final_values.len(), len);
     }
 
-    /// What sample `i` bootstraps, and the advantage that follows it; `later` are those after it.
+    /// Value that sample `i` bootstraps, and the advantage that follows it, of those in `later`.
     fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
         let n = self.last_values.len();
         match self.outcomes[i] {

@@ -11,7 +11,7 @@
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
 //! | actor | [`Actor`] and its [`Memory`]; [`OnPolicy`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `src/replay/ring.rs`, `src/sac/update.rs` |
+//! | algorithm | [`Algorithm`]; [`Experience`] for what is no rollout | `src/replay.rs`, `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
 //!   mean action is the mirrored one, its value and features are the same.
@@ -30,9 +30,8 @@
 //!
 //! ```
 //! use rl::{
-//!     ActorCriticPolicy, Algorithm, BoxError, Encoder, EnvSpec, NetworkSettings, Observations,
-//!     Outcome, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv,
-//!     collect,
+//!     ActorCriticPolicy, Algorithm, BoxError, EnvSpec, NetworkSettings, Observations, Outcome, Ppo,
+//!     PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 //! };
 //! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 //! use symmetry::Irrep;
@@ -65,16 +64,12 @@
 //!
 //! let spec = EnvSpec {
 //!     num_envs: 2,
-//!     image: [4, 4, 1],
+//!     image: EnvSpec::NO_IMAGE,
 //!     vector: vec![Irrep::X],
 //!     action: vec![Irrep::X],
 //! };
 //! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
-//! let network = NetworkSettings {
-//!     encoder: Encoder::Strided { fields: vec![2] },
-//!     ..NetworkSettings::default()
-//! };
-//! let mut policy = ActorCriticPolicy::new(&network, &spec, 0)?;
+//! let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
 //! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
 //! let mut buffer = RolloutBuffer::new(&spec, 16)?;
 //! let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -93,81 +88,61 @@
 struct Readme;
 
 mod activity;
-mod actor_critic_policy;
 mod adam;
 mod algorithm;
 mod buffer;
 #[cfg(feature = "wgpu")]
 mod device;
+mod distributions;
 mod encoder;
 mod env;
 mod error;
-mod evaluation;
-mod experience;
-mod figures;
 #[cfg(test)]
 mod fixtures;
 mod gae;
-mod gaussian;
-mod loss;
-mod minibatch;
 mod network;
 mod network_policy;
 mod network_settings;
-mod noise;
-mod pass;
 mod plain;
 mod policy;
 mod ppo;
-mod ppo_settings;
-mod ppo_stats;
 mod replay;
-mod require;
-mod reward_scale;
 mod rollout;
 mod sac;
-mod sight_pass;
-mod stage;
 mod symmetry_check;
-mod symmetry_loss;
 mod trunk;
 
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 
 pub use activity::{Activity, Units};
-pub use actor_critic_policy::ActorCriticPolicy;
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 #[cfg(feature = "wgpu")]
-pub use device::policy::DevicePolicy;
+pub use device::DevicePolicy;
 pub use encoder::Encoder;
 pub use env::{EnvSpec, MAX_OBSERVATION, Observations, Outcome, Transition, VectorEnv};
 pub use error::{BoxError, Place, RlError};
-pub use evaluation::{evaluate, watch};
-pub use experience::Experience;
 pub use gae::{GaeInputs, gae};
-pub use network::ActorCritic;
-pub use network_policy::NetworkPolicy;
+pub use network::{ActorCritic, Workspace};
+pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
 pub use network_settings::{Critic, NetworkSettings};
-pub use pass::Workspace;
 pub use plain::{Answers, Distribution, Plain, PlainLayer, PlainPolicy};
 pub use policy::{Actor, Assess, Decisions, Features, Memory, OnPolicy, Values};
 pub use ppo::Ppo;
-pub use ppo_settings::PpoSettings;
-pub use ppo_stats::UpdateStats;
-pub use replay::recorded::Recorded;
-pub use replay::ring::Replay;
-pub use replay::settings::ReplaySettings;
+pub use ppo::settings::PpoSettings;
+pub use ppo::stats::UpdateStats;
+pub use ppo::symmetry_loss::SymmetryLoss;
 pub use replay::state::{EpisodeState, ReplayState};
-pub use reward_scale::{MAX_RETURN, MIN_RETURN, RewardWarning};
-pub use rollout::{Episode, RolloutState, RolloutStats, collect};
-pub use sac::history::History;
+pub use replay::{Recorded, Replay, ReplaySettings};
+pub use rollout::{
+    Episode, Experience, MAX_RETURN, MIN_RETURN, RewardWarning, RolloutState, RolloutStats,
+    collect, evaluate, watch,
+};
+pub use sac::Sac;
 pub use sac::network::SacNetwork;
-pub use sac::policy::SacPolicy;
+pub use sac::policy::{History, SacPolicy};
 pub use sac::settings::{ContextSettings, SacSettings, Temperature};
 pub use sac::stats::SacStats;
-pub use sac::update::Sac;
 pub use symmetry_check::check_symmetry;
-pub use symmetry_loss::SymmetryLoss;

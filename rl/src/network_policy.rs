@@ -1,15 +1,24 @@
-//! A policy: a network with its parameters, run on batches of observations.
+//! Policies that are a network with its parameters, and the Gaussian one.
 
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
 use equivariant::Chunks;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use symmetry::Group;
 
-use crate::env::Observations;
+use crate::activity::{Activity, Units};
+use crate::distributions::{log_prob, standard_normals};
+use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params};
-use crate::policy::Features;
-use crate::trunk::{OnTrunk, OnTrunkPass, Trunk};
+use crate::network::{ActorCritic, Workspace};
+use crate::network_settings::{Critic, NetworkSettings};
+use crate::plain;
+use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
+use crate::policy::{Actor, Assess, Decisions, Features, OnPolicy, Values};
+use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 
 /// Samples of one chunk: a batch of 20 environments then occupies several threads.
 const CHUNK: usize = 4;
@@ -55,8 +64,8 @@ impl<N, W> NetworkPolicy<N, W> {
 
 impl<N, W> NetworkPolicy<N, W>
 where
-    N: OnTrunk<f32> + Send + Sync + 'static,
-    W: OnTrunkPass<f32> + Send + 'static,
+    N: HasTrunk<f32> + Send + Sync + 'static,
+    W: HasTrunkPass<f32> + Send + 'static,
 {
     /// `buffers` makes those for chunks of up to a number of samples.
     pub(crate) fn of(network: Arc<N>, params: Vec<f32>, buffers: fn(&N, usize) -> W) -> Self {
@@ -107,8 +116,8 @@ where
 
 impl<N, W> Features for NetworkPolicy<N, W>
 where
-    N: OnTrunk<f32> + Send + Sync + 'static,
-    W: OnTrunkPass<f32> + Send + 'static,
+    N: HasTrunk<f32> + Send + Sync + 'static,
+    W: HasTrunkPass<f32> + Send + 'static,
 {
     fn feature_dim(&self) -> usize {
         self.trunk().feature_dim()
@@ -130,7 +139,7 @@ where
     }
 }
 
-impl<N: OnTrunk<f32>, W> fmt::Debug for NetworkPolicy<N, W> {
+impl<N: HasTrunk<f32>, W> fmt::Debug for NetworkPolicy<N, W> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let trunk = self.network.trunk();
         f.debug_struct("NetworkPolicy")
@@ -142,8 +151,8 @@ impl<N: OnTrunk<f32>, W> fmt::Debug for NetworkPolicy<N, W> {
 
 impl<N, W> Clone for NetworkPolicy<N, W>
 where
-    N: OnTrunk<f32> + Send + Sync + 'static,
-    W: OnTrunkPass<f32> + Send + 'static,
+    N: HasTrunk<f32> + Send + Sync + 'static,
+    W: HasTrunkPass<f32> + Send + 'static,
 {
     fn clone(&self) -> Self {
         Self::of(Arc::clone(&self.network), self.params.clone(), self.buffers)
@@ -155,4 +164,261 @@ where
 pub(crate) fn check_saved(params: &[f32], expected: usize) -> Result<(), RlError> {
     check_params(params.len(), expected)?;
     check_all_finite("a parameter", params)
+}
+
+/// An [`ActorCritic`] with its parameters: a diagonal Gaussian policy that is exactly equivariant
+/// under the group of its settings. It decides from the observation alone.
+pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, Workspace<f32>>;
+
+impl ActorCriticPolicy {
+    /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
+    ///
+    /// # Errors
+    /// Those of [`ActorCritic::new`].
+    pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
+        let network = ActorCritic::new(settings, spec)?;
+        let params = network.init(&mut ChaCha8Rng::seed_from_u64(seed));
+        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
+    }
+
+    /// Builds the network for `spec` with the given flat parameters, as
+    /// [`ActorCriticPolicy::params`] returned them.
+    ///
+    /// # Errors
+    /// Those of [`ActorCritic::new`], [`RlError::Parameters`] when the number of parameters differs
+    /// and [`RlError::NotFinite`] when one is infinite or not a number.
+    pub fn with_params(
+        settings: &NetworkSettings,
+        spec: &EnvSpec,
+        params: Vec<f32>,
+    ) -> Result<Self, RlError> {
+        let network = ActorCritic::new(settings, spec)?;
+        check_saved(&params, network.num_params())?;
+        Ok(Self::of(Arc::new(network), params, ActorCritic::workspace))
+    }
+
+    /// Logarithms of the action's standard deviations `[A]`, in natural order, the same for every
+    /// state.
+    pub fn log_std(&self) -> &[f32] {
+        let params = self.params();
+        &params[params.len() - self.width()..]
+    }
+
+    /// Raises every logarithm of a standard deviation that is below `floor` to it. NaN stays.
+    pub(crate) fn clamp_log_std(&mut self, floor: f32) {
+        let start = self.params().len() - self.width();
+        for log_std in &mut self.params_mut()[start..] {
+            if *log_std < floor {
+                *log_std = floor;
+            }
+        }
+    }
+
+    /// Fills the outputs with rows `[A + 1]` of means and values; returns N.
+    fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
+        let width = self.width();
+        let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
+            chunk.network.forward(chunk.params, chunk.range.len(), w);
+            let outputs = w.mean.chunks_exact(width).zip(&w.value);
+            for (row, (mean, &value)) in rows.chunks_exact_mut(width + 1).zip(outputs) {
+                row[..width].copy_from_slice(mean);
+                row[width] = value;
+            }
+        };
+        self.infer(observations, width + 1, forward)
+    }
+
+    fn log_std_f64(&self) -> Vec<f64> {
+        self.log_std().iter().map(|&s| f64::from(s)).collect()
+    }
+
+    /// Samples actions `[N, A]` from the outputs of N observations.
+    pub(crate) fn write_actions(
+        &self,
+        samples: usize,
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        check_len("actions", "[N, A]", out.len(), samples * self.width())?;
+        standard_normals(rng, out);
+        self.sample(out);
+        Ok(())
+    }
+
+    /// Decides from the outputs of N observations, with the noise `[N, A]`.
+    pub(crate) fn write_decisions(
+        &self,
+        samples: usize,
+        noise: &[f32],
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        out.check(self.network().spec(), samples)?;
+        check_len("noise", "[N, A]", noise.len(), samples * self.width())?;
+        out.actions.copy_from_slice(noise);
+        self.sample(&mut out.actions);
+        self.weigh(out);
+        Ok(())
+    }
+
+    /// Writes the means `[N, A]` of the outputs of N observations.
+    pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
+        let width = self.width();
+        check_len("mean actions", "[N, A]", out.len(), samples * width)?;
+        let rows = out.chunks_exact_mut(width);
+        for (mean, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+            mean.iter_mut()
+                .zip(output)
+                .for_each(|(m, &o)| *m = o as f32);
+        }
+        Ok(())
+    }
+
+    /// Writes the values `[N]` of the outputs of N observations.
+    pub(crate) fn write_values(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
+        check_len("values", "[N]", out.len(), samples)?;
+        let width = self.width();
+        for (value, output) in out.iter_mut().zip(self.outputs.chunks_exact(width + 1)) {
+            *value = output[width] as f32;
+        }
+        Ok(())
+    }
+
+    /// Turns standard normal numbers `[N, A]` into actions around the means of the last run.
+    fn sample(&self, numbers: &mut [f32]) {
+        let width = self.width();
+        let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
+        let rows = numbers.chunks_exact_mut(width);
+        for (row, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
+            for j in 0..width {
+                row[j] = (output[j] + std[j] * f64::from(row[j])) as f32;
+            }
+        }
+    }
+
+    /// Writes log-probabilities and values from the last run. The density belongs to the numbers
+    /// that are executed, so actions are rounded before.
+    fn weigh(&self, decisions: &mut Decisions) {
+        let log_std = self.log_std_f64();
+        let width = log_std.len();
+        let mut taken = vec![0.0; width];
+        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
+            for (taken, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
+                *taken = f64::from(action);
+            }
+            decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
+            decisions.values[i] = output[width] as f32;
+        }
+    }
+}
+
+impl Actor for ActorCriticPolicy {
+    type Memory = ();
+
+    fn memory(&self, _: usize) {}
+
+    fn act(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        rng: &mut ChaCha8Rng,
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.write_actions(samples, rng, out)
+    }
+
+    fn mean_actions(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.write_means(samples, out)
+    }
+}
+
+impl OnPolicy for ActorCriticPolicy {
+    fn decide(
+        &mut self,
+        observations: &Observations,
+        (): &mut (),
+        noise: &[f32],
+        out: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.write_decisions(samples, noise, out)
+    }
+}
+
+impl Assess for ActorCriticPolicy {
+    fn assess(
+        &mut self,
+        observations: &Observations,
+        decisions: &mut Decisions,
+    ) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        decisions.check(self.network().spec(), samples)?;
+        self.weigh(decisions);
+        Ok(())
+    }
+}
+
+impl Values for ActorCriticPolicy {
+    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
+        let samples = self.run(observations)?;
+        self.write_values(samples, out)
+    }
+}
+
+impl Plain for ActorCriticPolicy {
+    fn plain(&self) -> Result<PlainPolicy, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let (parts, trunk) = (network.parts(), plain::trunk(&network.trunk, params)?);
+        let settings = network.settings();
+        let (group, critic) = (settings.group, &params[parts.critic]);
+        let to = |order| [trunk.joined, End::Natural(order)];
+        let pooled = matches!(settings.critic, Critic::Pooled { .. });
+        let critic = match pooled {
+            false => chain(group, &network.critic, critic, to(&[0]))?,
+            // invariant channels stay as they are
+            true => chain(Group::C1, &network.critic, critic, [End::Regular; 2])?,
+        };
+        let actor = &params[parts.actor];
+        Ok(PlainPolicy {
+            spec: network.spec().clone(),
+            order: group.order(),
+            actor: chain(group, &network.actor, actor, to(&network.action_order))?,
+            image: trunk.image,
+            vector: trunk.vector,
+            distribution: Distribution::Gaussian {
+                log_std: self.log_std().to_vec(),
+            },
+            critic: Some((critic, pooled)),
+        })
+    }
+
+    fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError> {
+        let samples = observations.samples(self.network().spec())?;
+        let mut actions = vec![0.0; samples * self.width()];
+        let mut values = vec![0.0; samples];
+        self.mean_actions(observations, &mut (), &mut actions)?;
+        self.values(observations, &mut values)?;
+        Ok(Answers {
+            actions,
+            log_std: self.log_std().repeat(samples),
+            values: Some(values),
+        })
+    }
+}
+
+impl Units for ActorCriticPolicy {
+    fn activity(&self, observations: &Observations, (): &()) -> Result<Activity, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let samples = observations.samples(network.spec())?;
+        let mut w = network.workspace(samples);
+        network.trunk.load_all(observations, 0..samples, w.trunk());
+        network.forward(params, samples, &mut w);
+        Ok(network.activity(params, samples, &w))
+    }
 }

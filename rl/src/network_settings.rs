@@ -5,8 +5,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::encoder::{Encoder, copies};
-use crate::error::RlError;
-use crate::require::{require_log_std, require_positive, require_width};
+use crate::error::{RlError, require_log_std, require_positive, require_width};
 
 /// Sizes and initial values of [`crate::ActorCritic`]. The default is the network measured for 48 x
 /// 48 pixels.
@@ -47,7 +46,7 @@ pub struct NetworkSettings {
     pub vector_fields: usize,
     /// Regular fields of the actor's hidden layer, at least 1.
     pub actor_fields: usize,
-    /// What the value is computed from.
+    /// Input of the value.
     pub critic: Critic,
     /// Gain of the actor's last layer when it is drawn, above 0; small, so that mean actions start
     /// near zero.
@@ -59,7 +58,7 @@ pub struct NetworkSettings {
     pub log_std: f32,
 }
 
-/// What the value is computed from; it is invariant in either case.
+/// Input of the value, which is invariant in either case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Critic {

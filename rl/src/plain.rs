@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use equivariant::{Dense, Kernel, LayerKind, Sequential, Shape, Signature, hadamard};
+use equivariant::{Dense, Kernel, LayerKind, Sequential, Signature, hadamard};
 use symmetry::Group;
 
 use crate::encoder::{Encoder, POOLING};
@@ -31,7 +31,7 @@ pub enum PlainLayer {
     MaxPool(Kernel),
 }
 
-/// What an actor's last layer says of actions.
+/// Distribution of actions that an actor's last layer describes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Distribution {
     /// A Gaussian: the means `[A]`.
@@ -57,23 +57,23 @@ pub enum Distribution {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlainPolicy {
-    /// What it sees and does.
+    /// Sizes and types of observations and actions.
     pub spec: EnvSpec,
     /// G, the order of its group: how many channels a regular field has.
     pub order: usize,
     /// Layers of the picture; none where it looks at no picture.
     pub image: Option<Vec<PlainLayer>>,
-    /// Layers of the vector.
-    pub vector: Vec<PlainLayer>,
+    /// Layers of the vector; none where there is none.
+    pub vector: Option<Vec<PlainLayer>>,
     /// Layers of the actor.
     pub actor: Vec<PlainLayer>,
-    /// What the actor's output is.
+    /// Meaning of the actor's output.
     pub distribution: Distribution,
     /// Layers of the critic, and whether it reads maxima over G; none where a policy says no value.
     pub critic: Option<(Vec<PlainLayer>, bool)>,
 }
 
-/// What a policy says of N observations.
+/// Output of a policy for N observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answers {
     /// Mean actions `[N, A]`: what an evaluation executes.
@@ -86,20 +86,20 @@ pub struct Answers {
 
 /// A policy that can be written in ordinary layers.
 pub trait Plain {
-    /// The same policy in ordinary layers; outputs differ by rounding.
+    /// Returns the policy in ordinary layers; outputs differ by rounding.
     ///
     /// # Errors
     /// [`RlError::NotPlain`] for a network with parts that are no ordinary layers.
     fn plain(&self) -> Result<PlainPolicy, RlError>;
 
-    /// What it says of observations, for comparison.
+    /// Returns its output for observations, for comparison.
     ///
     /// # Errors
     /// [`RlError::Shape`] for observations of other environments.
     fn answers(&mut self, observations: &Observations) -> Result<Answers, RlError>;
 }
 
-/// What is at an end of a chain of layers.
+/// Kind of an end of a chain of layers.
 #[derive(Clone, Copy)]
 pub(crate) enum End<'a> {
     /// Channels of the regular basis.
@@ -113,7 +113,7 @@ pub(crate) enum End<'a> {
 /// The layers of the picture and of the vector, and the end that heads begin at.
 pub(crate) struct PlainTrunk {
     pub image: Option<Vec<PlainLayer>>,
-    pub vector: Vec<PlainLayer>,
+    pub vector: Option<Vec<PlainLayer>>,
     pub joined: End<'static>,
 }
 
@@ -122,26 +122,29 @@ pub(crate) struct PlainTrunk {
 /// # Errors
 /// [`RlError::NotPlain`].
 pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<PlainTrunk, RlError> {
-    if matches!(trunk.settings.encoder, Encoder::Keypoints { .. }) {
-        let part = "an encoder of keypoints";
+    let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
+    let refused = match trunk.settings.encoder {
+        Encoder::Keypoints { .. } => Some("an encoder of keypoints"),
+        Encoder::Strided { .. } | Encoder::Pooled { .. } if spec.image[0] != spec.image[1] => {
+            Some("an encoder of images that are not square")
+        }
+        _ => None,
+    };
+    if let (Some(part), Some(_)) = (refused, parts.encoder) {
         return Err(RlError::NotPlain { part });
     }
-    let (group, parts) = (trunk.settings.group, trunk.parts());
-    let channels: Vec<usize> = (0..trunk.spec.image[2]).collect();
-    let ends = |order| [End::Natural(order), End::Regular];
-    let image = parts
-        .sight
-        .map(|(encoder, _)| chain(group, encoder, &params[trunk.encoder()], ends(&channels)));
-    let image = image.transpose()?;
-    let own = &params[trunk.encoder().end..trunk.num_params()];
-    let fields = |shape: Shape| shape.len() / group.order();
-    let joined = match parts.sight {
-        Some((_, concat)) => concat.in_shapes().map(fields),
-        None => [0, fields(parts.pool.in_shape())],
+    let channels: Vec<usize> = (0..spec.image[2]).collect();
+    let plain = |layers: Option<&Sequential<f32>>, own, order| {
+        let ends = [End::Natural(order), End::Regular];
+        let layers = layers.map(|layers| chain(group, layers, &params[own], ends));
+        layers.transpose()
     };
+    let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
+    let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
+    let vector = trunk.encoder().end..trunk.num_params();
     Ok(PlainTrunk {
-        image,
-        vector: chain(group, parts.vector, own, ends(parts.vector_order))?,
+        image: plain(parts.encoder, trunk.encoder(), &channels)?,
+        vector: plain(parts.vector, vector, parts.vector_order)?,
         joined: End::Joined(joined),
     })
 }
@@ -230,7 +233,7 @@ fn change(group: Group, end: End<'_>, inner: usize, values: &mut [f32]) {
     }
 }
 
-/// Where each channel of `[G, image fields and vector fields]` lies once those of the picture come
+/// Places of the channels of `[G, image fields and vector fields]` once those of the picture come
 /// first.
 fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
     let both = image + vector;
@@ -246,7 +249,7 @@ fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
-    use equivariant::{AveragePool, FieldType, Layer, MaxPool, Relu};
+    use equivariant::{AveragePool, FieldType, Layer, MaxPool, Relu, Shape};
 
     use super::*;
 

@@ -1,12 +1,12 @@
-//! What collection, evaluation and assignment ask of a policy: acting, valuing and features are
-//! traits of their own, and a policy implements those that it is used for.
+//! Interfaces of policies for collection, evaluation and assignment: acting, valuing and features
+//! are traits of their own, and a policy implements those that it is used for.
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_rows_finite};
 
-/// What an actor remembers of the running episodes of N environments.
+/// Memory of an actor for the running episodes of N environments.
 pub trait Memory {
     /// Forgets the running episode of environment `env`, in 0..N. The environment's next
     /// observation is the first one of another episode.
@@ -31,7 +31,7 @@ impl Memory for () {
 /// The contract of an equivariant actor, for every group element g: the mean action of g s is g
 /// applied to the mean action of s, and the standard deviation is the same for s and g s.
 pub trait Actor {
-    /// What is remembered from step to step: `()` where an actor decides from the observation
+    /// State that is kept from step to step: `()` where an actor decides from the observation
     /// alone.
     type Memory: Memory;
 
@@ -84,13 +84,13 @@ pub trait Features {
     fn features(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
-/// What on-policy collection asks of a policy at every step: an action, how probable it was, and
+/// Decides for on-policy collection: at every step an action, its log-probability, and
 /// what the observation is worth. A network whose actor and critic share an encoder runs it once.
 pub trait OnPolicy: Actor + Values {
-    /// Writes the actions that the noise `[N, A]` makes, with their log-probabilities and the values
-    /// of the observations. Noise is standard normal and all that is random: the same noise gives
-    /// the same actions. Where its numbers are independent of one another, actions are distributed
-    /// as those of [`Actor::act`] are.
+    /// Writes the actions that the noise `[N, A]` makes, with their log-probabilities and the
+    /// values of the observations. Noise is standard normal and all that is random: the same noise
+    /// gives the same actions. Where its numbers are independent of one another, actions are
+    /// distributed as those of [`Actor::act`] are.
     ///
     /// # Errors
     /// [`RlError::Shape`] when an array does not fit.
@@ -118,7 +118,7 @@ pub trait Assess: Values {
     ) -> Result<(), RlError>;
 }
 
-/// What a policy decided for N observations.
+/// Decisions of a policy for N observations.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decisions {
     /// Sampled actions `[N, A]` in their natural order, not clipped.

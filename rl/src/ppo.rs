@@ -1,50 +1,41 @@
 //! Proximal policy optimisation: one update of a policy from one rollout.
+//!
+//! Names and order are those of CleanRL's `ppo_continuous_action.py`, as far as the two do the
+//! same.
 
 #[cfg(feature = "wgpu")]
-mod device;
-#[cfg(feature = "wgpu")]
-mod graph;
-mod processor;
-mod task;
+mod gpu;
+mod minibatch;
+pub(crate) mod settings;
+pub(crate) mod stats;
+pub(crate) mod symmetry_loss;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::actor_critic_policy::ActorCriticPolicy;
-use crate::adam::{Adam, SECOND_MOMENT};
+use crate::adam::{Adam, SECOND_MOMENT, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
-use crate::error::{RlError, check_all_finite, check_params};
-use crate::ppo::processor::Processor;
-use crate::ppo::task::{Rollout, Task};
-use crate::ppo_settings::PpoSettings;
-use crate::ppo_stats::{Totals, UpdateStats};
+use crate::distributions::{entropy, log_prob};
+use crate::error::{RlError, check_all_finite, check_finite, check_params};
+use crate::network_policy::ActorCriticPolicy;
+use crate::ppo::minibatch::{
+    Batch, Decision, Device, LARGEST_LOG_RATIO, LossWeights, Output, Processor, Update,
+};
+use crate::ppo::settings::PpoSettings;
+use crate::ppo::stats::{LossSums, Totals, UpdateStats};
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
 pub struct Ppo {
     settings: PpoSettings,
     optimiser: Adam,
-    engine: Engine,
-    rollout: Rollout,
-}
-
-/// What computes gradients and takes steps.
-enum Engine {
-    Processor(Processor),
-    #[cfg(feature = "wgpu")]
-    Device(Box<device::Device>),
-}
-
-impl Engine {
-    fn run(&mut self, task: Task) -> Result<Totals, RlError> {
-        match self {
-            Engine::Processor(processor) => processor.run(task),
-            #[cfg(feature = "wgpu")]
-            Engine::Device(device) => device.run(task),
-        }
-    }
+    device: Box<dyn Device>,
+    batch: Batch,
 }
 
 impl Ppo {
@@ -54,14 +45,13 @@ impl Ppo {
     /// [`RlError::Setting`] when a setting is out of range, [`RlError::BelowFloor`] when a standard
     /// deviation of `policy` is already below the floor.
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        let processor = Processor::new(policy);
-        Self::on(settings, policy, Engine::Processor(processor))
+        Self::on(settings, policy, Box::new(Processor::new(policy)))
     }
 
-    /// The same on a GPU: passes, losses and steps of an update run there, one command buffer for
-    /// each minibatch, and results are read once. The processor draws the order of the minibatches
-    /// and knows the optimiser's state after each update, so an update of either can follow one of
-    /// the other.
+    /// Fresh optimiser state for updates on a GPU: passes, losses and steps of an update run there,
+    /// one command buffer for each minibatch, and results are read once. The processor draws the
+    /// order of the minibatches and knows the optimiser's state after each update, so an update of
+    /// either can follow one of the other.
     ///
     /// # Errors
     /// Those of [`Ppo::new`], and [`RlError::OnProcessorAlone`] for a
@@ -75,22 +65,21 @@ impl Ppo {
         if settings.symmetry.is_some() {
             return Err(RlError::OnProcessorAlone);
         }
-        let engine = Engine::Device(Box::new(device::Device::new(device)));
-        Self::on(settings, policy, engine)
+        Self::on(settings, policy, Box::new(gpu::Gpu::new(device)))
     }
 
     fn on(
         settings: PpoSettings,
         policy: &ActorCriticPolicy,
-        engine: Engine,
+        device: Box<dyn Device>,
     ) -> Result<Self, RlError> {
         settings.check()?;
-        check_floor(policy.log_std(), settings.min_log_std)?;
+        settings.check_floor(policy.log_std())?;
         Ok(Self {
             optimiser: Adam::new(policy.network().num_params(), settings.adam_epsilon),
             settings,
-            engine,
-            rollout: Rollout::default(),
+            device,
+            batch: Batch::default(),
         })
     }
 
@@ -122,25 +111,24 @@ impl Algorithm for Ppo {
         buffer: &RolloutBuffer,
         rng: &mut ChaCha8Rng,
     ) -> Result<UpdateStats, RlError> {
-        let expected = self.optimiser.first_moment.len();
-        check_params(expected, policy.params().len())?;
+        check_params(self.optimiser.first_moment.len(), policy.params().len())?;
         policy.network().spec().check_same(buffer.spec())?;
-        self.rollout.prepare(&self.settings, buffer, rng)?;
-        let totals = self.engine.run(Task {
+        self.batch.fill(&self.settings, buffer, rng)?;
+        let mut update = Update {
             settings: &self.settings,
             optimiser: &mut self.optimiser,
-            rollout: &mut self.rollout,
+            batch: &self.batch,
             policy,
             buffer,
             rng,
-        })?;
+        };
+        let totals = run_epochs(&mut update, &mut *self.device)?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        let losses = totals.losses;
-        let moved = self.rollout.moved.take();
+        let moved = self.batch.moved.take();
         Ok(UpdateStats {
-            symmetry_loss: moved.map(|_| losses.symmetry / losses.samples),
-            ..totals.stats(values, &self.rollout.returns, policy.log_std())
+            symmetry_loss: moved.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
+            ..totals.stats(values, &self.batch.returns, policy.log_std())
         })
     }
 
@@ -157,14 +145,124 @@ impl Algorithm for Ppo {
     }
 }
 
-/// The first step would raise what is below the floor, however small the gradient is.
-fn check_floor(log_std: &[f32], min_log_std: f32) -> Result<(), RlError> {
-    match log_std.iter().find(|&&log_std| log_std < min_log_std) {
-        Some(&log_std) => Err(RlError::BelowFloor {
-            log_std,
-            min_log_std,
-        }),
-        None => Ok(()),
+impl Batch {
+    /// Computes advantages and returns, and moves decisions by what `rng` draws.
+    fn fill(
+        &mut self,
+        settings: &PpoSettings,
+        buffer: &RolloutBuffer,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<(), RlError> {
+        let (advantages, returns) = (&mut self.advantages, &mut self.returns);
+        advantages.resize(buffer.samples(), 0.0);
+        returns.resize(buffer.samples(), 0.0);
+        buffer.advantages(settings.gamma, settings.lambda, advantages, returns)?;
+        check_all_finite("a return", returns)?;
+        let actions = buffer.decisions().actions.iter();
+        self.actions.clear();
+        self.actions.extend(actions.map(|&a| f64::from(a)));
+        self.moved = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
+        Ok(())
+    }
+}
+
+/// Optimises the policy and its value function. A device that queues minibatches applies the same
+/// rules by itself and reports at the end.
+fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<Totals, RlError> {
+    let settings = update.settings;
+    let mut totals = Totals::default();
+    let mut b_inds: Vec<usize> = (0..update.buffer.samples()).collect();
+    let mut mb_advantages = Vec::new();
+    'epochs: for _ in 0..settings.epochs {
+        shuffle(&mut b_inds, update.rng);
+        for mb_inds in b_inds.chunks(settings.minibatch) {
+            normalise(&update.batch.advantages, mb_inds, &mut mb_advantages);
+            let minibatch = update.minibatch(mb_inds, &mb_advantages);
+            let Some((losses, gradient)) = device.losses(update, &minibatch)? else {
+                continue;
+            };
+            totals.losses.add(&losses);
+            let approx_kl = losses.approx_kl / losses.samples;
+            if approx_kl > settings.kl_stop() {
+                break 'epochs;
+            }
+            let grad_norm = clip_global_norm(gradient, settings.max_grad_norm);
+            check_finite("the norm of the gradient", grad_norm)?;
+            let (groups, params) = (update.groups(), update.policy.params_mut());
+            update.optimiser.step(&groups, params, gradient);
+            update.policy.clamp_log_std(settings.min_log_std);
+            totals.grad_norms += grad_norm;
+            totals.steps += 1;
+        }
+        totals.epochs += 1;
+    }
+    Ok(device.finish(update)?.unwrap_or(totals))
+}
+
+/// Fisher and Yates' shuffle, in Durstenfeld's form (Comm. ACM 7, 1964, algorithm 235).
+fn shuffle(b_inds: &mut [usize], rng: &mut ChaCha8Rng) {
+    for i in (1..b_inds.len()).rev() {
+        b_inds.swap(i, rng.random_range(0..=i));
+    }
+}
+
+/// Writes the advantages at `mb_inds`, shifted and scaled to mean 0 and sample standard deviation
+/// 1.
+///
+/// Per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37 implementation
+/// details of PPO" (Huang et al., ICLR blog track 2022).
+fn normalise(advantages: &[f32], mb_inds: &[usize], out: &mut Vec<f64>) {
+    out.clear();
+    out.extend(mb_inds.iter().map(|&i| f64::from(advantages[i])));
+    let count = out.len() as f64;
+    let mean = out.iter().sum::<f64>() / count;
+    let squares = out.iter().map(|a| (a - mean).powi(2)).sum::<f64>();
+    let std = (squares / (count - 1.0).max(1.0)).sqrt();
+    out.iter_mut().for_each(|a| *a = (*a - mean) / (std + 1e-8));
+}
+
+impl LossWeights {
+    /// Returns the loss terms of one decision and the gradient with respect to the value. Writes
+    /// the gradient with respect to the mean to `d_mean` and adds the one with respect to log_std
+    /// to `d_log_std`; all are multiplied by `scale` (1 / minibatch).
+    ///
+    /// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7
+    /// and 9, without value clipping. The KL estimator is k3 of Schulman, "Approximating KL
+    /// divergence" (2020): (r - 1) - ln r.
+    fn loss(
+        &self,
+        old: &Decision,
+        new: &Output,
+        scale: f64,
+        d_mean: &mut [f64],
+        d_log_std: &mut [f64],
+    ) -> (LossSums, f64) {
+        let logratio = log_prob(new.mean, new.log_std, old.action) - old.log_prob;
+        let capped = logratio > LARGEST_LOG_RATIO;
+        let ratio = if capped { LARGEST_LOG_RATIO } else { logratio }.exp();
+        let clip_coef = self.clip_coef;
+        let pg_loss1 = -(ratio * old.advantage);
+        let pg_loss2 = -(ratio.clamp(1.0 - clip_coef, 1.0 + clip_coef) * old.advantage);
+        // where the maximum takes the clipped branch, the loss does not depend on the policy
+        let unclipped = pg_loss1 >= pg_loss2;
+        let d_log_prob = if unclipped { pg_loss1 * scale } else { 0.0 };
+        for i in 0..d_mean.len() {
+            let inverse = (-new.log_std[i]).exp();
+            let z = (old.action[i] - new.mean[i]) * inverse;
+            d_mean[i] = d_log_prob * z * inverse;
+            d_log_std[i] += d_log_prob * (z * z - 1.0) - self.ent_coef * scale;
+        }
+        let error = new.value - old.ret;
+        let terms = LossSums {
+            samples: 1.0,
+            policy_loss: pg_loss1.max(pg_loss2),
+            value_loss: error * error,
+            entropy: entropy(new.log_std),
+            approx_kl: (ratio - 1.0) - logratio,
+            clip_fraction: f64::from(u8::from((ratio - 1.0).abs() > clip_coef)),
+            symmetry_loss: 0.0,
+        };
+        (terms, 2.0 * self.vf_coef * error * scale)
     }
 }
 

@@ -1,7 +1,489 @@
-//! A replay: past steps of episodes, sampled again and again.
+//! The replay: a ring of recorded steps.
 
 mod episode;
-pub(crate) mod recorded;
-pub(crate) mod ring;
-pub(crate) mod settings;
 pub(crate) mod state;
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::iter::repeat_n;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::error::{RlError, check_len, check_rows_finite, require};
+use crate::policy::Actor;
+use crate::replay::episode::{Episode, Sizes};
+use crate::rollout::Experience;
+
+/// A ring of the latest steps, in the order in which they were recorded.
+///
+/// Pictures are kept as bytes. An episode's observations are kept one after the other, so that each
+/// is stored once, although it ends one step and begins the next; channels that stand still
+/// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
+/// memory as long as they are [history](Recorded::earlier) of later ones, and a history never
+/// reaches into another episode.
+///
+/// [`collect`](crate::collect) fills it; [`Replay::push`] does the same by hand.
+#[derive(Clone)]
+pub struct Replay {
+    settings: ReplaySettings,
+    spec: EnvSpec,
+    sizes: Sizes,
+    episodes: VecDeque<Episode>,
+    /// Number of the first of `episodes`, counted from the first one ever.
+    first: u32,
+    /// Steps that are held, the oldest first.
+    order: VecDeque<Place>,
+    /// Numbers of the running episodes, `[N]`; none where an episode begins with the next step.
+    running: Vec<Option<u32>>,
+    recorded: u64,
+    marked: u64,
+    /// Memory of dropped episodes' pictures, at most N, for those that begin next. Given back to
+    /// the allocator instead, large pieces of almost equal size leave gaps: a fifth of the memory
+    /// after a few rounds.
+    spare: Vec<Vec<u8>>,
+    /// Of the step that is being collected, `[N, A]`.
+    actions: Vec<f32>,
+}
+
+impl Replay {
+    /// An empty replay for the environments of `spec`; their number may change, see
+    /// [`Replay::cut`]. Memory is allocated as steps come.
+    ///
+    /// # Errors
+    /// [`RlError::EmptySpec`] or [`RlError::Setting`] for sizes out of range.
+    pub fn new(settings: ReplaySettings, spec: &EnvSpec) -> Result<Self, RlError> {
+        spec.check()?;
+        settings.check(spec)?;
+        Ok(Self {
+            sizes: Sizes::new(spec, settings.still_channels),
+            settings,
+            spec: spec.clone(),
+            episodes: VecDeque::new(),
+            first: 0,
+            order: VecDeque::new(),
+            running: vec![None; spec.num_envs],
+            recorded: 0,
+            marked: 0,
+            spare: Vec::new(),
+            actions: Vec::new(),
+        })
+    }
+
+    /// Records one step of N environments: the observations that were acted on, the actions
+    /// `[N, A]` and what they led to. After an error, nothing has changed.
+    ///
+    /// # Errors
+    /// [`RlError::Shape`] when an array does not fit, [`RlError::NotFinite`] for numbers that are
+    /// not, [`RlError::Discontinued`] for observations that are not those that the last step led
+    /// to, [`RlError::NotStill`] for a channel that should stand still and does not.
+    pub fn push(
+        &mut self,
+        observations: &Observations,
+        actions: &[f32],
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        let n = self.spec.num_envs;
+        observations.check(&self.spec, n)?;
+        observations.check_finite(&self.spec)?;
+        check_len("actions", "[N, A]", actions.len(), n * self.sizes.action)?;
+        check_rows_finite("an action", actions, self.sizes.action)?;
+        transition.check(&self.spec)?;
+        (0..n).try_for_each(|env| self.check_continued(env, observations, transition))?;
+        for env in 0..n {
+            let action = &actions[env * self.sizes.action..(env + 1) * self.sizes.action];
+            self.push_one(env, observations, action, transition);
+        }
+        Ok(())
+    }
+
+    /// Ends the running episodes where they stand: the next observations belong to others. Call it
+    /// where a collection begins with a reset. Their last steps count as steps that go on, since
+    /// nothing is known of an end. Afterwards, a collection may have another number of
+    /// environments.
+    pub fn cut(&mut self) {
+        for number in self.running.iter_mut().filter_map(Option::take) {
+            if let Some(episode) = self.episodes.get_mut((number - self.first) as usize) {
+                episode.shrink();
+            }
+        }
+    }
+
+    /// Marks the present: what is recorded from here on is the newest experience, of which
+    /// [`Replay::sample`] takes a share. At first, everything is.
+    pub fn mark(&mut self) {
+        self.mark_newest(0);
+    }
+
+    /// Marks the moment since which `steps` steps were recorded: those are the newest experience,
+    /// all of them where there are fewer.
+    pub fn mark_newest(&mut self, steps: u64) {
+        self.marked = self.recorded.saturating_sub(steps);
+    }
+
+    /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1] of
+    /// them, rounded, from those recorded since the mark, the others from all. Where nothing was
+    /// recorded since the mark, all are drawn from all.
+    ///
+    /// # Panics
+    /// When the replay is empty.
+    pub fn sample(&self, batch: usize, newest: f32, rng: &mut ChaCha8Rng, out: &mut Vec<usize>) {
+        let len = self.len();
+        let since = ((self.recorded - self.marked) as usize).min(len);
+        let share = (newest * batch as f32).round() as usize;
+        let starts = if since == 0 { 0 } else { len - since };
+        let starts = repeat_n(starts, share).chain(repeat_n(0, batch - share));
+        out.clear();
+        out.extend(starts.map(|start| rng.random_range(start..len)));
+    }
+
+    /// Step `index`, in 0..[`Replay::len`]; the oldest is the first.
+    ///
+    /// # Panics
+    /// When there is no such step.
+    pub fn get(&self, index: usize) -> Recorded<'_> {
+        let place = self.order[index];
+        let episode = self.episode(place.episode);
+        Recorded {
+            episode,
+            sizes: &self.sizes,
+            number: place.episode,
+            step: place.step as usize - episode.removed,
+        }
+    }
+
+    /// Number of steps held.
+    pub fn len(&self) -> usize {
+        self.order.len()
+    }
+
+    /// Returns `true` if no step is held.
+    pub fn is_empty(&self) -> bool {
+        self.order.is_empty()
+    }
+
+    /// Number of steps ever recorded.
+    pub fn recorded(&self) -> u64 {
+        self.recorded
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &ReplaySettings {
+        &self.settings
+    }
+
+    /// Sizes and types of the environments.
+    pub fn spec(&self) -> &EnvSpec {
+        &self.spec
+    }
+
+    /// Bytes allocated.
+    pub fn bytes(&self) -> usize {
+        let episodes = self.episodes.iter().map(Episode::bytes).sum::<usize>();
+        let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
+        episodes + spare + self.order.capacity() * size_of::<Place>()
+    }
+
+    fn episode(&self, number: u32) -> &Episode {
+        &self.episodes[(number - self.first) as usize]
+    }
+
+    /// Refuses a step of environment `env` that does not follow its running episode, and pictures
+    /// whose still channels change.
+    fn check_continued(
+        &self,
+        env: usize,
+        observations: &Observations,
+        transition: &Transition,
+    ) -> Result<(), RlError> {
+        let now = observations.sample(&self.spec, env);
+        let next = led_to(transition, env).sample(&self.spec, env);
+        let begun;
+        let episode = match self.running[env] {
+            Some(number) => self.episode(number),
+            None => {
+                begun = Episode::begin(&self.sizes, now, Vec::new());
+                &begun
+            }
+        };
+        if !episode.ends_with(&self.sizes, now) {
+            return Err(RlError::Discontinued { env });
+        }
+        if !episode.stands_still(&self.sizes, next.0) {
+            let channels = self.sizes.still;
+            return Err(RlError::NotStill { env, channels });
+        }
+        Ok(())
+    }
+
+    fn push_one(
+        &mut self,
+        env: usize,
+        observations: &Observations,
+        action: &[f32],
+        transition: &Transition,
+    ) {
+        let number = self.running[env].unwrap_or_else(|| {
+            let now = observations.sample(&self.spec, env);
+            let spare = self.spare.pop().unwrap_or_default();
+            self.episodes
+                .push_back(Episode::begin(&self.sizes, now, spare));
+            self.first + self.episodes.len() as u32 - 1
+        });
+        let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
+        let next = led_to(transition, env).sample(&self.spec, env);
+        let episode = &mut self.episodes[(number - self.first) as usize];
+        self.order.push_back(Place {
+            episode: number,
+            step: (episode.removed + episode.steps()) as u32,
+        });
+        episode.push(&self.sizes, action, (reward, outcome), next);
+        self.running[env] = (!outcome.ended()).then_some(number);
+        self.recorded += 1;
+        if self.len() > self.settings.capacity {
+            self.drop_oldest();
+        }
+    }
+
+    /// Drops the oldest step, and the memory of episodes of which no step is left.
+    fn drop_oldest(&mut self) {
+        let Some(place) = self.order.pop_front() else {
+            return;
+        };
+        let running = &self.running;
+        let over = |number: u32| !running.contains(&Some(number));
+        let episode = &mut self.episodes[(place.episode - self.first) as usize];
+        episode.drop_oldest(&self.sizes);
+        if episode.held == 0 && over(place.episode) {
+            let dropped = std::mem::take(episode);
+            if self.spare.len() < self.running.len() {
+                self.spare.push(dropped.moving);
+            }
+        }
+        while self.episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
+            self.episodes.pop_front();
+            self.first += 1;
+        }
+    }
+}
+
+impl fmt::Debug for Replay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Replay")
+            .field("settings", &self.settings)
+            .field("spec", &self.spec)
+            .field("len", &self.len())
+            .field("recorded", &self.recorded)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The observations that a step led environment `env` to.
+fn led_to(transition: &Transition, env: usize) -> &Observations {
+    match transition.outcomes[env] {
+        Outcome::Running => &transition.observations,
+        Outcome::Terminated | Outcome::Truncated => &transition.final_observations,
+    }
+}
+
+impl<A: Actor> Experience<A> for Replay {
+    fn steps(&self) -> usize {
+        self.settings.steps
+    }
+
+    /// Makes room for the running episodes of the environments of `spec`.
+    fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
+        self.spec.check_same(spec)?;
+        let (got, expected) = (spec.num_envs, self.spec.num_envs);
+        if self.running.iter().any(Option::is_some) {
+            check_len("environments", "[N]", got, expected)?;
+        }
+        self.spec.num_envs = got;
+        self.running.resize(got, None);
+        self.actions.resize(got * self.sizes.action, 0.0);
+        Ok(())
+    }
+
+    fn choice(&mut self) -> (&mut [f32], bool) {
+        let warm_up = self.recorded < self.settings.warm_up;
+        (&mut self.actions, warm_up)
+    }
+
+    fn record(&mut self, _: &mut A, from: &Observations, to: &Transition) -> Result<(), RlError> {
+        // lent out, since a push borrows all of the replay
+        let actions = std::mem::take(&mut self.actions);
+        let result = self.push(from, &actions, to);
+        self.actions = actions;
+        result
+    }
+}
+
+/// Place of an observation: that before step `step` of the episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Place {
+    /// Number of the episode, counted from the first one ever.
+    pub episode: u32,
+    pub step: u32,
+}
+
+/// A step that a [`Replay`](crate::Replay) holds: an observation, an action, a reward and the
+/// observation after it.
+#[derive(Clone, Copy)]
+pub struct Recorded<'a> {
+    episode: &'a Episode,
+    sizes: &'a Sizes,
+    /// Number of the episode, counted from the first one ever.
+    number: u32,
+    /// Position among the episode's stored steps.
+    step: usize,
+}
+
+impl<'a> Recorded<'a> {
+    /// Position in the episode, from 0.
+    pub fn step(&self) -> usize {
+        self.episode.removed + self.step
+    }
+
+    /// Place of the observation that was acted on.
+    pub(crate) fn place(&self) -> Place {
+        Place {
+            episode: self.number,
+            step: self.step() as u32,
+        }
+    }
+
+    /// Place of the observation after the step.
+    pub(crate) fn next_place(&self) -> Place {
+        let Place { episode, step } = self.place();
+        Place {
+            episode,
+            step: step + 1,
+        }
+    }
+
+    /// Writes the picture `[H, W, C]` that was acted on.
+    ///
+    /// # Panics
+    /// When `out` does not hold a picture.
+    pub fn image(&self, out: &mut [u8]) {
+        self.episode.image(self.sizes, self.step, out);
+    }
+
+    /// The vector `[D]` that was acted on.
+    pub fn vector(&self) -> &'a [f32] {
+        row(&self.episode.vectors, self.step, self.sizes.vector)
+    }
+
+    /// The action `[A]` that was executed.
+    pub fn action(&self) -> &'a [f32] {
+        row(&self.episode.actions, self.step, self.sizes.action)
+    }
+
+    /// The reward.
+    pub fn reward(&self) -> f32 {
+        self.episode.rewards[self.step]
+    }
+
+    /// Outcome of the step. A running episode that
+    /// [`Replay::cut`](crate::Replay::cut) stopped stays [`Outcome::Running`].
+    pub fn outcome(&self) -> Outcome {
+        if self.step + 1 == self.episode.steps() {
+            self.episode.outcome
+        } else {
+            Outcome::Running
+        }
+    }
+
+    /// Writes the picture `[H, W, C]` after the step; where the episode ended, its last one.
+    ///
+    /// # Panics
+    /// When `out` does not hold a picture.
+    pub fn next_image(&self, out: &mut [u8]) {
+        self.episode.image(self.sizes, self.step + 1, out);
+    }
+
+    /// The vector `[D]` after the step; where the episode ended, its last one.
+    pub fn next_vector(&self) -> &'a [f32] {
+        row(&self.episode.vectors, self.step + 1, self.sizes.vector)
+    }
+
+    /// The step `count` before this one; none where the episode begins later. Of an episode that is
+    /// longer than the replay's capacity, at least 256 dropped steps are still there.
+    pub fn earlier(&self, count: usize) -> Option<Self> {
+        let step = self.step.checked_sub(count)?;
+        Some(Self { step, ..*self })
+    }
+
+    /// The step `count` further among those of its episode that the replay holds; after the last
+    /// comes the first of them. So, from a held step that is drawn uniformly, one gets to another
+    /// that is.
+    pub(crate) fn along(&self, count: usize) -> Self {
+        let first = self.episode.steps() - self.episode.held;
+        let step = first + (self.step - first + count) % self.episode.held;
+        Self { step, ..*self }
+    }
+}
+
+impl fmt::Debug for Recorded<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Recorded")
+            .field("place", &self.place())
+            .field("action", &self.action())
+            .field("reward", &self.reward())
+            .field("outcome", &self.outcome())
+            .finish_non_exhaustive()
+    }
+}
+
+fn row(values: &[f32], i: usize, width: usize) -> &[f32] {
+    &values[i * width..(i + 1) * width]
+}
+
+/// Settings of [`crate::Replay`]. Capacity and warm-up of the default are those of CLEAR and 3RL in
+/// COVERS (Liu et al., CoRL 2023, appendix, table "CLEAR and 3RL Hyperparameter").
+///
+/// In a file, a field that is missing has its default, and one that does not exist is an error.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReplaySettings {
+    /// Steps held at most, at least 1; beyond them, every new one replaces the oldest.
+    pub capacity: usize,
+    /// Steps of every environment in one collection, at least 1.
+    pub steps: usize,
+    /// Decisions at the beginning whose actions are drawn uniformly from [-1, 1].
+    pub warm_up: u64,
+    /// Number of channels, the last ones of a picture, that stand still during an episode. They are
+    /// stored once for each episode.
+    pub still_channels: usize,
+}
+
+impl Default for ReplaySettings {
+    fn default() -> Self {
+        Self {
+            capacity: 200_000,
+            steps: 50,
+            warm_up: 1000,
+            still_channels: 0,
+        }
+    }
+}
+
+impl ReplaySettings {
+    /// Refuses values outside their ranges, and more still channels than pictures have.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] names the field, its value and its range.
+    pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
+        let places = 1..=u32::MAX as usize;
+        let (capacity, still) = (self.capacity, self.still_channels);
+        let allowed = places.contains(&capacity);
+        require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
+        let allowed = self.steps > 0;
+        require("steps", self.steps as f32, "at least 1 step", allowed)?;
+        let expected = "at most the channels of a picture";
+        let allowed = still <= spec.image[2];
+        require("still_channels", still as f32, expected, allowed)
+    }
+}

@@ -1,14 +1,300 @@
-//! Soft actor-critic.
+//! Soft actor-critic: updates of a policy from a replay.
+//!
+//! Names and order are those of CleanRL's `sac_continuous_action.py`, as far as the two do the
+//! same.
 
-mod gradient;
-pub(crate) mod history;
+pub(crate) mod context;
+#[cfg(test)]
+mod gradient_tests;
 mod minibatch;
 pub(crate) mod network;
+mod passes;
 pub(crate) mod policy;
-mod reader;
 pub(crate) mod settings;
-mod squashed;
 pub(crate) mod stats;
-mod units;
-pub(crate) mod update;
-mod workspace;
+#[cfg(test)]
+mod update_tests;
+
+use std::fmt;
+use std::ops::Range;
+
+use equivariant::{Chunks, Scalar};
+use rand_chacha::ChaCha8Rng;
+
+use crate::adam::{Adam, ParamGroup, SECOND_MOMENT, clip_values, norm};
+use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
+use crate::env::Outcome;
+use crate::error::{RlError, check_all_finite, check_finite, check_params};
+use crate::replay::Replay;
+use crate::sac::minibatch::{Draws, SacWorkspace, training_chunk};
+use crate::sac::passes::Losses;
+use crate::sac::policy::SacPolicy;
+use crate::sac::settings::{SacSettings, Temperature};
+use crate::sac::stats::{SacStats, SacSums, SacTotals};
+
+/// Names of the state in a checkpoint, beside that of the optimiser.
+const TARGETS: &str = "targets";
+const TEMPERATURE: &str = "temperature.log";
+const TEMPERATURE_FIRST: &str = "temperature.first";
+const TEMPERATURE_SECOND: &str = "temperature.second";
+
+/// Soft actor-critic (Haarnoja et al., arXiv 1801.01290, and arXiv 1812.05905, algorithm 1) with
+/// the state of one policy: optimiser, target critics and temperature.
+///
+/// ```text
+/// y     = r + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha ln pi(a'|s'))
+/// J_Q   = sum_i (Q_i(s, a) - y)^2 / 2                  (1812.05905, equations 5 and 6)
+/// J_pi  = alpha ln pi(b|s) - min_i Q_i(s, b)           (1812.05905, equation 9)
+/// J_alpha = -alpha ln pi(b|s) - alpha H                (1812.05905, equation 18)
+/// ```
+///
+/// where a' and b are drawn from the actor, and Q' are the target critics. A time-out is not a
+/// termination. All gradients of a step are taken at the same parameters, and one Adam takes the
+/// step of actor and critics.
+pub struct Sac {
+    settings: SacSettings,
+    optimiser: Adam,
+    /// Parameters of the target critics.
+    targets: Vec<f32>,
+    /// The logarithm of a learned temperature, and its optimiser.
+    log_alpha: [f32; 1],
+    alpha_optimiser: Adam,
+    chunks: Chunks<f32, SacWorkspace<f32>>,
+    gradient: Vec<f32>,
+    draws: Draws,
+}
+
+impl Sac {
+    /// Fresh state for `policy` and its clones: target critics equal to its critics.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] when a setting is out of range.
+    pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
+        settings.check()?;
+        let chunk = training_chunk(settings.window);
+        let network = policy.network().clone();
+        let num_params = network.num_params();
+        Ok(Self {
+            optimiser: Adam::new(num_params, settings.adam_epsilon),
+            targets: policy.params()[network.critics()].to_vec(),
+            log_alpha: [settings.temperature.initial().ln()],
+            alpha_optimiser: Adam::new(1, settings.adam_epsilon),
+            chunks: Chunks::new(num_params, chunk, move || network.workspace(chunk)),
+            gradient: vec![0.0; num_params],
+            draws: Draws::default(),
+            settings,
+        })
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &SacSettings {
+        &self.settings
+    }
+
+    /// Alpha, the worth of a nat of entropy.
+    pub fn temperature(&self) -> f64 {
+        match self.settings.temperature {
+            Temperature::Fixed(alpha) => alpha.into(),
+            Temperature::Learned { .. } => f64::from(self.log_alpha[0]).exp(),
+        }
+    }
+
+    /// Gradient steps that are still to be taken when `recorded` steps have been recorded, counted
+    /// from the first one ever: for all of them after the burn-in, less the gradient steps that
+    /// were taken. So a fresh `Sac` on a replay of old steps catches up on all of them at its first
+    /// update. One that goes on where both were saved does not ([`Algorithm::restore`] brings its
+    /// count back).
+    pub fn due(&self, recorded: u64) -> u64 {
+        let after = recorded.saturating_sub(self.settings.burn_in);
+        let total = after as f64 * f64::from(self.settings.updates_per_step);
+        (total as u64).saturating_sub(self.optimiser.steps)
+    }
+
+    /// Takes one gradient step on everything.
+    fn step(
+        &mut self,
+        policy: &mut SacPolicy,
+        replay: &Replay,
+        rng: &mut ChaCha8Rng,
+        totals: &mut SacTotals,
+    ) -> Result<(), RlError> {
+        self.draws.draw(&self.settings, replay, rng);
+        let sums = self.losses(policy, replay)?;
+        totals.grad_norms += self.descend(policy, totals)?;
+        totals.steps += 1;
+        totals.sums.add(&sums);
+        self.update_alpha(policy, &sums);
+        self.update_targets(policy);
+        Ok(())
+    }
+
+    /// Leaves the gradient of the minibatch that was drawn in `self.gradient`.
+    fn losses(&mut self, policy: &SacPolicy, replay: &Replay) -> Result<SacSums, RlError> {
+        let losses = Losses {
+            network: policy.network(),
+            params: policy.params(),
+            targets: &self.targets,
+            batch: self.draws.batch(&self.settings, self.temperature(), replay),
+        };
+        self.gradient.fill(0.0);
+        let mut sums = SacSums::default();
+        let parts = self.chunks.accumulate(
+            self.settings.batch,
+            &mut self.gradient,
+            |range, workspace, gradient| losses.chunk(range, workspace, gradient),
+        );
+        parts.iter().for_each(|part| sums.add(part));
+        let loss = sums.critic_loss + sums.actor_loss + sums.cloning_loss;
+        check_finite("the loss of a minibatch", loss)?;
+        Ok(sums)
+    }
+
+    /// Clips the gradient and takes a step; returns the norm before clipping.
+    fn descend(&mut self, policy: &mut SacPolicy, totals: &mut SacTotals) -> Result<f64, RlError> {
+        let grad_norm = norm(&self.gradient);
+        check_finite("the norm of the gradient", grad_norm)?;
+        let clipped = clip_values(&mut self.gradient, self.settings.max_gradient);
+        totals.clipped += clipped as f64 / self.gradient.len() as f64;
+        let group = ParamGroup::all(self.gradient.len(), self.settings.learning_rate);
+        let params = policy.params_mut();
+        self.optimiser.step(&[group], params, &self.gradient);
+        Ok(grad_norm)
+    }
+
+    /// Takes a step on J(alpha) = E[-alpha ln pi - alpha H], where H is the entropy to be kept
+    /// (1812.05905, equation 18), in the logarithm of alpha, so that alpha stays positive.
+    fn update_alpha(&mut self, policy: &SacPolicy, sums: &SacSums) {
+        let Temperature::Learned { target, .. } = self.settings.temperature else {
+            return;
+        };
+        let target_entropy = f64::from(target) * policy.network().spec().action.len() as f64;
+        let surplus = -sums.log_pi / sums.samples - target_entropy;
+        let gradient = [(self.temperature() * surplus) as f32];
+        let group = ParamGroup::all(1, self.settings.learning_rate);
+        let log_alpha = &mut self.log_alpha;
+        self.alpha_optimiser.step(&[group], log_alpha, &gradient);
+    }
+
+    /// Moves the target critics a part of the way to the critics (algorithm 1, last line).
+    fn update_targets(&mut self, policy: &SacPolicy) {
+        let tau = self.settings.tau;
+        let critics = &policy.params()[policy.network().critics()];
+        for (target, critic) in self.targets.iter_mut().zip(critics) {
+            *target += tau * (critic - *target);
+        }
+    }
+}
+
+impl<T: Scalar> Losses<'_, T> {
+    /// Writes the targets of the critics, from target critics and actor at the next observations.
+    fn next_q_values(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+        for (slot, position) in range.clone().enumerate() {
+            let (step, _) = self.batch.step(position);
+            let min_qf_next_target = w.min_qf(slot).1 - self.batch.alpha * w.log_pi[slot];
+            let goes_on = f64::from(u8::from(step.outcome() != Outcome::Terminated));
+            let reward = f64::from(step.reward());
+            w.next_q_values[slot] = reward + self.batch.gamma * goes_on * min_qf_next_target;
+        }
+    }
+
+    /// Sums the critics' loss of n steps, and leaves its gradient in what they put out.
+    fn critic_loss(&self, n: usize, w: &mut SacWorkspace<T>) -> SacSums {
+        let mut sums = SacSums::default();
+        for slot in 0..n {
+            for qf in &mut w.critics {
+                let error = qf.y[slot].to_f64() - w.next_q_values[slot];
+                sums.critic_loss += 0.5 * error * error;
+                sums.value += 0.5 * qf.y[slot].to_f64();
+                qf.dy[slot] = T::from_f64(error * self.batch.scale());
+            }
+        }
+        sums
+    }
+
+    /// Sums the actor's loss of n steps, and leaves its gradient in what the critics put out.
+    fn actor_loss(&self, n: usize, w: &mut SacWorkspace<T>) -> SacSums {
+        let mut sums = SacSums::default();
+        for slot in 0..n {
+            let (qf, min_qf_pi) = w.min_qf(slot);
+            sums.samples += 1.0;
+            sums.actor_loss += self.batch.alpha * w.log_pi[slot] - min_qf_pi;
+            sums.log_pi += w.log_pi[slot];
+            w.critics[1 - qf].dy[slot] = T::ZERO;
+            w.critics[qf].dy[slot] = T::from_f64(-self.batch.scale());
+        }
+        sums
+    }
+}
+
+impl Algorithm for Sac {
+    type Policy = SacPolicy;
+    type Experience = Replay;
+    type Stats = SacStats;
+
+    /// Takes the gradient steps that are due ([`SacSettings::updates_per_step`]), none during the
+    /// burn-in. The same inputs give the same bits on any number of threads.
+    ///
+    /// # Errors
+    /// Those of [`Algorithm::update`]; what may diverge are the loss and the gradient.
+    fn update(
+        &mut self,
+        policy: &mut SacPolicy,
+        replay: &Replay,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<SacStats, RlError> {
+        check_params(self.gradient.len(), policy.params().len())?;
+        policy.network().spec().check_same(replay.spec())?;
+        let mut totals = SacTotals::default();
+        if !replay.is_empty() {
+            for _ in 0..self.due(replay.recorded()) {
+                self.step(policy, replay, rng, &mut totals)?;
+            }
+        }
+        check_all_finite("a parameter after the update", policy.params())?;
+        Ok(totals.stats(self.temperature(), replay.len()))
+    }
+
+    /// Both moments of Adam and its number of steps, the target critics and the temperature.
+    fn save(&self) -> AlgorithmState<'_> {
+        let alpha = &self.alpha_optimiser;
+        let mut state = self.optimiser.save();
+        state.tensors.push((TARGETS, &self.targets));
+        // a fixed temperature has no state, and takes none from a learned one
+        if matches!(self.settings.temperature, Temperature::Learned { .. }) {
+            state.tensors.extend([
+                (TEMPERATURE, &self.log_alpha[..]),
+                (TEMPERATURE_FIRST, &alpha.first_moment),
+                (TEMPERATURE_SECOND, &alpha.second_moment),
+            ]);
+        }
+        state
+    }
+
+    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+        state.check_like(&self.save())?;
+        check_not_negative(state, &[SECOND_MOMENT, TEMPERATURE_SECOND])?;
+        let alpha = &mut self.alpha_optimiser;
+        let own: [&mut [f32]; 4] = [
+            &mut self.targets,
+            &mut self.log_alpha,
+            &mut alpha.first_moment,
+            &mut alpha.second_moment,
+        ];
+        // the layout is that of `save`, in which the last three are there for a learned one
+        for (own, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
+            own.copy_from_slice(saved);
+        }
+        self.optimiser.restore(state);
+        alpha.steps = self.optimiser.steps;
+        Ok(())
+    }
+}
+
+impl fmt::Debug for Sac {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Sac")
+            .field("settings", &self.settings)
+            .field("steps", &self.optimiser.steps)
+            .finish_non_exhaustive()
+    }
+}

@@ -4,10 +4,9 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Group, Irrep};
 
+use crate::distributions::standard_normals;
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
-use crate::error::RlError;
-use crate::gaussian::standard_normals;
-use crate::require::require;
+use crate::error::{RlError, require};
 use crate::rollout::{Episode, step};
 
 /// Random moves of the episodes that the observed deviation is compared with: with all of them
@@ -57,12 +56,13 @@ pub fn check_symmetry(
     let expected = "steps in which 48 episodes begin, in all environments together";
     require("steps", steps as f32, expected, enough)?;
     let mut elements = vec![D2::Identity; episodes.len()];
-    let Some((worst, observed)) = features.largest(&episodes, &elements) else {
+    let norms = features.norms(&episodes);
+    let Some((worst, observed)) = features.largest(&episodes, &norms, &elements) else {
         return Ok(());
     };
     for _ in 0..DRAWS {
         elements.fill_with(|| group.elements()[rng.random_range(0..group.order())]);
-        let moved = features.largest(&episodes, &elements);
+        let moved = features.largest(&episodes, &norms, &elements);
         if moved.is_some_and(|(_, moved)| moved > observed - EQUAL) {
             return Ok(());
         }
@@ -75,8 +75,8 @@ pub fn check_symmetry(
     })
 }
 
-/// Quantity that is compared in every step. Indices count the entries of a view and the components of the
-/// action.
+/// Quantity that is compared in every step. Indices count the entries of a view and the components
+/// of the action.
 #[derive(Clone, Copy, Debug)]
 enum Term {
     /// An entry of the view.
@@ -175,7 +175,7 @@ impl Features {
         observations.check(spec, n)?;
         observations
             .check_finite(spec)
-            .map_err(|e| e.at_step(|_| 0))?;
+            .map_err(|e| e.at_step(|_| Some(0)))?;
         let mut views: Vec<_> = (0..n).map(|i| self.view_of(&observations, i)).collect();
         let mut running = vec![Episode::default(); n];
         let mut sums = vec![vec![0.0; self.terms.len()]; n];
@@ -234,18 +234,27 @@ impl Features {
         vector.chain(moments).collect()
     }
 
+    /// Returns the root of the sum of squares over the episodes of each term: no move changes it.
+    fn norms(&self, episodes: &[Vec<f64>]) -> Vec<f64> {
+        let squares = |k: usize| episodes.iter().map(|sums| sums[k] * sums[k]).sum::<f64>();
+        (0..self.terms.len()).map(|k| squares(k).sqrt()).collect()
+    }
+
     /// Returns the term whose sum over the episodes, each moved by its element, is largest beside
-    /// the root of its sum of squares, and that ratio; none where all are zero.
-    fn largest(&self, episodes: &[Vec<f64>], elements: &[D2]) -> Option<(usize, f64)> {
-        let ratios = self.terms.iter().enumerate().filter_map(|(k, &term)| {
+    /// its norm, and that ratio; none where all are zero.
+    fn largest(
+        &self,
+        episodes: &[Vec<f64>],
+        norms: &[f64],
+        elements: &[D2],
+    ) -> Option<(usize, f64)> {
+        let ratio = |(k, &term): (usize, &Term)| {
             let irrep = self.irrep(term);
-            let (mut sum, mut squares) = (0.0, 0.0);
-            for (episode, &g) in episodes.iter().zip(elements) {
-                sum += f64::from(irrep.sign(g)) * episode[k];
-                squares += episode[k] * episode[k];
-            }
-            (squares > 0.0).then(|| (k, f64::abs(sum) / squares.sqrt()))
-        });
+            let moved = episodes.iter().zip(elements);
+            let moved = moved.map(|(sums, &g)| f64::from(irrep.sign(g)) * sums[k]);
+            (norms[k] > 0.0).then(|| (k, moved.sum::<f64>().abs() / norms[k]))
+        };
+        let ratios = self.terms.iter().enumerate().filter_map(ratio);
         ratios.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 }

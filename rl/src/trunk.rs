@@ -1,9 +1,12 @@
 //! From observations to equivariant fields: what actor and critic share.
 
+#[cfg(feature = "wgpu")]
+use std::borrow::Cow;
 use std::ops::Range;
 
 use equivariant::{
-    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Sequential, Shape, Signature,
+    Concat, FieldType, GroupMaxPool, Layer, Linear, Relu, Scalar, Scratch, Sequential, Shape,
+    Signature, level, unit_sums,
 };
 use rand::Rng;
 use symmetry::irrep_order;
@@ -11,8 +14,6 @@ use symmetry::irrep_order;
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
-use crate::sight_pass::SightPass;
-use crate::stage::Stage;
 
 /// The shared part of a network, with the settings and the spec of all of it.
 ///
@@ -22,29 +23,29 @@ use crate::stage::Stage;
 /// ```
 ///
 /// Its parameters are those of the image encoder, then those of the vector's layer. A network that
-/// is [`Encoder::Blind`](crate::Encoder::Blind) has no image encoder, and h is the vector's fields.
+/// is [`Encoder::Blind`](crate::Encoder::Blind), or for environments without images, has no image
+/// encoder, and h is the vector's fields; where there is no vector, h is the image's.
 pub struct Trunk<T> {
-    /// Those that the network was built with and for.
+    /// Settings and spec that the network was built with and for.
     pub settings: NetworkSettings,
     pub spec: EnvSpec,
-    sight: Option<Sight<T>>,
-    vector: Sequential<T>,
+    /// Height, width and channels of what the encoder sees.
+    canvas: [usize; 3],
+    encoder: Option<Sequential<T>>,
+    vector: Option<Sequential<T>>,
+    /// Joins the fields of both.
+    concat: Option<Concat>,
     pool: GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     vector_order: Vec<usize>,
 }
 
-/// The image encoder, and how its fields join those of the vector.
-struct Sight<T> {
-    encoder: Sequential<T>,
-    concat: Concat,
-}
-
 /// The parts of a trunk, for what runs them elsewhere.
 pub struct Parts<'a, T> {
-    /// The image encoder, and how its fields join those of the vector.
-    pub sight: Option<(&'a Sequential<T>, &'a Concat)>,
-    pub vector: &'a Sequential<T>,
+    pub encoder: Option<&'a Sequential<T>>,
+    pub vector: Option<&'a Sequential<T>>,
+    /// Joins the fields of both.
+    pub concat: Option<&'a Concat>,
     pub pool: &'a GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
     pub vector_order: &'a [usize],
@@ -53,18 +54,18 @@ pub struct Parts<'a, T> {
 /// Every activation, gradient and scratch of a trunk's pass over up to a fixed number of samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
-    image: Option<SightPass<T>>,
-    vector: Stage<T>,
-    pool: Stage<T>,
+    image: Option<EncoderBuffers<T>>,
+    vector: Option<LayerBuffers<T>>,
+    pool: LayerBuffers<T>,
 }
 
 /// A network that begins with a trunk.
-pub trait OnTrunk<T> {
+pub trait HasTrunk<T> {
     fn trunk(&self) -> &Trunk<T>;
 }
 
 /// The buffers of such a network.
-pub trait OnTrunkPass<T> {
+pub trait HasTrunkPass<T> {
     fn trunk(&mut self) -> &mut TrunkPass<T>;
 }
 
@@ -73,14 +74,29 @@ impl<T: Scalar> Trunk<T> {
         settings.check()?;
         spec.check()?;
         let group = settings.group;
+        let canvas = settings.encoder.canvas(spec.image)?;
+        let encoder = settings
+            .encoder
+            .layers(group, canvas, settings.top_fields)?;
         let fields = settings.regular(settings.vector_fields);
-        let vector = Sequential::new(lift(FieldType::from_irreps(group, &spec.vector), fields)?)?;
-        let sight = Sight::new(settings, spec, vector.out_shape())?;
-        let joint = sight.as_ref().map(|sight| sight.concat.out_shape());
+        let from = (!spec.vector.is_empty()).then(|| FieldType::from_irreps(group, &spec.vector));
+        let vector = from.map(|from| Ok::<_, RlError>(Sequential::new(lift(from, fields)?)?));
+        let vector = vector.transpose()?;
+        let shapes = [&encoder, &vector].map(|part| part.as_ref().map(Signature::out_shape));
+        let (joint, concat) = match shapes {
+            [Some(image), Some(vector)] => {
+                let concat = Concat::new(image, vector)?;
+                (concat.out_shape(), Some(concat))
+            }
+            [Some(alone), None] | [None, Some(alone)] => (alone, None),
+            [None, None] => return Err(RlError::NothingObserved),
+        };
         Ok(Self {
-            pool: GroupMaxPool::new(joint.unwrap_or(vector.out_shape()))?,
-            sight,
+            pool: GroupMaxPool::new(joint)?,
+            canvas,
+            encoder,
             vector,
+            concat,
             vector_order: irrep_order(group, &spec.vector),
             settings: settings.clone(),
             spec: spec.clone(),
@@ -97,17 +113,17 @@ impl<T: Scalar> Trunk<T> {
         self.pool.out_shape().len()
     }
 
-    /// Where the parameters of the image encoder lie.
+    /// Range of the image encoder's parameters.
     pub fn encoder(&self) -> Range<usize> {
-        let sight = self.sight.as_ref();
-        0..sight.map_or(0, |sight| sight.encoder.num_params())
+        0..self.encoder.as_ref().map_or(0, Signature::num_params)
     }
 
     pub fn num_params(&self) -> usize {
-        self.encoder().end + self.vector.num_params()
+        let vector = self.vector.as_ref();
+        self.encoder().end + vector.map_or(0, Signature::num_params)
     }
 
-    /// Where its parameters lie in those of a network.
+    /// Range of its parameters in those of a network.
     pub fn params(&self) -> Range<usize> {
         0..self.num_params()
     }
@@ -120,21 +136,21 @@ impl<T: Scalar> Trunk<T> {
     /// by a ReLU with gain sqrt(2), zero biases. The others are zeros.
     pub fn init(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
         let mut params = vec![T::ZERO; num_params];
-        if let Some(sight) = &self.sight {
+        if let Some(encoder) = &self.encoder {
             let gain = self.settings.encoder.last_gain();
-            sight
-                .encoder
-                .init_scaled(rng, gain, &mut params[self.encoder()]);
+            encoder.init_scaled(rng, gain, &mut params[self.encoder()]);
         }
-        self.vector.init(rng, &mut params[self.vector_params()]);
+        if let Some(vector) = &self.vector {
+            vector.init(rng, &mut params[self.vector_params()]);
+        }
         params
     }
 
     pub fn parts(&self) -> Parts<'_, T> {
-        let sight = self.sight.as_ref();
         Parts {
-            sight: sight.map(|sight| (&sight.encoder, &sight.concat)),
-            vector: &self.vector,
+            encoder: self.encoder.as_ref(),
+            vector: self.vector.as_ref(),
+            concat: self.concat.as_ref(),
             pool: &self.pool,
             vector_order: &self.vector_order,
         }
@@ -142,11 +158,11 @@ impl<T: Scalar> Trunk<T> {
 
     /// Buffers for up to `capacity` samples.
     pub fn pass(&self, capacity: usize) -> TrunkPass<T> {
-        let sight = self.sight.as_ref();
+        let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkPass {
-            image: sight.map(|sight| SightPass::new(&sight.encoder, capacity)),
-            vector: Stage::new(&self.vector, capacity),
-            pool: Stage::new(&self.pool, capacity),
+            image: encoder.map(|encoder| EncoderBuffers::new(encoder, capacity)),
+            vector: vector.map(|vector| LayerBuffers::new(vector, capacity)),
+            pool: LayerBuffers::new(&self.pool, capacity),
         }
     }
 
@@ -155,13 +171,40 @@ impl<T: Scalar> Trunk<T> {
     pub fn load(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
-        if let Some(sight) = &mut pass.image {
-            sight.pictures[slot * image.len()..(slot + 1) * image.len()].copy_from_slice(image);
+        if let Some(encoder) = &mut pass.image {
+            let len = self.canvas.iter().product::<usize>();
+            self.centre(image, &mut encoder.pictures[slot * len..(slot + 1) * len]);
         }
-        let components = &mut pass.vector.x[slot * vector.len()..(slot + 1) * vector.len()];
-        for (x, &i) in components.iter_mut().zip(&self.vector_order) {
-            *x = T::from_f64(f64::from(vector[i]));
+        if let Some(layer) = &mut pass.vector {
+            let components = &mut layer.x[slot * vector.len()..(slot + 1) * vector.len()];
+            for (x, &i) in components.iter_mut().zip(&self.vector_order) {
+                *x = T::from_f64(f64::from(vector[i]));
+            }
         }
+    }
+
+    /// Copies a picture to the middle of a canvas.
+    fn centre(&self, image: &[u8], canvas: &mut [u8]) {
+        let ([height, width, channels], [rows, columns, _]) = (self.spec.image, self.canvas);
+        let (top, left) = ((rows - height) / 2, (columns - width) / 2);
+        for (row, pixels) in image.chunks_exact(width * channels).enumerate() {
+            let start = ((top + row) * columns + left) * channels;
+            canvas[start..start + pixels.len()].copy_from_slice(pixels);
+        }
+    }
+
+    /// Pictures `[N, H, W, C]` as the encoder sees them.
+    #[cfg(feature = "wgpu")]
+    pub fn canvases<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
+        if self.canvas == self.spec.image {
+            return Cow::Borrowed(images);
+        }
+        let (image, canvas) = (self.spec.image_len(), self.canvas.iter().product());
+        let mut canvases = vec![0; images.len() / image * canvas];
+        for (image, canvas) in images.chunks(image).zip(canvases.chunks_mut(canvas)) {
+            self.centre(image, canvas);
+        }
+        Cow::Owned(canvases)
     }
 
     /// Writes the observations in `range` into the slots from 0 on.
@@ -179,31 +222,30 @@ impl<T: Scalar> Trunk<T> {
 
     /// Computes h of the samples in slots 0..n.
     pub fn forward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>) {
-        let vector = n * self.vector.out_shape().len();
-        pass.vector
-            .forward(&self.vector, &params[self.vector_params()], n);
-        let out = &mut pass.pool.x[..n * self.out_type().dim()];
-        match (&self.sight, &mut pass.image) {
-            (Some(sight), Some(image)) => {
-                image.forward(&sight.encoder, &params[self.encoder()], n);
-                let len = n * sight.encoder.out_shape().len();
-                let vector = &pass.vector.y[..vector];
-                sight.concat.forward(&image.y[..len], vector, out);
-            }
-            _ => out.copy_from_slice(&pass.vector.y[..vector]),
+        let (mut image, mut vector): (&[T], &[T]) = (&[], &[]);
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+            image = buffers.forward(layers, &params[self.encoder()], n);
+        }
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+            vector = buffers.forward(layers, &params[self.vector_params()], n);
+        }
+        let out = &mut pass.pool.x[..n * self.pool.in_shape().len()];
+        match &self.concat {
+            Some(concat) => concat.forward(image, vector, out),
+            None if self.vector.is_none() => out.copy_from_slice(image),
+            None => out.copy_from_slice(vector),
         }
     }
 
     /// Sums of what each unit puts out for the samples in slots 0..n.
     pub fn unit_sums(&self, params: &[T], n: usize, pass: &TrunkPass<T>) -> Vec<Vec<f64>> {
-        let mut sums = match (&self.sight, &pass.image) {
-            (Some(sight), Some(image)) => {
-                image.unit_sums(&sight.encoder, &params[self.encoder()], n)
-            }
-            _ => Vec::new(),
-        };
-        let own = &params[self.vector_params()];
-        sums.extend(pass.vector.unit_sums(&self.vector, own, n));
+        let mut sums = Vec::new();
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &pass.image) {
+            sums.extend(buffers.unit_sums(layers, &params[self.encoder()], n));
+        }
+        if let (Some(layers), Some(buffers)) = (&self.vector, &pass.vector) {
+            sums.extend(buffers.unit_sums(layers, &params[self.vector_params()], n));
+        }
         sums
     }
 
@@ -220,26 +262,32 @@ impl<T: Scalar> Trunk<T> {
     /// Brings a gradient in the features, `[n, F]`, to h.
     pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
         pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
-        pass.pool
-            .backward(&self.pool, (&[], 0..0), n, &mut [], true);
+        pass.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
     /// Adds the gradient in the parameters to `dparams`, from that in h: [`TrunkPass::d_fields`].
     pub fn backward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>, dparams: &mut [T]) {
-        let vector = n * self.vector.out_shape().len();
-        let sum = &pass.pool.dx[..n * self.out_type().dim()];
-        let d_vector = &mut pass.vector.dy[..vector];
-        match (&self.sight, &mut pass.image) {
-            (Some(sight), Some(image)) => {
-                let len = n * sight.encoder.out_shape().len();
-                sight.concat.backward(sum, &mut image.dy[..len], d_vector);
-                let own = self.encoder();
-                image.backward(&sight.encoder, &params[own.clone()], n, &mut dparams[own]);
-            }
-            _ => d_vector.copy_from_slice(sum),
+        let sum = &pass.pool.dx[..n * self.pool.in_shape().len()];
+        let len = |layers: &Sequential<T>| n * layers.out_shape().len();
+        let (mut d_image, mut d_vector): (&mut [T], &mut [T]) = (&mut [], &mut []);
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+            d_image = &mut buffers.dy[..len(layers)];
         }
-        let own = (params, self.vector_params());
-        pass.vector.backward(&self.vector, own, n, dparams, false);
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+            d_vector = &mut buffers.dy[..len(layers)];
+        }
+        match &self.concat {
+            Some(concat) => concat.backward(sum, d_image, d_vector),
+            None if self.vector.is_none() => d_image.copy_from_slice(sum),
+            None => d_vector.copy_from_slice(sum),
+        }
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+            let own = self.encoder();
+            buffers.backward(layers, &params[own.clone()], n, &mut dparams[own]);
+        }
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+            buffers.backward(layers, params, self.vector_params(), n, dparams, false);
+        }
     }
 }
 
@@ -257,22 +305,6 @@ impl<T: Scalar> TrunkPass<T> {
     /// The gradient in h, to be written before the backward pass.
     pub fn d_fields(&mut self) -> &mut [T] {
         &mut self.pool.dx
-    }
-}
-
-impl<T: Scalar> Sight<T> {
-    fn new(
-        settings: &NetworkSettings,
-        spec: &EnvSpec,
-        vector: Shape,
-    ) -> Result<Option<Self>, RlError> {
-        let (group, top_fields) = (settings.group, settings.top_fields);
-        let encoder = settings.encoder.layers(group, spec.image, top_fields)?;
-        let Some(encoder) = encoder else {
-            return Ok(None);
-        };
-        let concat = Concat::new(encoder.out_shape(), vector)?;
-        Ok(Some(Self { encoder, concat }))
     }
 }
 
@@ -310,5 +342,113 @@ impl Layout {
     pub fn next(&mut self, len: usize) -> Range<usize> {
         self.0 += len;
         self.0 - len..self.0
+    }
+}
+
+/// Buffers of one layer for up to a fixed number of samples: input and output with their gradients,
+/// and the layer's scratch.
+#[derive(Clone, Debug)]
+pub(crate) struct LayerBuffers<T> {
+    pub x: Vec<T>,
+    pub y: Vec<T>,
+    pub dx: Vec<T>,
+    pub dy: Vec<T>,
+    scratch: Scratch<T>,
+}
+
+impl<T: Scalar> LayerBuffers<T> {
+    pub fn new(layer: &impl Layer<T>, samples: usize) -> Self {
+        let zeros = |len| vec![T::ZERO; len];
+        let (input, output) = (
+            samples * layer.in_shape().len(),
+            samples * layer.out_shape().len(),
+        );
+        Self {
+            x: zeros(input),
+            y: zeros(output),
+            dx: zeros(input),
+            dy: zeros(output),
+            scratch: layer.scratch(samples),
+        }
+    }
+
+    /// Runs the first n samples and returns what they give.
+    pub fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) -> &[T] {
+        let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
+        &self.y[..y]
+    }
+
+    /// Sums of what each unit puts out for the first n samples, a list for each ReLU.
+    pub fn unit_sums(&self, layer: &impl Layer<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+        unit_sums(layer, params, &self.x[..n * layer.in_shape().len()])
+    }
+
+    /// Adds the gradient in the parameters `range`, and writes that in the input if it is wanted.
+    pub fn backward(
+        &mut self,
+        layer: &impl Layer<T>,
+        params: &[T],
+        range: Range<usize>,
+        n: usize,
+        dparams: &mut [T],
+        input_too: bool,
+    ) {
+        let (input, output) = (n * layer.in_shape().len(), n * layer.out_shape().len());
+        let dx = input_too.then_some(&mut self.dx[..input]);
+        let (x, y, dy) = (&self.x[..input], &self.y[..output], &self.dy[..output]);
+        let (params, dparams) = (&params[range.clone()], &mut dparams[range]);
+        layer.backward(params, x, y, dy, dx, dparams, &mut self.scratch);
+    }
+}
+
+/// Buffers for up to a fixed number of pictures: they, the output with its gradient, and the
+/// encoder's scratch.
+#[derive(Clone, Debug)]
+pub(crate) struct EncoderBuffers<T> {
+    /// `[N, H, W, C]`, bytes.
+    pub pictures: Vec<u8>,
+    pub y: Vec<T>,
+    pub dy: Vec<T>,
+    scratch: Scratch<T>,
+}
+
+impl<T: Scalar> EncoderBuffers<T> {
+    pub fn new(encoder: &Sequential<T>, samples: usize) -> Self {
+        let output = samples * encoder.out_shape().len();
+        Self {
+            pictures: vec![0; samples * encoder.in_shape().len()],
+            y: vec![T::ZERO; output],
+            dy: vec![T::ZERO; output],
+            scratch: encoder.scratch(samples),
+        }
+    }
+
+    /// Runs the first n pictures and returns what they give.
+    pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) -> &[T] {
+        let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
+        let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
+        encoder.forward_bytes(params, pictures, y, &mut self.scratch);
+        y
+    }
+
+    /// Sums of what each unit puts out for the first n pictures, a list for each ReLU.
+    pub fn unit_sums(&self, encoder: &Sequential<T>, params: &[T], n: usize) -> Vec<Vec<f64>> {
+        let pictures = &self.pictures[..n * encoder.in_shape().len()];
+        let x: Vec<T> = pictures.iter().map(|&byte| level(byte)).collect();
+        unit_sums(encoder, params, &x)
+    }
+
+    /// Adds the gradient in the parameters to `dparams`, from that in the output.
+    pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
+        let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
+        let outputs = [&self.y[..y], &self.dy[..y]];
+        encoder.backward_bytes(
+            params,
+            &self.pictures[..x],
+            outputs,
+            dparams,
+            &mut self.scratch,
+        );
     }
 }

@@ -7,8 +7,7 @@ use rl::{
     collect, evaluate,
 };
 
-use crate::common::ages::Ages;
-use crate::common::unseeing::{Acting, Unseeing};
+use crate::common::unseeing::{Acting, Ages, Unseeing};
 
 const ENVS: usize = 3;
 

@@ -1,5 +1,6 @@
 //! The check of the irreps that an environment declares: it refuses wrong ones and no right ones.
 
+use Irrep::{Trivial, X, XY, Y};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxError, EnvSpec, Observations, RlError, Transition, VectorEnv, check_symmetry};
@@ -8,8 +9,6 @@ use symmetry::{Group, Irrep};
 use crate::common::guess::Guess;
 use crate::common::toy::{Toy, Toys};
 use crate::common::{PIXELS, PointReach};
-
-use Irrep::{Trivial, X, XY, Y};
 
 /// An environment that declares other irreps than it has.
 struct Declared<E> {

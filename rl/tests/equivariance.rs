@@ -8,7 +8,7 @@ use rl::{
 };
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::largest::largest;
+use crate::common::parts::{error, random_observations, signed, transformed};
 
 const SAMPLES: usize = 6;
 const TOLERANCE: f32 = 1e-5;
@@ -70,33 +70,7 @@ fn policy() -> ActorCriticPolicy {
 }
 
 fn observations() -> Observations {
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut out = Observations::new(&spec());
-    out.images.fill_with(|| rng.random());
-    out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
-    out
-}
-
-/// The observations with pixels moved by `pixels` and vectors changed by `vectors`: the group
-/// action when both agree.
-fn transformed(from: &Observations, pixels: D2, vectors: D2) -> Observations {
-    let [h, w, c] = spec().image;
-    let images = from
-        .images
-        .chunks(h * w * c)
-        .flat_map(|image| pixels.transform_image(image, h, w, c));
-    Observations {
-        images: images.collect(),
-        vectors: signed(&from.vectors, &spec().vector, vectors),
-    }
-}
-
-/// Rows of components in natural order, each multiplied by its irrep's sign.
-fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
-    rows.iter()
-        .zip(irreps.iter().cycle())
-        .map(|(x, irrep)| x * f32::from(irrep.sign(g)))
-        .collect()
+    random_observations(&spec(), &mut ChaCha8Rng::seed_from_u64(11))
 }
 
 /// Mean actions, values and features.
@@ -110,13 +84,6 @@ fn outputs(policy: &mut ActorCriticPolicy, observations: &Observations) -> [Vec<
     out
 }
 
-/// Largest difference relative to the largest entry.
-fn error(a: &[f32], b: &[f32]) -> f32 {
-    let size = largest(b.iter().map(|x| x.abs()));
-    assert!(size > 0.0, "an output that is all zero proves nothing");
-    largest(a.iter().zip(b).map(|(x, y)| (x - y).abs())) / size
-}
-
 /// Errors of mean, value and features when the input is changed by (`pixels`, `vectors`) and the
 /// mean by `action`.
 fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
@@ -125,7 +92,10 @@ fn errors(pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
 
 fn errors_of(policy: &mut ActorCriticPolicy, pixels: D2, vectors: D2, action: D2) -> [f32; 3] {
     let [mean, value, features] = outputs(policy, &observations());
-    let moved = outputs(policy, &transformed(&observations(), pixels, vectors));
+    let moved = outputs(
+        policy,
+        &transformed(&spec(), &observations(), pixels, vectors),
+    );
     let mean = signed(&mean, &spec().action, action);
     [
         error(&moved[0], &mean),

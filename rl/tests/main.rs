@@ -3,22 +3,19 @@
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod actions;
-mod augmentation;
 mod buffer;
 mod collection;
 mod common;
 mod declared_irreps;
 mod equivariance;
-mod horizon;
 mod learning;
 mod memory;
 mod numbers;
+mod observations;
 mod refusals;
 mod revaluation;
 mod reward_scale;
 mod ring;
 mod sac;
 mod sac_equivariance;
-mod sac_learning;
-mod sac_settings;
 mod update;

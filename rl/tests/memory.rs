@@ -9,8 +9,7 @@ use rl::{
     evaluate,
 };
 
-use crate::common::ages::Ages;
-use crate::common::unseeing::{Acting, Unseeing};
+use crate::common::unseeing::{Acting, Ages, Unseeing};
 
 /// Counts the steps of each running episode: the smallest recurrent actor there is.
 struct Counter {

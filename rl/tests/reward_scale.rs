@@ -9,8 +9,7 @@ use rl::{
 };
 use symmetry::Irrep;
 
-use crate::common::joint::joint;
-use crate::common::parts::{Spoiling, policy};
+use crate::common::parts::{Spoiling, joint, policy};
 use crate::common::toy::{Toy, Toys};
 
 /// N goals in [-0.9, 0.9], which the vector shows. An episode is one decision; its reward is
@@ -30,7 +29,7 @@ impl Bandit {
         };
         let spec = EnvSpec {
             num_envs,
-            image: [1, 1, 1],
+            image: EnvSpec::NO_IMAGE,
             vector: vec![Irrep::X],
             action: vec![Irrep::X],
         };

@@ -2,13 +2,10 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    Actor, ContextSettings, Encoder, EnvSpec, Features, Memory, NetworkSettings, Observations,
-    SacPolicy,
-};
+use rl::{Actor, ContextSettings, Encoder, EnvSpec, Features, Memory, NetworkSettings, SacPolicy};
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::largest::largest;
+use crate::common::parts::{error, random_observations, signed, transformed};
 
 const ENVS: usize = 3;
 const A: usize = 3;
@@ -23,30 +20,16 @@ fn spec() -> EnvSpec {
     }
 }
 
-fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
-    let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
-    rows.iter().zip(signs).map(|(x, s)| x * s).collect()
-}
-
 /// Mean actions of three steps that follow one another, and features, when all that is seen and
 /// done is moved by g.
 fn outputs(policy: &mut SacPolicy, g: D2) -> [Vec<f32>; 2] {
     let spec = spec();
-    let [h, w, c] = spec.image;
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut memory = policy.memory(ENVS);
     let mut out = [vec![0.0; ENVS * A], vec![0.0; ENVS * policy.feature_dim()]];
     for _ in 0..3 {
-        let mut seen = Observations::new(&spec);
-        seen.images.fill_with(|| rng.random());
-        seen.vectors.fill_with(|| rng.random_range(-1.0..1.0));
-        let pictures = seen.images.chunks(h * w * c);
-        let moved = Observations {
-            images: pictures
-                .flat_map(|p| g.transform_image(p, h, w, c))
-                .collect(),
-            vectors: signed(&seen.vectors, &spec.vector, g),
-        };
+        let seen = random_observations(&spec, &mut rng);
+        let moved = transformed(&spec, &seen, g, g);
         policy
             .mean_actions(&moved, &mut memory, &mut out[0])
             .unwrap();
@@ -79,12 +62,7 @@ fn errors(policy: &mut SacPolicy, g: D2) -> [f32; 2] {
     let [means, features] = outputs(policy, D2::Identity);
     let moved = outputs(policy, g);
     let expected = [signed(&means, &spec().action, g), features];
-    [0, 1].map(|i: usize| {
-        let size = largest(expected[i].iter().map(|x| x.abs()));
-        assert!(size > 0.0, "an output that is all zero proves nothing");
-        let pairs = moved[i].iter().zip(&expected[i]);
-        largest(pairs.map(|(a, b)| (a - b).abs())) / size
-    })
+    [0, 1].map(|i: usize| error(&moved[i], &expected[i]))
 }
 
 #[test]

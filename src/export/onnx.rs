@@ -18,15 +18,11 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
             &[Attribute::Int("axis", 1)],
         )
     });
-    let vector = "vector".to_owned();
-    let vector = chain(
-        &mut graph,
-        "vector",
-        &policy.vector,
-        vector,
-        Operators::Vectors,
-    );
-    let parts: Vec<String> = image.into_iter().chain([vector]).collect();
+    let vector = policy.vector.as_ref().map(|layers| {
+        let input = "vector".to_owned();
+        chain(&mut graph, "vector", layers, input, Operators::Vectors)
+    });
+    let parts: Vec<String> = image.into_iter().chain(vector).collect();
     let joined = joined(&mut graph, "joined", &parts);
     distribution(&mut graph, policy, joined.clone());
     if let Some((layers, pooled)) = &policy.critic {
@@ -39,9 +35,12 @@ pub(super) fn model(policy: &PlainPolicy, about: &str) -> Vec<u8> {
         graph.node("Reshape", &[&value, &flat], "value", &[]);
     }
     let actions = policy.spec.action.len();
-    let mut inputs = vec![("vector", FLOAT, vec![policy.spec.vector.len()])];
+    let mut inputs = Vec::new();
     if policy.image.is_some() {
-        inputs.insert(0, ("image", UINT8, policy.spec.image.to_vec()));
+        inputs.push(("image", UINT8, policy.spec.image.to_vec()));
+    }
+    if policy.vector.is_some() {
+        inputs.push(("vector", FLOAT, vec![policy.spec.vector.len()]));
     }
     let mut outputs = vec![
         ("action", FLOAT, vec![actions]),

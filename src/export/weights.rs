@@ -49,11 +49,12 @@ pub(super) fn parts(policy: &PlainPolicy) -> Vec<(&'static str, &[PlainLayer], b
         .critic
         .iter()
         .map(|(layers, _)| ("critic", &layers[..], false));
-    let others = [
-        ("vector", &policy.vector[..], false),
-        ("actor", &policy.actor[..], false),
-    ];
-    image.chain(others).chain(critic).collect()
+    let vector = policy
+        .vector
+        .iter()
+        .map(|layers| ("vector", &layers[..], false));
+    let actor = [("actor", &policy.actor[..], false)];
+    image.chain(vector).chain(actor).chain(critic).collect()
 }
 
 /// The bytes of observations and of what the policy says of them.

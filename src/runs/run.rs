@@ -1,11 +1,13 @@
 //! One run over a stream, from the first rollout to the final scores; it can stop anywhere and go
 //! on later.
 
+use std::mem::{Discriminant, discriminant};
 use std::path::Path;
 use std::time::Instant;
 
 use envs::TaskRegistry;
 use rayon::ThreadPool;
+use rl::RewardWarning;
 
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
@@ -47,8 +49,8 @@ pub struct Run {
     last_scores: Vec<Score>,
     /// Rollouts and rounds due in the newest checkpoint.
     saved: Option<(usize, usize)>,
-    /// `true` after a warning of the rewards' scale, which is given once.
-    warned: bool,
+    /// Kinds of warnings of the rewards' scale that were given; each is given once.
+    warned: Vec<Discriminant<RewardWarning>>,
     /// Whether an error left the learner in between.
     broken: bool,
     stop: Stop,
@@ -147,7 +149,7 @@ impl Run {
             ledger,
             due,
             last_scores: Vec::new(),
-            warned: false,
+            warned: Vec::new(),
             broken: false,
             stop: Stop::default(),
             notice: opened.notice,
@@ -291,7 +293,7 @@ impl Run {
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;
         let warning = turn.rollout.reward_warning();
-        let warning = warning.filter(|_| !self.warned);
+        let warning = warning.filter(|warning| !self.warned.contains(&discriminant(warning)));
         let progress = Progress {
             rollout,
             decisions: ledger.decisions,
@@ -306,7 +308,7 @@ impl Run {
         };
         self.logs.write_rollout(&progress)?;
         if let Some(warning) = warning {
-            self.warned = true;
+            self.warned.push(discriminant(&warning));
             self.log(&format!("warning: {warning}"))?;
         }
         Ok(progress)

@@ -41,7 +41,7 @@ impl Sizes {
     /// The moving and the still channels of every pixel of a picture.
     fn split<'a>(&self, image: &'a [u8]) -> impl Iterator<Item = (&'a [u8], &'a [u8])> {
         let moving = self.moving;
-        let pixels = image.chunks_exact(self.moving + self.still);
+        let pixels = image.chunks_exact((self.moving + self.still).max(1));
         pixels.map(move |pixel| pixel.split_at(moving))
     }
 }
@@ -60,7 +60,7 @@ pub(super) struct Episode {
     pub actions: Vec<f32>,
     /// Rewards `[T]`.
     pub rewards: Vec<f32>,
-    /// How the last step left the episode.
+    /// Outcome of the last step.
     pub outcome: Outcome,
     /// Steps removed from the front.
     pub removed: usize,
@@ -139,7 +139,7 @@ impl Episode {
         }
     }
 
-    /// Whether the channels of a picture that stand still are those of the episode.
+    /// Returns `true` if the channels of a picture that stand still are those of the episode.
     pub fn stands_still(&self, sizes: &Sizes, image: &[u8]) -> bool {
         let mut own = self.still.chunks(sizes.still.max(1));
         sizes.still == 0
@@ -148,7 +148,7 @@ impl Episode {
                 .all(|(_, still)| own.next() == Some(still))
     }
 
-    /// Whether an observation is the last one of the episode.
+    /// Returns `true` if an observation is the last one of the episode.
     pub fn ends_with(&self, sizes: &Sizes, (image, vector): (&[u8], &[f32])) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));

@@ -6,9 +6,7 @@ use std::fmt;
 use crate::env::{EnvSpec, Outcome};
 use crate::error::{RlError, check_all_finite, check_len};
 use crate::replay::episode::{Episode, Sizes};
-use crate::replay::recorded::Place;
-use crate::replay::ring::Replay;
-use crate::replay::settings::ReplaySettings;
+use crate::replay::{Place, Replay, ReplaySettings};
 
 /// Everything that a [`Replay`] holds. A replay that is restored from it samples the same steps.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,7 +37,7 @@ pub struct EpisodeState<'a> {
     pub actions: &'a [f32],
     /// Rewards `[T]`.
     pub rewards: &'a [f32],
-    /// How the last step left the episode.
+    /// Outcome of the last step.
     pub outcome: Outcome,
     /// Steps removed from the front of an episode that outlasts the replay.
     pub removed: u32,
@@ -142,7 +140,7 @@ impl ReplayState<'_> {
         for (env, &running) in self.running.iter().enumerate() {
             let Some(number) = running else { continue };
             let episode = self.episodes.get(number as usize);
-            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.vectors.is_empty());
+            let runs = episode.is_some_and(|e| !e.outcome.ended() && !e.is_empty());
             let alone = !self.running[..env].contains(&running);
             let expected = "episodes that have not ended, each of one environment";
             require("replay.running", number as usize, expected, |_| {
@@ -173,6 +171,11 @@ impl ReplayState<'_> {
 }
 
 impl EpisodeState<'_> {
+    /// Returns `true` where no observation is stored.
+    fn is_empty(&self) -> bool {
+        self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
+    }
+
     /// Positions of the steps that are stored.
     fn steps(&self) -> std::ops::Range<u32> {
         self.removed..self.removed.saturating_add(self.rewards.len() as u32)
@@ -184,11 +187,7 @@ impl EpisodeState<'_> {
         require("replay.episode", steps, "fewer than 2^32 steps", |n| {
             n < most
         })?;
-        let frames = if self.vectors.is_empty() {
-            0
-        } else {
-            steps + 1
-        };
+        let frames = if self.is_empty() { 0 } else { steps + 1 };
         let still = frames.min(1) * sizes.still_len();
         let moving = frames * sizes.moving_len();
         check_len("still", "[H, W, S]", self.still.len(), still)?;

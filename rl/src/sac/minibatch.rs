@@ -1,16 +1,78 @@
-//! A minibatch of steps, and the fields of all that it needs to see.
+//! Minibatches of steps: what is drawn for them, the fields of all that they need to see, and the
+//! buffers of their gradients.
 
 use std::ops::Range;
 
 use equivariant::Scalar;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::distributions::standard_normals;
 use crate::env::{moved_image, signed};
-use crate::replay::recorded::Recorded;
-use crate::replay::ring::Replay;
+use crate::replay::{Place, Recorded, Replay};
+use crate::sac::context::{Items, ReaderPass, Steps};
 use crate::sac::network::SacNetwork;
-use crate::sac::workspace::SacWorkspace;
-use crate::trunk::TrunkPass;
+use crate::sac::settings::SacSettings;
+use crate::trunk::{LayerBuffers, TrunkPass};
+
+/// Steps of one training chunk, as in PPO, or those of one window where they are more: observations
+/// are shared within a chunk. A workspace holds a chunk, so there is a limit.
+pub(super) fn training_chunk(window: usize) -> usize {
+    window.clamp(8, 32)
+}
+
+/// Random draws for a minibatch; kept for their memory.
+#[derive(Default)]
+pub(super) struct Draws {
+    /// The first step of each window.
+    pub indices: Vec<usize>,
+    pub steps: Vec<(usize, usize)>,
+    pub elements: Vec<D2>,
+    pub noise: [Vec<f32>; 2],
+}
+
+impl Draws {
+    /// Draws a minibatch: first the windows, then their elements, then both noises.
+    pub fn draw(&mut self, settings: &SacSettings, replay: &Replay, rng: &mut ChaCha8Rng) {
+        let (batch, window) = (settings.batch, settings.window);
+        let windows = batch.div_ceil(window);
+        replay.sample(windows, settings.newest_share, rng, &mut self.indices);
+        let steps = self.indices.iter();
+        let steps = steps.flat_map(|&index| (0..window).map(move |further| (index, further)));
+        self.steps.clear();
+        self.steps.extend(steps.take(batch));
+        let group = settings.augmentation.elements();
+        self.elements.clear();
+        for _ in 0..windows {
+            let element = group[rng.random_range(0..group.len())];
+            self.elements.extend([element].repeat(window));
+        }
+        self.elements.truncate(batch);
+        for noise in &mut self.noise {
+            noise.resize(batch * replay.spec().action.len(), 0.0);
+            standard_normals(rng, noise);
+        }
+    }
+
+    /// The minibatch that was drawn.
+    pub fn batch<'a>(
+        &'a self,
+        settings: &SacSettings,
+        alpha: f64,
+        replay: &'a Replay,
+    ) -> Batch<'a> {
+        Batch {
+            replay,
+            steps: &self.steps,
+            elements: &self.elements,
+            noise: [&self.noise[0], &self.noise[1]],
+            gamma: settings.gamma.into(),
+            alpha,
+            cloning: settings.cloning_weight.into(),
+        }
+    }
+}
 
 /// A minibatch of B steps of a replay, with all that was drawn for it.
 #[derive(Clone, Copy, Debug)]
@@ -24,8 +86,8 @@ pub(super) struct Batch<'a> {
     /// after the steps.
     pub noise: [&'a [f32]; 2],
     pub gamma: f64,
-    /// What a nat of entropy is worth.
-    pub temperature: f64,
+    /// The worth of a nat of entropy.
+    pub alpha: f64,
     pub cloning: f64,
 }
 
@@ -37,13 +99,9 @@ impl<'a> Batch<'a> {
         (step, self.elements[position])
     }
 
-    /// The action `[A]` of a step and its reward, moved by g.
-    pub fn done<T>(&self, network: &SacNetwork<T>, step: Recorded, g: D2) -> (Vec<f32>, f32)
-    where
-        T: Scalar,
-    {
-        let action = signed(g, step.action(), &network.spec().action);
-        (action, step.reward())
+    /// The action `[A]` of a step, moved by g.
+    pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: Recorded, g: D2) -> Vec<f32> {
+        signed(g, step.action(), &network.spec().action)
     }
 
     /// The weight of one step in a mean over the minibatch.
@@ -55,7 +113,8 @@ impl<'a> Batch<'a> {
     /// them once, and hands the steps before them to the contexts.
     pub fn load<T: Scalar>(
         &self,
-        (network, params): (&SacNetwork<T>, &[T]),
+        network: &SacNetwork<T>,
+        params: &[T],
         range: &Range<usize>,
         w: &mut SacWorkspace<T>,
     ) {
@@ -65,21 +124,21 @@ impl<'a> Batch<'a> {
         for (slot, position) in range.clone().enumerate() {
             let (step, g) = self.step(position);
             step.image(&mut w.image);
-            show(network, slot, (g, step.vector()), &mut w.image, &mut w.here);
+            show(network, slot, g, step.vector(), &mut w.image, &mut w.here);
             w.shown.push((step.place(), g));
         }
         for position in range.clone() {
             let (step, g) = self.step(position);
             if let Some(slot) = w.source((step.next_place(), g), n) {
                 step.next_image(&mut w.image);
-                let vector = (g, step.next_vector());
-                show(network, slot, vector, &mut w.image, &mut w.there);
+                let vector = step.next_vector();
+                show(network, slot, g, vector, &mut w.image, &mut w.there);
             }
             for earlier in before(network, step) {
                 if let Some(slot) = w.source((earlier.place(), g), n) {
                     earlier.image(&mut w.image);
-                    let vector = (g, earlier.vector());
-                    show(network, slot, vector, &mut w.image, &mut w.there);
+                    let vector = earlier.vector();
+                    show(network, slot, g, vector, &mut w.image, &mut w.there);
                 }
             }
         }
@@ -120,15 +179,15 @@ impl<'a> Batch<'a> {
             if reader.length() == 0 {
                 continue;
             }
-            let (action, reward) = self.done(network, step, g);
-            reader.write(slot, fields_of(slot), (&action, reward), &mut w.items);
+            let (action, reward) = (self.action(network, step, g), step.reward());
+            reader.write(slot, fields_of(slot), &action, reward, &mut w.items);
             next.prepend(slot, slot);
             for step in before(network, step) {
                 let source = sources.next().unwrap_or_default();
                 // what is acted on here writes its own item
                 if source >= n {
-                    let (action, reward) = self.done(network, step, g);
-                    reader.write(source, fields_of(source), (&action, reward), &mut w.items);
+                    let (action, reward) = (self.action(network, step, g), step.reward());
+                    reader.write(source, fields_of(source), &action, reward, &mut w.items);
                 }
                 now.prepend(slot, source);
                 next.prepend(slot, source);
@@ -149,7 +208,8 @@ fn before<'r, T: Scalar>(
 fn show<T: Scalar>(
     network: &SacNetwork<T>,
     slot: usize,
-    (g, vector): (D2, &[f32]),
+    g: D2,
+    vector: &[f32],
     image: &mut Vec<u8>,
     pass: &mut TrunkPass<T>,
 ) {
@@ -159,4 +219,98 @@ fn show<T: Scalar>(
     }
     let vector = signed(g, vector, &spec.vector);
     network.trunk.load(slot, image, &vector, pass);
+}
+
+/// An observation of the replay, moved by an element.
+pub(crate) type Shown = (Place, D2);
+
+/// Everything that the gradient of up to K steps needs, allocated once.
+pub(crate) struct SacWorkspace<T> {
+    /// Observations acted on.
+    pub here: TrunkPass<T>,
+    /// Other observations: those after the steps and those of the steps before.
+    pub there: TrunkPass<T>,
+    /// Which observations both hold, one pass after the other.
+    pub shown: Vec<Shown>,
+    /// Places of the fields of the observation after each step, and of those of the steps before.
+    pub sources: Vec<usize>,
+    /// Fields of the observations after the steps, `[K, h]`.
+    pub next_fields: Vec<T>,
+    /// Items that contexts read: the step of each observation that is held, in their order.
+    pub items: Items<T>,
+    /// The steps before, and those before the next observation.
+    pub before: [Steps; 2],
+    pub actor_reader: ReaderPass<T>,
+    pub critic_reader: ReaderPass<T>,
+    pub actor: LayerBuffers<T>,
+    pub critics: [LayerBuffers<T>; 2],
+    /// Mean and log_std `[K, 2 A]` in natural order, and the gradient in them.
+    pub output: Vec<f64>,
+    pub d_output: Vec<f64>,
+    /// Actions `[K, A]` in natural order and their log-probabilities `[K]`.
+    pub actions: Vec<f64>,
+    pub log_pi: Vec<f64>,
+    pub d_actions: Vec<f64>,
+    /// Actions in irrep-major order, and the gradient in what a critic reads.
+    pub irreps: Vec<T>,
+    pub d_state: Vec<T>,
+    /// Targets of the critics, `[K]`.
+    pub next_q_values: Vec<f64>,
+    /// Gradients that nobody asks for.
+    pub discarded: Vec<T>,
+    /// One picture.
+    pub image: Vec<u8>,
+}
+
+impl<T: Scalar> SacNetwork<T> {
+    /// A workspace for up to `capacity` steps.
+    pub(crate) fn workspace(&self, capacity: usize) -> SacWorkspace<T> {
+        let width = self.action_order.len();
+        let zeros = |len: usize| vec![0.0; capacity * len];
+        let reals = |len: usize| vec![T::ZERO; capacity * len];
+        SacWorkspace {
+            here: self.trunk.pass(capacity),
+            there: self.trunk.pass(capacity * (1 + self.reader.length())),
+            shown: Vec::new(),
+            sources: Vec::new(),
+            next_fields: reals(self.trunk.out_type().dim()),
+            items: Items::default(),
+            before: <[Steps; 2]>::default(),
+            actor_reader: self.reader.pass(capacity),
+            critic_reader: self.reader.pass(capacity),
+            actor: LayerBuffers::new(&self.actor, capacity),
+            critics: [(); 2].map(|()| LayerBuffers::new(&self.critic, capacity)),
+            output: zeros(2 * width),
+            d_output: zeros(2 * width),
+            actions: zeros(width),
+            log_pi: zeros(1),
+            d_actions: zeros(width),
+            irreps: reals(width),
+            d_state: reals(self.reader.out_type().dim()),
+            next_q_values: zeros(1),
+            discarded: vec![T::ZERO; self.num_params()],
+            image: vec![0; self.spec().image_len()],
+        }
+    }
+}
+
+impl<T: Scalar> SacWorkspace<T> {
+    /// The critic that values the action of a slot least, and its value.
+    pub fn min_qf(&self, slot: usize) -> (usize, f64) {
+        let [qf1, qf2] = [0, 1].map(|qf: usize| self.critics[qf].y[slot].to_f64());
+        if qf2 < qf1 { (1, qf2) } else { (0, qf1) }
+    }
+
+    /// Notes where the fields of an observation will be; returns its slot among those that are not
+    /// acted on if it has to be shown there, since no earlier one is the same.
+    pub fn source(&mut self, shown: Shown, n: usize) -> Option<usize> {
+        let known = self.shown.iter().position(|&other| other == shown);
+        let source = known.unwrap_or(self.shown.len());
+        self.sources.push(source);
+        if known.is_some() {
+            return None;
+        }
+        self.shown.push(shown);
+        Some(source - n)
+    }
 }

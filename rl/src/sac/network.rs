@@ -6,14 +6,13 @@ use equivariant::{Concat, FieldType, Layer, Scalar, Sequential, Shape, Signature
 use rand::Rng;
 use symmetry::{Irrep, irrep_order};
 
+use crate::distributions::raw_log_std;
 use crate::env::EnvSpec;
-use crate::error::RlError;
+use crate::error::{RlError, require};
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::require::require;
-use crate::sac::reader::Reader;
+use crate::sac::context::Reader;
 use crate::sac::settings::ContextSettings;
-use crate::sac::squashed::raw_log_std;
-use crate::trunk::{Layout, OnTrunk, Trunk, head};
+use crate::trunk::{HasTrunk, Layout, Trunk, head};
 
 /// Actor and twin critics on shared equivariant features.
 ///
@@ -42,7 +41,7 @@ pub struct SacNetwork<T> {
     pub(super) reader: Reader,
     pub(super) actor: Sequential<T>,
     pub(super) critic: Sequential<T>,
-    /// What a critic reads: that of the reader beside the action.
+    /// Joins the reader's output and the action to what a critic reads.
     pub(super) joined: Concat,
     /// Natural index of every irrep-major component of the action, and of (mean, log_std).
     pub(super) action_order: Vec<usize>,
@@ -50,7 +49,7 @@ pub struct SacNetwork<T> {
     context: Option<ContextSettings>,
 }
 
-/// Where the parameters of each part lie in the flat slice.
+/// Ranges of each part's parameters in the flat slice.
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
     pub actor_reader: Range<usize>,
@@ -58,7 +57,7 @@ pub(super) struct Parts {
     pub critics: CriticParts,
 }
 
-/// Where the parameters of the critics lie: in those of the network, or among themselves.
+/// Ranges of the critics' parameters: in those of the network, or among themselves.
 #[derive(Clone, Debug)]
 pub(super) struct CriticParts {
     pub reader: Range<usize>,
@@ -70,7 +69,7 @@ impl<T: Scalar> SacNetwork<T> {
     /// not matter.
     ///
     /// # Errors
-    /// [`RlError::ImageSize`] or [`RlError::NotSquare`] for images that the convolutions cannot
+    /// [`RlError::ImageSize`] or [`RlError::OffCentre`] for images that the convolutions cannot
     /// treat exactly, [`RlError::Setting`] and [`RlError::EmptySpec`] for sizes out of range, for a
     /// [`Critic::Pooled`], which could not see where an action leads to, and for a standard
     /// deviation outside of the distribution's range.
@@ -109,7 +108,7 @@ impl<T: Scalar> SacNetwork<T> {
         self.critics().end
     }
 
-    /// Where the parameters of the critics lie: those that have targets.
+    /// Range of the critics' parameters: those that have targets.
     pub fn critics(&self) -> Range<usize> {
         let critics = self.parts().critics;
         critics.reader.start..critics.twins[1].end
@@ -179,7 +178,7 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
-    /// Where the parameters of the target critics lie.
+    /// Ranges of the target critics' parameters.
     pub(super) fn target_parts(&self) -> CriticParts {
         self.critic_parts(Layout::new())
     }
@@ -192,7 +191,7 @@ impl<T: Scalar> SacNetwork<T> {
     }
 }
 
-impl<T> OnTrunk<T> for SacNetwork<T> {
+impl<T> HasTrunk<T> for SacNetwork<T> {
     fn trunk(&self) -> &Trunk<T> {
         &self.trunk
     }

@@ -1,24 +1,25 @@
 //! The tanh-Gaussian policy: a network with its parameters.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
+use equivariant::unit_sums;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::activity::{Activity, Units};
+use crate::distributions::{TANH_LOG_STD, sample_tanh, standard_normals, tanh_log_std};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::gaussian::standard_normals;
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved};
 use crate::network_settings::NetworkSettings;
-use crate::plain::{self, Answers, Distribution, End, Plain, PlainPolicy, chain};
-use crate::policy::Actor;
-use crate::sac::history::History;
+use crate::plain;
+use crate::plain::{Answers, Distribution, End, Plain, PlainPolicy, chain};
+use crate::policy::{Actor, Memory};
+use crate::sac::context::{Items, ReaderPass, Steps};
 use crate::sac::network::SacNetwork;
-use crate::sac::reader::{Items, ReaderPass, Steps};
 use crate::sac::settings::ContextSettings;
-use crate::sac::squashed;
-use crate::stage::Stage;
-use crate::trunk::{OnTrunkPass, TrunkPass};
+use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
 
 /// A [`SacNetwork`] with its parameters: actions in (-1, 1) that are the tanh of a Gaussian,
 /// exactly equivariant under the group of its settings. With a context it remembers the last steps
@@ -31,7 +32,7 @@ pub struct Buffers {
     pub(super) items: Items<f32>,
     pub(super) before: Steps,
     reader: ReaderPass<f32>,
-    pub(super) actor: Stage<f32>,
+    pub(super) actor: LayerBuffers<f32>,
 }
 
 impl SacPolicy {
@@ -73,7 +74,8 @@ impl SacPolicy {
         &mut self,
         observations: &Observations,
         memory: &mut History,
-        (what, got): (&'static str, usize),
+        what: &'static str,
+        got: usize,
     ) -> Result<usize, RlError> {
         let (network, width) = (self.network(), self.width());
         let samples = observations.samples(network.spec())?;
@@ -103,7 +105,7 @@ impl Buffers {
             items: Items::default(),
             before: Steps::default(),
             reader: network.reader.pass(capacity),
-            actor: Stage::new(&network.actor, capacity),
+            actor: LayerBuffers::new(&network.actor, capacity),
         }
     }
 
@@ -119,8 +121,10 @@ impl Buffers {
         self.recall(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
         let own = of(parts.actor_reader);
-        let read = (&self.items, &self.before);
-        network.reader.forward(own, fields, read, &mut self.reader);
+        let (items, before) = (&self.items, &self.before);
+        network
+            .reader
+            .forward(own, fields, items, before, &mut self.reader);
         self.actor.x.copy_from_slice(&self.reader.state);
         self.actor.forward(&network.actor, of(parts.actor), n);
     }
@@ -135,8 +139,8 @@ impl Buffers {
         let mut index = 0;
         for (slot, episode) in episodes().enumerate() {
             for step in episode.past.iter().rev() {
-                let read = (&step.action[..], step.reward);
-                reader.write(index, &step.fields, read, &mut self.items);
+                let (action, reward) = (&step.action[..], step.reward);
+                reader.write(index, &step.fields, action, reward, &mut self.items);
                 self.before.prepend(slot, index);
                 index += 1;
             }
@@ -158,7 +162,7 @@ impl Buffers {
     }
 }
 
-impl OnTrunkPass<f32> for Buffers {
+impl HasTrunkPass<f32> for Buffers {
     fn trunk(&mut self) -> &mut TrunkPass<f32> {
         &mut self.trunk
     }
@@ -178,13 +182,13 @@ impl Actor for SacPolicy {
         rng: &mut ChaCha8Rng,
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        let row = self.run(observations, memory, ("actions", out.len()))?;
+        let row = self.run(observations, memory, "actions", out.len())?;
         standard_normals(rng, out);
         let width = self.width();
         let mut action = vec![0.0; width];
         let rows = self.outputs.chunks_exact(row);
         for (output, out) in rows.zip(out.chunks_exact_mut(width)) {
-            squashed::sample(&output[..2 * width], out, &mut action);
+            sample_tanh(&output[..2 * width], out, &mut action);
             out.iter_mut()
                 .zip(&action)
                 .for_each(|(o, &a)| *o = a as f32);
@@ -199,7 +203,7 @@ impl Actor for SacPolicy {
         memory: &mut History,
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        let row = self.run(observations, memory, ("mean actions", out.len()))?;
+        let row = self.run(observations, memory, "mean actions", out.len())?;
         let width = self.width();
         for (out, output) in out.chunks_exact_mut(width).zip(self.outputs.chunks(row)) {
             out.iter_mut()
@@ -228,7 +232,7 @@ impl Plain for SacPolicy {
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
-                log_std: squashed::LOG_STD.map(|bound| bound as f32),
+                log_std: TANH_LOG_STD.map(|bound| bound as f32),
             },
             critic: None,
         })
@@ -246,8 +250,183 @@ impl Plain for SacPolicy {
         let raws = rows.flat_map(|row| &row[width..2 * width]);
         Ok(Answers {
             actions,
-            log_std: raws.map(|&raw| squashed::log_std(raw).0 as f32).collect(),
+            log_std: raws.map(|&raw| tanh_log_std(raw).0 as f32).collect(),
             values: None,
         })
+    }
+}
+
+/// The last steps of the running episodes of N environments; nothing for an actor without a
+/// context.
+///
+/// It is no part of what is saved: a learner that goes on from a file begins every episode anew, as
+/// [`RolloutState::reset`](crate::RolloutState::reset) does.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct History {
+    /// Steps remembered at most.
+    length: usize,
+    /// Length of the fields of an observation.
+    pub(super) fields: usize,
+    pub(super) envs: Vec<Remembered>,
+}
+
+/// One running episode.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Remembered {
+    /// The last steps, the oldest first.
+    pub past: VecDeque<Past>,
+    /// Fields of the observation that was decided on, until its step is known.
+    pub seen: Vec<f32>,
+}
+
+/// A step: the fields of its observation, its action and its reward.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Past {
+    pub fields: Vec<f32>,
+    pub action: Vec<f32>,
+    pub reward: f32,
+}
+
+impl History {
+    /// A memory of `length` steps with `fields` of this length each.
+    pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
+        let envs = if length == 0 { 0 } else { envs };
+        Self {
+            length,
+            fields,
+            envs: vec![Remembered::default(); envs],
+        }
+    }
+
+    /// Refuses a memory that was made for a network of other sizes, or for another number of
+    /// environments.
+    pub(super) fn check(&self, [length, fields]: [usize; 2], envs: usize) -> Result<(), RlError> {
+        check_len("steps of memory", "[L]", self.length, length)?;
+        check_len("fields of memory", "[h]", self.fields, fields)?;
+        let envs = if length == 0 { 0 } else { envs };
+        check_len("memory", "[N]", self.envs.len(), envs)
+    }
+}
+
+impl Memory for History {
+    fn forget(&mut self, env: usize) {
+        if let Some(episode) = self.envs.get_mut(env) {
+            *episode = Remembered::default();
+        }
+    }
+
+    fn remember(&mut self, env: usize, action: &[f32], reward: f32) {
+        let Some(episode) = self.envs.get_mut(env) else {
+            return;
+        };
+        if episode.seen.is_empty() {
+            return;
+        }
+        if episode.past.len() == self.length {
+            episode.past.pop_front();
+        }
+        episode.past.push_back(Past {
+            fields: std::mem::take(&mut episode.seen),
+            action: action.to_vec(),
+            reward,
+        });
+    }
+}
+
+impl Units for SacPolicy {
+    /// Those of the encoder, of the actor and of both critics.
+    fn activity(&self, observations: &Observations, memory: &History) -> Result<Activity, RlError> {
+        let (network, params) = (self.network(), self.params());
+        let samples = observations.samples(network.spec())?;
+        memory.check(network.remembered(), samples)?;
+        let mut w = Buffers::new(network, samples);
+        network
+            .trunk
+            .load_all(observations, 0..samples, &mut w.trunk);
+        let chunk = Chunk {
+            network: &**network,
+            params,
+            range: 0..samples,
+        };
+        w.decide(&chunk, memory);
+        let own = &params[network.trunk.params()];
+        let mut sums = network.trunk.unit_sums(own, samples, &w.trunk);
+        let own = &params[network.parts().actor];
+        sums.extend(w.actor.unit_sums(&network.actor, own, samples));
+        sums.extend(critics(&chunk, &w));
+        Ok(Activity::of(sums))
+    }
+}
+
+/// Sums of what the units of both critics put out for the mean actions that were decided on.
+fn critics(chunk: &Chunk<SacNetwork<f32>>, w: &Buffers) -> Vec<Vec<f64>> {
+    let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
+    let (parts, width) = (network.parts().critics, network.action_order.len());
+    let mut reader = network.reader.pass(n);
+    let fields = network.trunk.fields(n, &w.trunk);
+    let own = &params[parts.reader];
+    network
+        .reader
+        .forward(own, fields, &w.items, &w.before, &mut reader);
+    let mut output = vec![0.0; n * 2 * width];
+    network.natural_output(&w.actor.y, &mut output);
+    let actions: Vec<f32> = output
+        .chunks_exact(2 * width)
+        .flat_map(|row| network.action_order.iter().map(|&i| row[i].tanh() as f32))
+        .collect();
+    let mut x = vec![0.0; n * network.joined.out_shape().len()];
+    network.joined.forward(&reader.state, &actions, &mut x);
+    let twins = parts.twins.into_iter();
+    twins
+        .flat_map(|own| unit_sums(&network.critic, &params[own], &x))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Group;
+
+    use super::*;
+    use crate::fixtures::{kills, observations, settings, spec, strided, wake};
+    use crate::policy::{Actor, Memory};
+    use crate::sac::settings::ContextSettings;
+
+    const SAMPLES: usize = 12;
+
+    #[test]
+    fn units_of_actors_with_a_context_and_of_their_critics_count() {
+        let observations = observations(SAMPLES);
+        let context = ContextSettings { size: 4, length: 3 };
+        for (group, context) in [(Group::D2, None), (Group::C1, Some(context))] {
+            let settings = settings(group, strided());
+            let policy = SacPolicy::new(&settings, context, &spec(), 1).unwrap();
+            let (network, params) = (policy.network(), policy.params());
+            let mut memory = policy.memory(SAMPLES);
+            let mut actions = vec![0.0; SAMPLES * spec().action.len()];
+            let mut acting = policy.clone();
+            acting
+                .mean_actions(&observations, &mut memory, &mut actions)
+                .unwrap();
+            (0..SAMPLES).for_each(|env| memory.remember(env, &[0.5; 3], 1.0));
+            let activity = |params: &[f32]| {
+                let mut policy = policy.clone();
+                policy.params_mut().copy_from_slice(params);
+                policy.activity(&observations, &memory).unwrap()
+            };
+            assert_eq!(activity(params).units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
+            let parts = network.parts();
+            // what the actor does must not put its critics to sleep
+            let mut awake = params.to_vec();
+            for twin in &parts.critics.twins {
+                wake(&network.critic, &mut awake[twin.clone()]);
+            }
+            kills(&network.actor, awake.clone(), parts.actor, activity);
+            for twin in parts.critics.twins {
+                kills(&network.critic, awake.clone(), twin, activity);
+            }
+            // what is remembered is read
+            let forgotten = policy.activity(&observations, &policy.memory(SAMPLES));
+            assert_eq!(forgotten.unwrap() == activity(params), context.is_none());
+        }
     }
 }

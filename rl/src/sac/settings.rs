@@ -3,9 +3,8 @@
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
-use crate::error::RlError;
-use crate::ppo_settings::PpoSettings;
-use crate::require::{require, require_positive, require_share, require_weight};
+use crate::error::{RlError, require, require_positive, require_share, require_weight};
+use crate::ppo::settings::PpoSettings;
 
 /// The largest minibatch.
 const LARGEST_BATCH: usize = 1 << 16;
@@ -47,7 +46,7 @@ pub struct SacSettings {
     pub max_gradient: f32,
     /// Share of the way that the target critics go to the critics at each gradient step, in (0, 1].
     pub tau: f32,
-    /// What a nat of entropy is worth.
+    /// The temperature alpha, the worth of a nat of entropy.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
     /// the last [`Replay::mark`](crate::Replay::mark); the others are drawn from all. It is rounded
@@ -137,6 +136,14 @@ impl SacSettings {
 }
 
 impl Temperature {
+    /// Value to begin with, where it is learned.
+    pub(super) fn initial(self) -> f32 {
+        match self {
+            Self::Learned { initial, .. } => initial,
+            Self::Fixed(_) => 1.0,
+        }
+    }
+
     fn check(self) -> Result<(), RlError> {
         match self {
             Self::Fixed(alpha) => require_weight("temperature", alpha),

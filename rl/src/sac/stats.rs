@@ -1,7 +1,6 @@
-//! What an update of soft actor-critic reports.
+//! Statistics of an update of soft actor-critic.
 
-use crate::algorithm::Metrics;
-use crate::figures::{named, sums};
+use crate::algorithm::{Metrics, named, sums};
 
 /// What an update did: means over all steps of all minibatches that were run. Where none was, as
 /// during the burn-in, `steps` is 0, and the means are zeros that say nothing: every row of a table
@@ -10,7 +9,7 @@ use crate::figures::{named, sums};
 pub struct SacStats {
     /// Halved squared error of the critics, both together.
     pub critic_loss: f64,
-    /// What the actor minimises, without cloning.
+    /// The loss of the actor, without cloning.
     pub actor_loss: f64,
     /// Squared distance of the mean action from the stored one, summed over components.
     pub cloning_loss: f64,
@@ -18,7 +17,7 @@ pub struct SacStats {
     pub value: f64,
     /// Estimated entropy of actions in nats.
     pub entropy: f64,
-    /// What a nat of entropy is worth, after the update.
+    /// The temperature, after the update.
     pub temperature: f64,
     /// Euclidean norm of the gradient before clipping, mean over gradient steps.
     pub grad_norm: f64,
@@ -42,7 +41,7 @@ impl Metrics for SacStats {
 
 sums! {
     /// Sums over steps of the losses' terms and of the diagnostics.
-    SacSums: samples, critic, actor, cloning, value, log_prob
+    SacSums: samples, critic_loss, actor_loss, cloning_loss, value, log_pi
 }
 
 /// Running sums of an update.
@@ -59,11 +58,11 @@ impl SacTotals {
         let mean = |sum: f64| sum / self.sums.samples.max(1.0);
         let each = |sum: f64| sum / self.steps.max(1) as f64;
         SacStats {
-            critic_loss: mean(self.sums.critic),
-            actor_loss: mean(self.sums.actor),
-            cloning_loss: mean(self.sums.cloning),
+            critic_loss: mean(self.sums.critic_loss),
+            actor_loss: mean(self.sums.actor_loss),
+            cloning_loss: mean(self.sums.cloning_loss),
             value: mean(self.sums.value),
-            entropy: mean(-self.sums.log_prob),
+            entropy: mean(-self.sums.log_pi),
             temperature,
             grad_norm: each(self.grad_norms),
             clip_fraction: each(self.clipped),

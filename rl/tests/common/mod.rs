@@ -1,11 +1,8 @@
 //! A point that reaches a goal it only sees: the toy environment of this crate's tests, exactly
 //! D2-symmetric.
 
-pub mod ages;
 pub mod episodes;
 pub mod guess;
-pub mod joint;
-pub mod largest;
 pub mod parts;
 pub mod sac;
 pub mod toy;
@@ -28,12 +25,14 @@ const STEP: f32 = 0.4;
 const NEAR: f32 = 0.25;
 
 /// N points in [-1, 1]^2. Picture: the goal in channel 0, the point in channel 1. Vector: the
-/// point. Reward: 1 minus the mean distance per axis, in [0, 1]. Episodes last [`EPISODE`]
-/// decisions.
+/// point, and the goal where the vector has four components. Reward: 1 minus the mean distance per
+/// axis, in [0, 1]. Episodes last [`EPISODE`] decisions.
 pub type PointReach = Toys<Points>;
 
 #[derive(Clone)]
 pub struct Points {
+    image: [usize; 3],
+    components: usize,
     points: Vec<[f32; 2]>,
     goals: Vec<[f32; 2]>,
     rng: ChaCha8Rng,
@@ -41,16 +40,23 @@ pub struct Points {
 
 impl PointReach {
     pub fn new(num_envs: usize, seed: u64) -> Self {
+        Self::showing(num_envs, seed, [PIXELS, PIXELS, 2], 2)
+    }
+
+    /// Points with pictures of another size or none, and vectors of 0, 2 or 4 components.
+    pub fn showing(num_envs: usize, seed: u64, image: [usize; 3], components: usize) -> Self {
         let xy = vec![Irrep::X, Irrep::Y];
         let points = Points {
+            image,
+            components,
             points: vec![[0.0; 2]; num_envs],
             goals: vec![[0.0; 2]; num_envs],
             rng: ChaCha8Rng::seed_from_u64(seed),
         };
         let spec = EnvSpec {
             num_envs,
-            image: [PIXELS, PIXELS, 2],
-            vector: xy.clone(),
+            image,
+            vector: xy.repeat(components / 2),
             action: xy,
         };
         Self::of(points, spec)
@@ -66,12 +72,13 @@ impl Toy for Points {
     }
 
     fn observe(&self, n: usize, out: &mut Observations) {
-        let len = PIXELS * PIXELS * 2;
+        let (len, d) = (self.image.iter().product::<usize>(), self.components);
         let image = &mut out.images[n * len..(n + 1) * len];
         image.fill(0);
-        draw(image, 0, self.goals[n]);
-        draw(image, 1, self.points[n]);
-        out.vectors[2 * n..2 * n + 2].copy_from_slice(&self.points[n]);
+        draw(image, self.image, 0, self.goals[n]);
+        draw(image, self.image, 1, self.points[n]);
+        let both = [self.points[n], self.goals[n]].concat();
+        out.vectors[d * n..d * (n + 1)].copy_from_slice(&both[..d]);
     }
 
     fn act(&mut self, n: usize, action: &[f32]) -> (f32, bool) {
@@ -86,14 +93,14 @@ impl Toy for Points {
 }
 
 /// Spreads a point over the four nearest pixels, bilinearly.
-fn draw(image: &mut [u8], channel: usize, [x, y]: [f32; 2]) {
-    let scale = (PIXELS - 1) as f32 / 2.0;
-    let (column, row) = ((x + 1.0) * scale, (1.0 - y) * scale);
-    for r in 0..PIXELS {
-        for c in 0..PIXELS {
+fn draw(image: &mut [u8], [height, width, _]: [usize; 3], channel: usize, [x, y]: [f32; 2]) {
+    let scale = |size: usize| (size as f32 - 1.0) / 2.0;
+    let (column, row) = ((x + 1.0) * scale(width), (1.0 - y) * scale(height));
+    for r in 0..height {
+        for c in 0..width {
             let weight = (1.0 - (row - r as f32).abs()).max(0.0)
                 * (1.0 - (column - c as f32).abs()).max(0.0);
-            image[(r * PIXELS + c) * 2 + channel] = (255.0 * weight).round() as u8;
+            image[(r * width + c) * 2 + channel] = (255.0 * weight).round() as u8;
         }
     }
 }

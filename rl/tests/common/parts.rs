@@ -1,11 +1,13 @@
-//! The arrays of one step of the toy environment, in the right sizes, and what spoils them.
+//! The arrays of one step of the toy environment, in the right sizes, and what spoils them; networks
+//! and numbers of these tests.
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, BoxError, Decisions, Encoder, EnvSpec, NetworkSettings, Observations,
-    Outcome, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
+    ActorCriticPolicy, BoxError, Critic, Decisions, Encoder, EnvSpec, NetworkSettings,
+    Observations, Outcome, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
 };
+use symmetry::{D2, Irrep};
 
 use crate::common::PointReach;
 
@@ -92,4 +94,67 @@ impl<F: FnMut(&mut Transition)> VectorEnv for Spoiling<F> {
         (self.spoil)(out);
         Ok(())
     }
+}
+
+/// All parts have this many fields.
+pub fn joint(encoder: Encoder, fields: usize) -> NetworkSettings {
+    NetworkSettings {
+        encoder,
+        top_fields: fields,
+        vector_fields: fields,
+        actor_fields: fields,
+        critic: Critic::Joint { fields },
+        ..NetworkSettings::default()
+    }
+}
+
+/// The largest of `numbers`, at least 0, and NaN as soon as one is: `f32::max` would drop it, and a
+/// check against a tolerance would pass.
+pub fn largest(numbers: impl IntoIterator<Item = f32>) -> f32 {
+    let larger = |most: f32, x: f32| if most.is_nan() || x <= most { most } else { x };
+    numbers.into_iter().fold(0.0, larger)
+}
+
+#[test]
+fn a_nan_is_the_largest_number() {
+    assert_eq!(largest([0.5, 2.0, 1.0]), 2.0);
+    for at in 0..3 {
+        let mut numbers = [0.5, 2.0, 1.0];
+        numbers[at] = f32::NAN;
+        assert!(largest(numbers).is_nan(), "{at}");
+    }
+}
+
+/// Rows of components in natural order, each multiplied by its irrep's sign.
+pub fn signed(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
+    let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
+    rows.iter().zip(signs).map(|(x, s)| x * s).collect()
+}
+
+/// Observations with pixels moved by `pixels` and vectors changed by `vectors`: the group action
+/// when both agree.
+pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2) -> Observations {
+    let [h, w, c] = spec.image;
+    let images = from.images.chunks((h * w * c).max(1));
+    Observations {
+        images: images
+            .flat_map(|image| pixels.transform_image(image, h, w, c))
+            .collect(),
+        vectors: signed(&from.vectors, &spec.vector, vectors),
+    }
+}
+
+/// Random observations of the environments of `spec`.
+pub fn random_observations(spec: &EnvSpec, rng: &mut ChaCha8Rng) -> Observations {
+    let mut out = Observations::new(spec);
+    out.images.fill_with(|| rng.random());
+    out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
+    out
+}
+
+/// Largest difference relative to the largest entry.
+pub fn error(a: &[f32], b: &[f32]) -> f32 {
+    let size = largest(b.iter().map(|x| x.abs()));
+    assert!(size > 0.0, "an output that is all zero proves nothing");
+    largest(a.iter().zip(b).map(|(x, y)| (x - y).abs())) / size
 }

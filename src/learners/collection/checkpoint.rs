@@ -326,13 +326,13 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         )?;
         let (shape, numbers) = self.file.floats(vectors)?;
         self.check_shape(vectors, &shape, &[count, frames, spec.vector.len()])?;
-        let images = pixels.chunks_exact(k * spec.image_len());
-        let vectors = numbers.chunks_exact(k * spec.vector.len());
-        let episode = |(images, vectors): (&[u8], &[f32])| {
-            let (images, vectors) = (images.to_vec(), vectors.to_vec());
+        let (image, vector) = (k * spec.image_len(), k * spec.vector.len());
+        let episode = |i: usize| {
+            let images = pixels[i * image..(i + 1) * image].to_vec();
+            let vectors = numbers[i * vector..(i + 1) * vector].to_vec();
             FirstFrames::new(k, Observations { images, vectors })
         };
-        Ok(images.zip(vectors).map(episode).collect())
+        Ok((0..count).map(episode).collect())
     }
 
     fn check_shape(

@@ -1,4 +1,4 @@
-// The loss of a minibatch and its gradient in what the network put out; `loss.rs` says what of.
+// The loss of a minibatch and its gradient in what the network put out; `ppo.rs` says what of.
 // `decisions` holds the action, its log-probability and the return, for each decision. One group.
 
 const HALF_LN_TAU = 0.9189385;

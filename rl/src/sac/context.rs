@@ -1,12 +1,11 @@
-//! What the heads read: the fields of an observation, and the last steps before it.
+//! Inputs of the heads: the fields of an observation, and the last steps before it.
 
 use equivariant::{Concat, FieldType, Gru, GruPass, Scalar, Shape};
 use rand::Rng;
 use symmetry::{Irrep, irrep_order};
 
 use crate::env::EnvSpec;
-use crate::error::RlError;
-use crate::require::require;
+use crate::error::{RlError, require};
 use crate::sac::settings::ContextSettings;
 
 /// Gives a head its input: the fields h of the observation alone, or with a context the state of a
@@ -28,7 +27,7 @@ struct Context {
     length: usize,
 }
 
-/// What is read of steps, each of them once: items `[M, I]`.
+/// Items `[M, I]` that are read of steps, each of them once.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Items<T>(Vec<T>);
 
@@ -37,7 +36,7 @@ pub(crate) struct Items<T>(Vec<T>);
 pub(crate) struct Steps {
     /// Their numbers, `[L, n]`; a sample's own are the last ones.
     reads: Vec<usize>,
-    /// How many there are, `[n]`.
+    /// Number of steps of each sample, `[n]`.
     lengths: Vec<usize>,
 }
 
@@ -66,7 +65,7 @@ impl Steps {
 #[derive(Clone, Debug)]
 pub(crate) struct ReaderPass<T> {
     gru: Option<GruPass<T>>,
-    /// What a head reads, and the gradient in it, written before the backward pass: `[N, S]`.
+    /// Input of a head, and the gradient in it, written before the backward pass: `[N, S]`.
     pub state: Vec<T>,
     pub d_state: Vec<T>,
     d_out: Vec<T>,
@@ -133,7 +132,8 @@ impl Reader {
         &self,
         index: usize,
         fields: &[T],
-        (action, reward): (&[f32], f32),
+        action: &[f32],
+        reward: f32,
         items: &mut Items<T>,
     ) {
         let Some(context) = &self.context else { return };
@@ -150,7 +150,8 @@ impl Reader {
         &self,
         params: &[T],
         fields: &[T],
-        (items, steps): (&Items<T>, &Steps),
+        items: &Items<T>,
+        steps: &Steps,
         pass: &mut ReaderPass<T>,
     ) {
         let samples = fields.len() / self.fields.dim();

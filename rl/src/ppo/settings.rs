@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::RlError;
-use crate::require::{
-    require, require_count, require_log_std, require_positive, require_share, require_weight,
+use crate::error::{
+    RlError, require, require_count, require_log_std, require_positive, require_share,
+    require_weight,
 };
-use crate::symmetry_loss::SymmetryLoss;
+use crate::ppo::symmetry_loss::SymmetryLoss;
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::measured`] is the default.
 ///
@@ -114,6 +114,19 @@ impl PpoSettings {
         require_log_std("min_log_std", self.min_log_std)?;
         require_count("epochs", self.epochs, 1, "at least 1")?;
         require_count("minibatch", self.minibatch, 2, "at least 2")
+    }
+
+    /// Refuses standard deviations below the floor: the first step would raise them, however small
+    /// the gradient is.
+    pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
+        let min_log_std = self.min_log_std;
+        match log_std.iter().find(|&&log_std| log_std < min_log_std) {
+            Some(&log_std) => Err(RlError::BelowFloor {
+                log_std,
+                min_log_std,
+            }),
+            None => Ok(()),
+        }
     }
 
     fn check_loss(&self) -> Result<(), RlError> {

@@ -9,7 +9,9 @@ use crate::encoder::Encoder;
 use crate::env::{Observations, signed};
 use crate::fixtures::{network, replay, settings, spec, strided};
 use crate::policy::{Actor, Memory};
-use crate::replay::ring::Replay;
+use crate::replay::Replay;
+use crate::sac::minibatch::Batch;
+use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::ContextSettings;
 
@@ -72,7 +74,7 @@ impl Case {
                 elements: &self.elements,
                 noise: [&self.noise[0], &self.noise[1]],
                 gamma: self.gamma,
-                temperature: ALPHA,
+                alpha: ALPHA,
                 cloning: CLONING,
             },
         };
@@ -114,11 +116,11 @@ fn check_gradient(network: SacNetwork<f64>) {
         let mut at = |h: f64| {
             case.params[i] = centre + h;
             let (sums, ..) = case.run(&replay);
-            let actor = sums.actor + CLONING * sums.cloning;
+            let actor = sums.actor_loss + CLONING * sums.cloning_loss;
             let loss = if actors.contains(&i) {
                 actor
             } else {
-                sums.critic
+                sums.critic_loss
             };
             loss / STEPS.len() as f64
         };
@@ -153,7 +155,7 @@ fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let case = || Case::new(network(group, strided(), context), 0.9);
     let (sums, gradient, output) = case().run(&replay);
     let (moved_sums, moved_gradient, moved_output) = case().moved(g).run(&replay);
-    let losses = |sums: &SacSums| [sums.critic, sums.actor, sums.value, sums.log_prob];
+    let losses = |sums: &SacSums| [sums.critic_loss, sums.actor_loss, sums.value, sums.log_pi];
     let irreps = &spec().action;
     let split = |output: &[f64], first: bool| -> Vec<f64> {
         let rows = output.chunks(2 * A);
@@ -219,7 +221,7 @@ fn only_a_termination_ends_what_is_to_come() {
         elements: &case.elements[..3],
         noise: [&case.noise[0][..3 * A], &case.noise[1][..3 * A]],
         gamma: 0.9,
-        temperature: ALPHA,
+        alpha: ALPHA,
         cloning: 0.0,
     };
     let losses = Losses {
@@ -228,14 +230,15 @@ fn only_a_termination_ends_what_is_to_come() {
         targets: &case.targets,
         batch,
     };
-    batch.load((&case.network, &case.params), &(0..3), &mut w);
-    losses.evaluate_next(&(0..3), &mut w);
-    let beyond = |slot: usize| w.targets[slot] - f64::from(replay.get(6 + slot).reward());
+    batch.load(&case.network, &case.params, &(0..3), &mut w);
+    losses.run_next(&(0..3), &mut w);
+    losses.next_q_values(&(0..3), &mut w);
+    let beyond = |slot: usize| w.next_q_values[slot] - f64::from(replay.get(6 + slot).reward());
     assert_eq!(replay.get(6).outcome(), Outcome::Truncated);
     assert_eq!(replay.get(7).outcome(), Outcome::Terminated);
     assert_eq!(beyond(1), 0.0);
     for slot in [0, 2] {
-        let worth = least(&w, slot).1 - ALPHA * w.log_probs[slot];
+        let worth = w.min_qf(slot).1 - ALPHA * w.log_pi[slot];
         assert!((beyond(slot) - 0.9 * worth).abs() < 1e-12 && worth != 0.0);
     }
 }
@@ -265,7 +268,7 @@ fn trained(policy: &SacPolicy, replay: &Replay, step: usize) -> Vec<f64> {
             elements: &[D2::Identity; 2],
             noise: [&[0.0; 2 * A]; 2],
             gamma: 0.9,
-            temperature: ALPHA,
+            alpha: ALPHA,
             cloning: 0.0,
         },
     };
@@ -318,8 +321,8 @@ fn what_is_shared_changes_nothing() {
         let case = Case::new(network(Group::D2, strided(), context), 0.9);
         let (together, gradient, _) = case.run_in(STEPS.len(), &replay);
         let (single, expected, _) = case.run_in(1, &replay);
-        assert!((together.critic - single.critic).abs() < 1e-12);
-        assert!((together.actor - single.actor).abs() < 1e-12);
+        assert!((together.critic_loss - single.critic_loss).abs() < 1e-12);
+        assert!((together.actor_loss - single.actor_loss).abs() < 1e-12);
         assert!(distance(&gradient, &expected) < 1e-12);
     }
 }
@@ -338,10 +341,10 @@ fn each_observation_is_shown_once() {
             elements: &[D2::FlipX; 3],
             noise: [&[], &[]],
             gamma: 0.9,
-            temperature: ALPHA,
+            alpha: ALPHA,
             cloning: 0.0,
         };
-        batch.load((&case.network, &case.params), &(0..3), &mut w);
+        batch.load(&case.network, &case.params, &(0..3), &mut w);
         w.shown.len()
     };
     assert_eq!([shown(false, 0), shown(false, 2)], [4, 4]);

@@ -1,16 +1,19 @@
-//! One update as PyTorch computed it (`benches/peers/golden_sac.py`).
+//! One update as PyTorch computed it (`benches/peers/golden_sac.py`), and what is drawn for a
+//! minibatch.
 
+use rand::SeedableRng;
 use safetensors::SafeTensors;
-use symmetry::{Group, Irrep};
+use symmetry::{D2, Group, Irrep};
 
 use super::*;
 use crate::encoder::Encoder;
-use crate::env::{EnvSpec, Observations, Outcome, Transition};
+use crate::env::{EnvSpec, Observations, Transition};
+use crate::fixtures;
 use crate::network_settings::{Critic, NetworkSettings};
-use crate::replay::settings::ReplaySettings;
+use crate::replay::ReplaySettings;
 use crate::sac::settings::ContextSettings;
 
-const GOLDEN: &[u8] = include_bytes!("../../../tests/golden/sac.safetensors");
+const GOLDEN: &[u8] = include_bytes!("../../tests/golden/sac.safetensors");
 const BATCH: usize = 6;
 
 fn golden(name: &str) -> Vec<f64> {
@@ -116,18 +119,22 @@ fn check(case: &str, context: Option<ContextSettings>) {
         elements: vec![D2::Identity; BATCH],
         noise: [0, 1].map(|i| noise[i * BATCH * 2..(i + 1) * BATCH * 2].to_vec()),
     };
-    let sums = sac.minibatch_gradient(&policy, &replay()).unwrap();
-    let means = [sums.critic, sums.actor + 0.3 * sums.cloning, sums.log_prob];
+    let sums = sac.losses(&policy, &replay()).unwrap();
+    let means = [
+        sums.critic_loss,
+        sums.actor_loss + 0.3 * sums.cloning_loss,
+        sums.log_pi,
+    ];
     let means = means.map(|sum| (sum / sums.samples) as f32);
     assert_close("losses", &means, &golden(&of("losses")));
     assert_close("gradient", &sac.gradient, &golden(&of("gradient")));
     let mut totals = SacTotals::default();
     sac.descend(&mut policy, &mut totals).unwrap();
     assert!(totals.clipped > 0.0 && totals.clipped < 1.0);
-    sac.adjust_temperature(&policy, &sums);
-    sac.follow(&policy);
+    sac.update_alpha(&policy, &sums);
+    sac.update_targets(&policy);
     let after = golden(&of("log_temperature_after"));
-    assert_close("temperature", &sac.log_temperature, &after);
+    assert_close("temperature", &sac.log_alpha, &after);
     assert_close("targets", &sac.targets, &golden(&of("targets_after")));
     assert_close("params", policy.params(), &golden(&of("params_after")));
 }
@@ -140,4 +147,89 @@ fn an_update_is_that_of_pytorch() {
 #[test]
 fn an_update_with_a_context_is_that_of_pytorch() {
     check("context", Some(ContextSettings { size: 4, length: 3 }));
+}
+
+const DRAWS: usize = 4000;
+
+/// Minibatches of six steps in windows of this many.
+fn drawn_settings(window: usize) -> SacSettings {
+    SacSettings {
+        batch: 6,
+        window,
+        augmentation: Group::D2,
+        ..SacSettings::default()
+    }
+}
+
+/// How often each step of the fixtures' replay is drawn in windows of this many steps.
+fn counts(window: usize) -> Vec<usize> {
+    let settings = drawn_settings(window);
+    let (replay, mut draws) = (fixtures::replay(), Draws::default());
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let mut counts = vec![0; replay.len()];
+    for _ in 0..DRAWS {
+        draws.draw(&settings, &replay, &mut rng);
+        assert_eq!((draws.steps.len(), draws.elements.len()), (6, 6));
+        assert!(
+            draws
+                .elements
+                .chunks(window)
+                .all(|own| own.iter().all(|g| *g == own[0]))
+        );
+        for &(index, further) in &draws.steps {
+            let place = replay.get(index).along(further).place();
+            let mut steps = 0..replay.len();
+            let found = steps.find(|&i| replay.get(i).place() == place);
+            counts[found.unwrap()] += 1;
+        }
+    }
+    counts
+}
+
+/// The episodes have four and two steps: the last steps are drawn as often as the first ones. A
+/// window of four in an episode of two holds both steps twice.
+#[test]
+fn every_step_is_drawn_equally_often() {
+    for window in [1, 2, 3, 4] {
+        let expected = 6 * DRAWS / 12;
+        for count in counts(window) {
+            let error = count.abs_diff(expected);
+            // five standard errors; the largest is that of windows of three and four, which hold
+            // each step of the short episode more than once
+            assert!(error < 5 * 54, "{window}: {count} of {expected}");
+        }
+    }
+}
+
+/// Of three windows a share of two thirds begins among the four steps since the mark, and the third
+/// one does so in four cases of twelve.
+#[test]
+fn a_share_of_the_windows_begins_with_the_newest_steps() {
+    let drawn = |newest_share| {
+        let settings = SacSettings {
+            newest_share,
+            ..drawn_settings(2)
+        };
+        let (mut replay, mut draws) = (fixtures::marked(4), Draws::default());
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut newest = 0;
+        for _ in 0..DRAWS {
+            draws.draw(&settings, &replay, &mut rng);
+            let begin = draws.steps.iter().step_by(2);
+            newest += begin.filter(|(index, _)| *index >= 8).count();
+        }
+        // nothing has come since
+        replay.mark();
+        draws.draw(&settings, &replay, &mut rng);
+        assert_eq!(draws.steps.len(), 6);
+        newest as f64 / DRAWS as f64
+    };
+    for (share, expected) in [(0.0, 1.0), (0.7, 2.0 + 1.0 / 3.0), (1.0, 3.0)] {
+        // five standard errors of three windows, each with a third
+        let error = (drawn(share) - expected).abs();
+        assert!(
+            error < 5.0 * (3.0 * 2.0 / 9.0 / DRAWS as f64).sqrt(),
+            "{share}: {error}"
+        );
+    }
 }

@@ -8,11 +8,9 @@ use symmetry::{D2, Group};
 
 use crate::buffer::RolloutBuffer;
 use crate::env::{EnvSpec, Observations};
-use crate::error::RlError;
-use crate::loss::LossWeights;
-use crate::network::ActorCritic;
-use crate::pass::Workspace;
-use crate::require::{require, require_weight};
+use crate::error::{RlError, require, require_weight};
+use crate::network::{ActorCritic, Workspace};
+use crate::ppo::minibatch::LossWeights;
 
 /// What a policy pays for answering a moved observation with anything but the moved action and the
 /// same value: the regularisers of data-regularised actor-critic (Raileanu et al., "Automatic data
@@ -45,7 +43,7 @@ impl Default for SymmetryLoss {
 }
 
 impl SymmetryLoss {
-    pub(crate) fn check(&self) -> Result<(), RlError> {
+    pub(super) fn check(&self) -> Result<(), RlError> {
         let order = self.group.order();
         require(
             "the order of symmetry.group",
@@ -57,7 +55,7 @@ impl SymmetryLoss {
     }
 
     /// Draws an element for each decision of the rollout, and moves what was observed.
-    pub(crate) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> Moved {
+    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> Moved {
         // the identity comes first
         let others = &self.group.elements()[1..];
         let draw = |_| others[rng.random_range(0..others.len())];
@@ -75,34 +73,32 @@ impl SymmetryLoss {
 
 /// The decisions of a rollout, moved.
 #[derive(Debug)]
-pub(crate) struct Moved {
+pub(super) struct Moved {
     elements: Vec<D2>,
     observations: Observations,
 }
 
 impl Moved {
-    /// Runs the moved decisions at `indices` forward and backward, after a forward pass over the
-    /// same decisions as they were observed. Adds their gradient, times `scale`, and returns the
-    /// sum of the loss before its weight.
-    pub fn chunk<T: Scalar>(
+    /// Runs the moved decisions at `indices` forward, after a forward pass over the same decisions
+    /// as they were observed: answers to those, moved, stay where gradients will be.
+    pub fn forward<T: Scalar>(
         &self,
-        (network, params): (&ActorCritic<T>, &[T]),
-        (spec, indices): (&EnvSpec, &[usize]),
-        weights: &LossWeights,
-        scale: f64,
-        workspace: &mut Workspace<T>,
-        gradient: &mut [T],
-    ) -> f64 {
-        self.hold((spec, indices), workspace);
-        self.forward((network, params), (spec, indices), workspace);
-        let loss = loss((spec, indices.len()), weights, scale, workspace);
-        network.backward(params, indices.len(), workspace, gradient);
-        loss
+        network: &ActorCritic<T>,
+        params: &[T],
+        indices: &[usize],
+        w: &mut Workspace<T>,
+    ) {
+        self.hold(network.spec(), indices, w);
+        for (slot, &i) in indices.iter().enumerate() {
+            let (image, vector) = self.observations.sample(network.spec(), i);
+            network.load(slot, image, vector, w);
+        }
+        network.forward(params, indices.len(), w);
     }
 
-    /// Leaves what should be answered to the moved decisions where their gradients will be: the last
-    /// forward pass's means, moved, and its values. The next forward pass leaves them there.
-    fn hold<T>(&self, (spec, indices): (&EnvSpec, &[usize]), w: &mut Workspace<T>) {
+    /// Leaves what should be answered to the moved decisions where their gradients will be: the
+    /// last forward pass's means, moved, and its values. The next forward pass leaves them there.
+    fn hold<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
         let width = spec.action.len();
         for (slot, &i) in indices.iter().enumerate() {
             for (a, irrep) in spec.action.iter().enumerate() {
@@ -112,30 +108,17 @@ impl Moved {
             w.d_value[slot] = w.value[slot];
         }
     }
-
-    fn forward<T: Scalar>(
-        &self,
-        (network, params): (&ActorCritic<T>, &[T]),
-        (spec, indices): (&EnvSpec, &[usize]),
-        workspace: &mut Workspace<T>,
-    ) {
-        for (slot, &i) in indices.iter().enumerate() {
-            let (image, vector) = self.observations.sample(spec, i);
-            network.load(slot, image, vector, workspace);
-        }
-        network.forward(params, indices.len(), workspace);
-    }
 }
 
-/// Sums the loss of n decisions, and puts its weighted and scaled gradients in the place of what is
-/// held.
-fn loss<T>(
-    (spec, n): (&EnvSpec, usize),
+/// Returns the sum of the loss of n moved decisions before its weight, and puts its weighted and
+/// scaled gradients in the place of what is held.
+pub(super) fn symmetry_loss<T>(
+    n: usize,
     weights: &LossWeights,
     scale: f64,
     w: &mut Workspace<T>,
 ) -> f64 {
-    let width = spec.action.len();
+    let width = w.log_std.len();
     let scale = weights.symmetry * scale;
     let mut loss = 0.0;
     w.d_log_std.fill(0.0);
@@ -147,8 +130,8 @@ fn loss<T>(
             w.d_mean[own] = scale * off * precision;
         }
         let off = w.value[slot] - w.d_value[slot];
-        loss += weights.value * off * off;
-        w.d_value[slot] = 2.0 * scale * weights.value * off;
+        loss += weights.vf_coef * off * off;
+        w.d_value[slot] = 2.0 * scale * weights.vf_coef * off;
     }
     loss
 }
@@ -159,15 +142,16 @@ mod tests {
 
     use super::*;
     use crate::env::Transition;
-    use crate::fixtures::{self, strided};
+    use crate::fixtures;
+    use crate::fixtures::strided;
     use crate::network_settings::{Critic, NetworkSettings};
     use crate::policy::Decisions;
 
     const B: usize = 12;
     const WEIGHTS: LossWeights = LossWeights {
-        clip: 0.2,
-        value: 0.3,
-        entropy: 0.0,
+        clip_coef: 0.2,
+        vf_coef: 0.3,
+        ent_coef: 0.0,
         symmetry: 0.7,
     };
     const ALL: SymmetryLoss = SymmetryLoss {
@@ -225,14 +209,9 @@ mod tests {
         let (params, mut workspace, moved) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
         let mut gradient = vec![0.0; params.len()];
-        let loss = moved.chunk(
-            (&network, &params),
-            (&spec(), &indices),
-            &WEIGHTS,
-            1.0,
-            &mut workspace,
-            &mut gradient,
-        );
+        moved.forward(&network, &params, &indices, &mut workspace);
+        let loss = symmetry_loss(B, &WEIGHTS, 1.0, &mut workspace);
+        network.backward(&params, B, &mut workspace, &mut gradient);
         (loss, gradient)
     }
 
@@ -260,12 +239,12 @@ mod tests {
         moved.elements[0] = D2::FlipX;
         w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
         w.value[0] = 2.0;
-        moved.hold((&spec(), &[0]), &mut w);
+        moved.hold(&spec(), &[0], &mut w);
         w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
         w.value[0] = 4.0;
         w.log_std = vec![0.0, -(2f64.ln()), 0.0];
         w.d_log_std.fill(9.0);
-        let loss = loss((&spec(), 1), &WEIGHTS, 0.5, &mut w);
+        let loss = symmetry_loss(1, &WEIGHTS, 0.5, &mut w);
         assert!((loss - (0.0625 / 2.0 + 0.25 * 4.0 / 2.0 + 0.3 * 4.0)).abs() < 1e-12);
         for (d, by_hand) in w.d_mean.iter().zip([0.25 * 0.35, -2.0 * 0.35, 0.0]) {
             assert!((d - by_hand).abs() < 1e-12, "{:?}", w.d_mean);
@@ -279,28 +258,21 @@ mod tests {
         for critic in [Critic::Joint { fields: 3 }, Critic::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
             let (mut params, mut workspace, moved) = observed(&network);
-            let (spec, indices): (_, Vec<usize>) = (spec(), (0..B).collect());
+            let indices: Vec<usize> = (0..B).collect();
             let mut gradient = vec![0.0; params.len()];
-            let part = (&spec, &indices[..]);
-            moved.hold(part, &mut workspace);
+            moved.forward(&network, &params, &indices, &mut workspace);
             let held = (workspace.d_mean.clone(), workspace.d_value.clone());
-            moved.chunk(
-                (&network, &params),
-                part,
-                &WEIGHTS,
-                0.25,
-                &mut workspace,
-                &mut gradient,
-            );
+            symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
+            network.backward(&params, B, &mut workspace, &mut gradient);
             let log_std = params.len() - 3;
             for i in 0..params.len() {
                 let centre = params[i];
                 let mut at = |h: f64| {
                     params[i] = centre + h;
-                    moved.forward((&network, &params), part, &mut workspace);
+                    moved.forward(&network, &params, &indices, &mut workspace);
                     workspace.d_mean.clone_from(&held.0);
                     workspace.d_value.clone_from(&held.1);
-                    let loss = loss((&spec, B), &WEIGHTS, 0.25, &mut workspace);
+                    let loss = symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
                     loss * 0.25 * WEIGHTS.symmetry
                 };
                 let slope = (at(1e-6) - at(-1e-6)) / 2e-6;

@@ -1,11 +1,9 @@
-//! What an update of proximal policy optimisation reports.
+//! Statistics of an update of proximal policy optimisation.
 
-use crate::algorithm::Metrics;
-use crate::figures::named;
-use crate::loss::LossSums;
+use crate::algorithm::{Metrics, named, sums};
 
-/// What an update did. Losses and diagnostics are means over all decisions of all minibatches that
-/// were run.
+/// Statistics of an update. Losses and diagnostics are means over all decisions of all minibatches
+/// that were run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UpdateStats {
     /// The clipped surrogate, negated: what the actor minimises.
@@ -52,6 +50,11 @@ impl Metrics for UpdateStats {
     }
 }
 
+sums! {
+    /// Sums over decisions of the loss's terms and of the diagnostics.
+    LossSums: samples, policy_loss, value_loss, entropy, approx_kl, clip_fraction, symmetry_loss
+}
+
 /// Running sums of an update.
 #[derive(Default)]
 pub(crate) struct Totals {
@@ -66,11 +69,11 @@ impl Totals {
     pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> UpdateStats {
         let mean = |sum: f64| sum / self.losses.samples;
         UpdateStats {
-            policy_loss: mean(self.losses.policy),
-            value_loss: mean(self.losses.value),
+            policy_loss: mean(self.losses.policy_loss),
+            value_loss: mean(self.losses.value_loss),
             entropy: mean(self.losses.entropy),
-            approx_kl: mean(self.losses.kl),
-            clip_fraction: mean(self.losses.clipped),
+            approx_kl: mean(self.losses.approx_kl),
+            clip_fraction: mean(self.losses.clip_fraction),
             explained_variance: explained_variance(values, returns),
             grad_norm: self.grad_norms / self.steps.max(1) as f64,
             steps: self.steps,

@@ -1,0 +1,353 @@
+//! Distributions of actions: the diagonal Gaussian, its tanh, and noise whose direction lasts.
+//!
+//! Everything is summed in f64, since log-probabilities are subtracted from one another and
+//! exponentiated.
+
+use std::f64::consts::{LN_2, PI, TAU};
+
+use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
+
+use crate::error::{RlError, require};
+
+/// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
+/// of random normal deviates" (Ann. Math. Statist. 29, 1958). Two uniform numbers a pair, so the
+/// stream position depends on the length alone.
+pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
+    for pair in out.chunks_mut(2) {
+        let (u, v) = (rng.random::<f64>(), rng.random::<f64>());
+        // 1 - u lies in (0, 1], so the logarithm is finite
+        let radius = (-2.0 * (1.0 - u).ln()).sqrt();
+        for (x, f) in pair.iter_mut().zip([f64::cos, f64::sin]) {
+            *x = (radius * f(TAU * v)) as f32;
+        }
+    }
+}
+
+/// ln N(action; mean, exp(log_std)^2), summed over components.
+pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for ((m, s), a) in mean.iter().zip(log_std).zip(action) {
+        sum -= 0.5 * ((a - m) * (-s).exp()).powi(2) + s + 0.5 * TAU.ln();
+    }
+    sum
+}
+
+/// Differential entropy in nats: sum of log_std + ln(2 pi e) / 2.
+pub(crate) fn entropy(log_std: &[f64]) -> f64 {
+    log_std
+        .iter()
+        .map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0))
+        .sum()
+}
+
+/// Bounds of the logarithm of a tanh-Gaussian's standard deviation, those of CleanRL's soft
+/// actor-critic.
+pub(crate) const TANH_LOG_STD: [f64; 2] = [-5.0, 2.0];
+
+/// The logarithm of a standard deviation for what the network puts out, and its slope.
+pub(crate) fn tanh_log_std(raw: f64) -> (f64, f64) {
+    let half = (TANH_LOG_STD[1] - TANH_LOG_STD[0]) / 2.0;
+    let squashed = raw.tanh();
+    let log_std = TANH_LOG_STD[0] + half * (squashed + 1.0);
+    (log_std, half * (1.0 - squashed * squashed))
+}
+
+/// Output of the network for a logarithm of a standard deviation; none outside the bounds.
+pub(crate) fn raw_log_std(log_std: f64) -> Option<f64> {
+    let share = (log_std - TANH_LOG_STD[0]) / (TANH_LOG_STD[1] - TANH_LOG_STD[0]);
+    (share > 0.0 && share < 1.0).then(|| (2.0 * share - 1.0).atanh())
+}
+
+/// Writes the action for the `output` `[2 A]` of the network and standard normal `noise` `[A]`;
+/// returns its log-probability density in nats: Haarnoja et al., "Soft actor-critic" (arXiv
+/// 1801.01290, appendix C, "Enforcing action bounds", equation 21). u is Gaussian and a = tanh(u),
+/// component by component; `output` holds the means of u, and what becomes the logarithms of its
+/// standard deviations.
+pub(crate) fn sample_tanh(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
+    let (means, raws) = output.split_at(action.len());
+    let mut log_prob = 0.0;
+    for (i, action) in action.iter_mut().enumerate() {
+        let (log_std, noise) = (tanh_log_std(raws[i]).0, f64::from(noise[i]));
+        let u = means[i] + log_std.exp() * noise;
+        *action = u.tanh();
+        log_prob -= 0.5 * noise * noise + log_std + 0.5 * TAU.ln() + log_slope(u);
+    }
+    log_prob
+}
+
+/// The logarithm of the derivative of tanh, ln(1 - tanh(u)^2), without its cancellation.
+fn log_slope(u: f64) -> f64 {
+    let negative = -2.0 * u.abs();
+    2.0 * LN_2 + negative - 2.0 * negative.exp().ln_1p()
+}
+
+/// Writes the gradient of a loss in the `output` `[2 A]` from that in the action, `d_action` `[A]`,
+/// and in its log-probability (equation 13).
+pub(crate) fn tanh_gradient(
+    output: &[f64],
+    noise: &[f32],
+    action: &[f64],
+    d_action: &[f64],
+    d_log_prob: f64,
+    d_output: &mut [f64],
+) {
+    let width = action.len();
+    for i in 0..width {
+        let (log_std, slope) = tanh_log_std(output[width + i]);
+        // d ln(1 - tanh(u)^2) / du = -2 tanh(u)
+        let d_u = d_action[i] * (1.0 - action[i] * action[i]) + d_log_prob * 2.0 * action[i];
+        d_output[i] = d_u;
+        let d_log_std = d_u * log_std.exp() * f64::from(noise[i]) - d_log_prob;
+        d_output[width + i] = d_log_std * slope;
+    }
+}
+
+/// Standard normal numbers `[N, A]` for the actions of N environments: x_0 = e_0 and
+/// x_t = c x_(t-1) + sqrt(1 - c^2) e_t with independent standard normal e, in each component and
+/// each episode by itself. This is a stationary autoregressive process of order one: a number by
+/// itself is standard normal at every step, and two that are k steps apart have the correlation
+/// c^k (Korenkevych et al., "Autoregressive policies for continuous control deep reinforcement
+/// learning", IJCAI 2019, p = 1).
+#[derive(Clone, Debug)]
+pub(crate) struct ActionNoise {
+    /// c, in [0, 1).
+    correlation: f32,
+    width: usize,
+    values: Vec<f32>,
+    fresh: Vec<f32>,
+    /// `true` where the episode of an environment has had noise, `[N]`.
+    begun: Vec<bool>,
+}
+
+impl ActionNoise {
+    /// Independent noise for actions of `width` components (A, at least 1).
+    pub fn independent(envs: usize, width: usize) -> Self {
+        Self {
+            correlation: 0.0,
+            width,
+            values: vec![0.0; envs * width],
+            fresh: vec![0.0; envs * width],
+            begun: vec![false; envs],
+        }
+    }
+
+    /// Sets c.
+    ///
+    /// # Errors
+    /// [`RlError::Setting`] for one outside [0, 1).
+    pub fn set_correlation(&mut self, correlation: f32) -> Result<(), RlError> {
+        let allowed = (0.0..1.0).contains(&correlation);
+        let expected = "a number in [0, 1)";
+        require("noise_correlation", correlation, expected, allowed)?;
+        self.correlation = correlation;
+        Ok(())
+    }
+
+    /// Begins an episode in every environment.
+    pub fn restart(&mut self) {
+        self.begun.fill(false);
+    }
+
+    /// Begins an episode in environment `env`, in 0..N.
+    pub fn forget(&mut self, env: usize) {
+        self.begun[env] = false;
+    }
+
+    /// The noise `[N, A]` of the next step.
+    pub fn draw(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
+        standard_normals(rng, &mut self.fresh);
+        let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
+        let rows = self.values.chunks_exact_mut(self.width);
+        let fresh = self.fresh.chunks_exact(self.width);
+        for ((row, fresh), begun) in rows.zip(fresh).zip(&mut self.begun) {
+            if std::mem::replace(begun, true) {
+                row.iter_mut()
+                    .zip(fresh)
+                    .for_each(|(x, e)| *x = kept * *x + new * e);
+            } else {
+                row.copy_from_slice(fresh);
+            }
+        }
+        &self.values
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    #[test]
+    fn normals_have_unit_moments() {
+        let mut x = vec![0.0; 20_001];
+        standard_normals(&mut ChaCha8Rng::seed_from_u64(1), &mut x);
+        let moment = |k| x.iter().map(|&v| f64::from(v).powi(k)).sum::<f64>() / x.len() as f64;
+        // standard errors: 0.007, 0.010, 0.027, 0.069
+        assert!(moment(1).abs() < 0.03 && (moment(2) - 1.0).abs() < 0.04);
+        assert!(moment(3).abs() < 0.1 && (moment(4) - 3.0).abs() < 0.3);
+    }
+
+    /// Density of N(1, 4) at 2: exp(-1/8) / (2 sqrt(2 pi)) = 0.176032663...
+    #[test]
+    fn log_prob_by_hand() {
+        let p = log_prob(&[1.0], &[2f64.ln()], &[2.0]).exp();
+        assert!((p - 0.176_032_663_382_149_74).abs() < 1e-12, "{p}");
+        let two = log_prob(&[1.0, 1.0], &[2f64.ln(); 2], &[2.0, 2.0]).exp();
+        assert!((two - p * p).abs() < 1e-12);
+    }
+
+    /// The entropy is the expectation of -ln p, here by the midpoint rule.
+    #[test]
+    fn entropy_is_the_expected_surprise() {
+        let (mean, log_std, dx) = ([0.3], [-0.5], 1e-3);
+        let surprise: f64 = (-8000..8000)
+            .map(|i| log_prob(&mean, &log_std, &[(f64::from(i) + 0.5) * dx]))
+            .map(|lp| -lp * lp.exp() * dx)
+            .sum();
+        assert!((surprise - entropy(&log_std)).abs() < 1e-6);
+    }
+
+    const OUTPUT: [f64; 4] = [0.3, -1.2, 0.5, -0.4];
+    const NOISE: [f32; 2] = [0.7, -1.1];
+
+    #[test]
+    fn what_the_network_must_put_out_is_the_inverse() {
+        for expected in [-4.9, -0.5, 1.9] {
+            let raw = raw_log_std(expected).unwrap();
+            assert!((tanh_log_std(raw).0 - expected).abs() < 1e-12);
+        }
+        assert!(raw_log_std(-5.0).is_none() && raw_log_std(f64::NAN).is_none());
+    }
+
+    /// The density of one component sums to 1 over (-1, 1), by the midpoint rule over noise.
+    #[test]
+    fn the_density_is_that_of_the_action() {
+        let output = [0.4, 0.1];
+        let steps: usize = 20_000;
+        let at = |i: usize| -8.0 + 16.0 * i as f64 / steps as f64;
+        let mut total = 0.0;
+        for i in 0..steps {
+            let [mut low, mut high, mut middle] = [[0.0]; 3];
+            sample_tanh(&output, &[at(i) as f32], &mut low);
+            sample_tanh(&output, &[at(i + 1) as f32], &mut high);
+            let noise = (at(i) + 8.0 / steps as f64) as f32;
+            let density = sample_tanh(&output, &[noise], &mut middle).exp();
+            total += density * (high[0] - low[0]);
+        }
+        assert!((total - 1.0).abs() < 1e-3, "{total}");
+    }
+
+    #[test]
+    fn far_means_have_finite_densities() {
+        for mean in [-400.0, 400.0] {
+            let mut action = [0.0];
+            let log_prob = sample_tanh(&[mean, 0.0], &[0.5], &mut action);
+            assert!(log_prob.is_finite() && action[0].abs() == 1.0);
+        }
+    }
+
+    /// The loss w . a + c ln p.
+    #[test]
+    fn the_gradient_equals_finite_differences() {
+        let (weights, c) = ([0.8, -0.6], 0.3);
+        let loss = |output: &[f64]| {
+            let mut action = [0.0; 2];
+            let log_prob = sample_tanh(output, &NOISE, &mut action);
+            weights[0] * action[0] + weights[1] * action[1] + c * log_prob
+        };
+        let (mut action, mut d_output) = ([0.0; 2], [0.0; 4]);
+        sample_tanh(&OUTPUT, &NOISE, &mut action);
+        tanh_gradient(&OUTPUT, &NOISE, &action, &weights, c, &mut d_output);
+        for (i, got) in d_output.into_iter().enumerate() {
+            let [low, high] = [-1e-6, 1e-6].map(|h| {
+                let mut moved = OUTPUT;
+                moved[i] += h;
+                loss(&moved)
+            });
+            let slope = (high - low) / 2e-6;
+            assert!((got - slope).abs() < 1e-8, "{i}: {got} {slope}");
+        }
+    }
+
+    const ENVS: usize = 500;
+    const STEPS: usize = 6;
+
+    /// `STEPS` rows `[N, 2]`, in which environment 0 begins an episode with the fourth.
+    fn rows(correlation: f32) -> Vec<Vec<f32>> {
+        let mut noise = ActionNoise::independent(ENVS, 2);
+        noise.set_correlation(correlation).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let draw = |t| {
+            if t == 3 {
+                noise.forget(0);
+            }
+            noise.draw(&mut rng).to_vec()
+        };
+        (0..STEPS).map(draw).collect()
+    }
+
+    fn moment(a: &[f32], b: &[f32]) -> f64 {
+        let products = a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y));
+        products.sum::<f64>() / a.len() as f64
+    }
+
+    /// 1000 numbers: standard errors of the moments are at most 0.045.
+    #[test]
+    fn every_step_is_standard_and_steps_are_correlated_as_set() {
+        for correlation in [0.0, 0.5, 0.9] {
+            let rows = rows(correlation);
+            for (t, row) in rows.iter().enumerate() {
+                assert!(moment(row, &[1.0; 2 * ENVS]).abs() < 0.14, "{correlation}");
+                for (k, later) in rows[t..].iter().enumerate() {
+                    let (seen, expected) =
+                        (moment(row, later), f64::from(correlation).powi(k as i32));
+                    assert!((seen - expected).abs() < 0.18, "{correlation} {k}: {seen}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn without_correlation_it_is_what_the_generator_says() {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        for row in rows(0.0) {
+            let mut plain = [0.0; 2 * ENVS];
+            standard_normals(&mut rng, &mut plain);
+            assert_eq!(row, plain);
+        }
+    }
+
+    /// By hand from the generator's numbers, at c = 0.6, so that sqrt(1 - c^2) = 0.8.
+    #[test]
+    fn an_episode_begins_afresh_in_its_environment_alone() {
+        let rows = rows(0.6);
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut expected = vec![0.0_f64; 2 * ENVS];
+        for (t, row) in rows.iter().enumerate() {
+            let mut fresh = [0.0; 2 * ENVS];
+            standard_normals(&mut rng, &mut fresh);
+            for (i, (x, &e)) in expected.iter_mut().zip(&fresh).enumerate() {
+                *x = match t == 0 || (t == 3 && i < 2) {
+                    true => f64::from(e),
+                    false => 0.6 * *x + 0.8 * f64::from(e),
+                };
+                assert!(
+                    (*x - f64::from(row[i])).abs() < 1e-5,
+                    "step {t}, number {i}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_correlation_that_keeps_everything_is_refused() {
+        let mut noise = ActionNoise::independent(1, 1);
+        for wrong in [-0.1, 1.0, f32::NAN] {
+            let message = noise.set_correlation(wrong).unwrap_err().to_string();
+            assert!(message.contains("noise_correlation") && message.contains("[0, 1)"));
+        }
+    }
+}

@@ -1,0 +1,454 @@
+//! Updates on a GPU, as plans of its kernels: the network, its loss, and the optimiser.
+
+use equivariant::gpu::{Batch, GpuError, Passes, Plan, Program, Slot, Step, Work};
+use rand_chacha::ChaCha8Rng;
+
+use crate::adam::{Adam, bias_correction};
+use crate::device::{DRAW, Observed, Outputs, add_network};
+use crate::env::Observations;
+use crate::error::{RlError, check_finite};
+use crate::network::ActorCritic;
+use crate::ppo::minibatch::{Device, LARGEST_LOG_RATIO, Minibatch, Update};
+use crate::ppo::settings::PpoSettings;
+use crate::ppo::stats::{LossSums, Totals};
+
+/// Numbers of a row of the log; the first row is the state.
+const ROW: usize = 8;
+/// Partial sums of squares: as many as the threads that add them up.
+const SQUARES: usize = 64;
+
+/// A GPU with the kernels of an update. It runs all minibatches without waiting for one another,
+/// and takes no step after one that the divergence forbids.
+pub(super) struct Gpu {
+    device: equivariant::gpu::Device,
+    schedule: Schedule,
+    /// Compiled at the first update, and again for a longer one.
+    compiled: Option<Compiled>,
+}
+
+struct Compiled {
+    size: Size,
+    graph: Graph,
+    program: Program,
+}
+
+/// The minibatches of all passes, in their order.
+#[derive(Default)]
+struct Schedule {
+    /// Decision and advantage of each draw, as words.
+    draws: Vec<u32>,
+    /// Start of each minibatch among the draws, and its length.
+    minibatches: Vec<(usize, usize)>,
+    /// The generator after the shuffle that each minibatch follows.
+    generators: Vec<ChaCha8Rng>,
+}
+
+impl Device for Gpu {
+    fn losses(
+        &mut self,
+        update: &Update,
+        minibatch: &Minibatch,
+    ) -> Result<Option<(LossSums, &mut [f32])>, RlError> {
+        self.schedule.push(minibatch, update.rng);
+        Ok(None)
+    }
+
+    fn finish(&mut self, update: &mut Update) -> Result<Option<Totals>, RlError> {
+        let schedule = std::mem::take(&mut self.schedule);
+        let compiled = self.compiled(update, &schedule)?;
+        compiled.write(update, &schedule);
+        compiled.submit(update, &schedule);
+        compiled.read(update, &schedule).map(Some)
+    }
+}
+
+impl Gpu {
+    pub fn new(device: &equivariant::gpu::Device) -> Self {
+        Self {
+            device: device.clone(),
+            schedule: Schedule::default(),
+            compiled: None,
+        }
+    }
+
+    fn compiled(&mut self, update: &Update, schedule: &Schedule) -> Result<&Compiled, GpuError> {
+        let needed = Size {
+            rollout: update.buffer.samples(),
+            draws: schedule.draws.len() / 2,
+            minibatches: schedule.minibatches.len(),
+        };
+        let known = self
+            .compiled
+            .take()
+            .filter(|known| known.size.holds(needed));
+        let compiled = match known {
+            Some(known) => known,
+            None => Compiled::new(&self.device, update, needed)?,
+        };
+        Ok(self.compiled.insert(compiled))
+    }
+}
+
+impl Size {
+    fn holds(self, needed: Size) -> bool {
+        self.rollout >= needed.rollout
+            && self.draws >= needed.draws
+            && self.minibatches >= needed.minibatches
+    }
+}
+
+impl Schedule {
+    fn push(&mut self, minibatch: &Minibatch, rng: &ChaCha8Rng) {
+        let Minibatch {
+            indices,
+            advantages,
+            ..
+        } = minibatch;
+        self.minibatches.push((self.draws.len() / 2, indices.len()));
+        self.generators.push(rng.clone());
+        let draws = indices.iter().zip(*advantages);
+        let words = draws.flat_map(|(&i, &a)| [i as u32, (a as f32).to_bits()]);
+        self.draws.extend(words);
+    }
+}
+
+impl Compiled {
+    fn new(
+        device: &equivariant::gpu::Device,
+        update: &Update,
+        size: Size,
+    ) -> Result<Self, GpuError> {
+        let graph = Graph::new(update.policy.network(), update.settings, size)?;
+        let program = Program::new(
+            device,
+            &graph.plan,
+            update.settings.minibatch.min(size.rollout),
+        )?;
+        Ok(Self {
+            size,
+            graph,
+            program,
+        })
+    }
+
+    /// Brings parameters, moments, the rollout and its minibatches to the device.
+    fn write(&self, update: &Update, schedule: &Schedule) {
+        let Graph {
+            plan,
+            slots,
+            moments,
+        } = &self.graph;
+        let network = update.policy.network();
+        let optimiser = &update.optimiser;
+        let placed = [
+            (plan.params(), update.policy.params()),
+            (moments[0], &optimiser.first_moment),
+            (moments[1], &optimiser.second_moment),
+        ];
+        for (slot, values) in placed {
+            self.program.write(slot, &plan.placed(values));
+        }
+        let Observations { images, vectors } = update.buffer.observations();
+        slots
+            .observed
+            .write(&self.program, network, images, vectors);
+        self.program
+            .write(slots.decisions, &decisions(network, update));
+        self.program
+            .write_words(slots.observed.draws, &schedule.draws);
+        self.program.write(slots.log, &vec![0.0; log_len(schedule)]);
+    }
+
+    /// Starts every minibatch.
+    fn submit(&self, update: &Update, schedule: &Schedule) {
+        let [encoder, heads] = update.groups().map(|group| group.learning_rate);
+        for (index, &(start, samples)) in schedule.minibatches.iter().enumerate() {
+            let steps = update.optimiser.steps + index as u64 + 1;
+            let [first, second] = update
+                .optimiser
+                .betas
+                .map(|beta| bias_correction(beta, steps));
+            let batch = Batch {
+                samples,
+                start,
+                index,
+                numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
+            };
+            self.program.submit(Passes::All, batch);
+        }
+    }
+
+    /// Waits for the minibatches and takes over what they left.
+    fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<Totals, RlError> {
+        let Graph {
+            plan,
+            slots,
+            moments: [first, second],
+        } = &self.graph;
+        let [params, first, second] =
+            [plan.params(), *first, *second].map(|slot| (slot, plan.device_params()));
+        let log = (slots.log, log_len(schedule));
+        let [params, first, second, log] = self.program.read([params, first, second, log])?;
+        let mut totals = Totals::default();
+        let outcome = totals.add_log(&log, update.settings.epochs);
+        update
+            .policy
+            .params_mut()
+            .copy_from_slice(&plan.unplaced(&params));
+        update.optimiser.first_moment = plan.unplaced(&first);
+        update.optimiser.second_moment = plan.unplaced(&second);
+        update.optimiser.steps += totals.steps as u64;
+        let begun = totals.steps.min(schedule.generators.len() - 1);
+        update.rng.clone_from(&schedule.generators[begun]);
+        outcome.map(|()| totals)
+    }
+}
+
+impl Totals {
+    /// Adds the rows of a log up to where the update ended.
+    fn add_log(&mut self, log: &[f32], epochs: usize) -> Result<(), RlError> {
+        let rows = log.chunks_exact(ROW).skip(1);
+        let of_pass = rows.len() / epochs;
+        for row in rows {
+            let [
+                samples,
+                policy_loss,
+                value_loss,
+                entropy,
+                approx_kl,
+                clip_fraction,
+                norm,
+                stepped,
+            ] = std::array::from_fn(|i| f64::from(row[i]));
+            if samples == 0.0 {
+                break;
+            }
+            check_finite(
+                "the loss of a minibatch",
+                policy_loss + value_loss + approx_kl,
+            )?;
+            self.losses.add(&LossSums {
+                samples,
+                policy_loss,
+                value_loss,
+                entropy,
+                approx_kl,
+                clip_fraction,
+                symmetry_loss: 0.0,
+            });
+            check_finite("the norm of the gradient", norm)?;
+            if stepped == 0.0 {
+                break;
+            }
+            self.grad_norms += norm;
+            self.steps += 1;
+            self.epochs = self.steps / of_pass;
+        }
+        Ok(())
+    }
+}
+
+fn log_len(schedule: &Schedule) -> usize {
+    ROW * (schedule.minibatches.len() + 1)
+}
+
+/// Action, irrep-major, log-probability and return of every decision.
+fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
+    let order = &network.action_order;
+    let made = update.buffer.decisions();
+    let actions = made.actions.chunks_exact(order.len());
+    let others = made.log_probs.iter().zip(&update.batch.returns);
+    let rows = actions
+        .zip(others)
+        .flat_map(|(action, (&log_prob, &target))| {
+            let action = order.iter().map(|&i| action[i]);
+            action.chain([log_prob, target])
+        });
+    rows.collect()
+}
+
+/// Largest sizes of an update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Size {
+    /// Decisions of the rollout.
+    rollout: usize,
+    /// Decisions of all minibatches of all passes.
+    draws: usize,
+    /// Minibatches of all passes.
+    minibatches: usize,
+}
+
+/// The plan and its buffers.
+struct Graph {
+    plan: Plan,
+    slots: Slots,
+    /// First and second moment of Adam.
+    moments: [Slot; 2],
+}
+
+/// Buffers that the processor writes and reads besides parameters.
+#[derive(Clone, Copy)]
+struct Slots {
+    /// The rollout's observations, and the draws from them.
+    observed: Observed,
+    /// Action, irrep-major, log-probability and return of each decision of the rollout.
+    decisions: Slot,
+    /// The state and a row for each minibatch.
+    log: Slot,
+}
+
+impl Graph {
+    fn new(
+        network: &ActorCritic<f32>,
+        settings: &PpoSettings,
+        size: Size,
+    ) -> Result<Self, GpuError> {
+        let mut plan = Plan::new();
+        let slots = Slots::new(&mut plan, network, size);
+        let outputs = add_network(&mut plan, network, slots.observed)?;
+        let loss = loss(&plan, network, settings, slots, &outputs)?;
+        plan.push(vec![loss], Vec::new());
+        let params = plan.device_params();
+        let moments = [(); 2].map(|()| plan.buffer(params, 0));
+        let squares = plan.buffer(SQUARES, 0);
+        let [sums, norm] = norms(&plan, settings, slots, squares);
+        let step = optimiser(&plan, settings, slots.log, moments, &outputs);
+        for step in [sums, norm, step] {
+            plan.push_last(step);
+        }
+        Ok(Self {
+            plan,
+            slots,
+            moments,
+        })
+    }
+}
+
+impl Slots {
+    fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: Size) -> Self {
+        let spec = network.spec();
+        Self {
+            observed: Observed::new(plan, network, size.rollout, size.draws),
+            decisions: plan.buffer(size.rollout * (spec.action.len() + 2), 0),
+            log: plan.buffer(ROW * (size.minibatches + 1), 0),
+        }
+    }
+}
+
+/// The loss and its gradient in what the network puts out.
+fn loss(
+    plan: &Plan,
+    network: &ActorCritic<f32>,
+    settings: &PpoSettings,
+    slots: Slots,
+    outputs: &Outputs,
+) -> Result<Step, GpuError> {
+    let [Some(d_mean), Some(d_value)] = [outputs.mean, outputs.value].map(|y| y.gradient) else {
+        unreachable!("outputs of layers have gradients")
+    };
+    let order = &network.action_order;
+    let components: Vec<String> = order.iter().map(|i| format!("{i}u")).collect();
+    let (count, components) = (order.len(), components.join(", "));
+    let list = format!("array<u32, {count}>");
+    let step = Step::new("loss", 1, Work::fixed_groups(1))
+        .constants([("ACTION", count), ("LOG_STD", outputs.log_std)])
+        .number("CLIP", settings.clip.into())
+        .number("VALUE", settings.value_weight.into())
+        .number("ENTROPY", settings.entropy_weight.into())
+        .number("KL_STOP", settings.kl_stop())
+        .number("LARGEST_LOG_RATIO", LARGEST_LOG_RATIO)
+        .text(&format!(
+            "var<private> component: {list} = {list}({components});"
+        ))
+        .text(DRAW)
+        .text(include_str!("wgsl/log.wgsl"))
+        .read("draws", "Draw", slots.observed.draws)
+        .read("decisions", "f32", slots.decisions)
+        .read("params", "f32", plan.params())
+        .read("mean", "f32", outputs.mean.values)
+        .read("value", "f32", outputs.value.values)
+        .write("d_mean", "f32", d_mean)
+        .write("d_value", "f32", d_value)
+        .write("gradient", "f32", plan.gradient())
+        .write("log", "f32", slots.log)
+        .sums()
+        .text(include_str!("wgsl/loss.wgsl"));
+    Ok(step)
+}
+
+/// The norm of the gradient.
+fn norms(plan: &Plan, settings: &PpoSettings, slots: Slots, squares: Slot) -> [Step; 2] {
+    let sums = Step::new("squares", 1, Work::fixed_groups(SQUARES))
+        .constants([("PARAMS", plan.device_params()), ("GROUPS", SQUARES)])
+        .read("gradient", "f32", plan.gradient())
+        .write("squares", "f32", squares)
+        .sums()
+        .text(include_str!("wgsl/squares.wgsl"));
+    let norm = Step::new("norm", 1, Work::fixed_groups(1))
+        .number("MAX_NORM", settings.max_grad_norm.into())
+        .text(include_str!("wgsl/log.wgsl"))
+        .read("squares", "f32", squares)
+        .write("log", "f32", slots.log)
+        .sums()
+        .text(include_str!("wgsl/norm.wgsl"));
+    [sums, norm]
+}
+
+/// A step of Adam.
+fn optimiser(
+    plan: &Plan,
+    settings: &PpoSettings,
+    log: Slot,
+    moments: [Slot; 2],
+    outputs: &Outputs,
+) -> Step {
+    let action = outputs.mean.shape.len();
+    let Adam { betas, epsilon, .. } = Adam::new(0, settings.adam_epsilon);
+    Step::new("adam", 1, Work::fixed_threads(plan.device_params()))
+        .constants([
+            ("PARAMS", plan.device_params()),
+            ("HEADS", outputs.heads),
+            ("LOG_STD", outputs.log_std),
+            ("ACTION", action),
+        ])
+        .number("BETA_1", betas[0].into())
+        .number("BETA_2", betas[1].into())
+        .number("EPSILON", epsilon.into())
+        .number("FLOOR", settings.min_log_std.into())
+        .text(include_str!("wgsl/log.wgsl"))
+        .read("gradient", "f32", plan.gradient())
+        .read("log", "f32", log)
+        .write("first_moment", "f32", moments[0])
+        .write("second_moment", "f32", moments[1])
+        .write("params", "f32", plan.params())
+        .text(include_str!("wgsl/adam.wgsl"))
+}
+
+#[cfg(test)]
+mod tests {
+    use symmetry::Irrep;
+
+    use super::*;
+    use crate::env::EnvSpec;
+    use crate::network_settings::NetworkSettings;
+
+    /// docs/performance.md says so.
+    #[test]
+    fn a_minibatch_of_the_default_network_takes_51_kernels() {
+        let action = vec![Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
+        let spec = EnvSpec {
+            num_envs: 1,
+            image: [48, 48, 6],
+            vector: action.clone(),
+            action,
+        };
+        let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
+        let size = Size {
+            rollout: 500,
+            draws: 6000,
+            minibatches: 96,
+        };
+        let graph = Graph::new(&network, &PpoSettings::default(), size).unwrap();
+        assert_eq!(graph.plan.dispatches(), [19, 32]);
+    }
+}

@@ -1,0 +1,352 @@
+//! Losses and gradients of decisions and of minibatches.
+
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use symmetry::Group;
+
+use super::minibatch::Minibatch;
+use super::symmetry_loss::SymmetryLoss;
+use super::*;
+use crate::encoder::Encoder;
+use crate::env::{EnvSpec, Observations, Transition};
+use crate::fixtures;
+use crate::fixtures::strided;
+use crate::network::ActorCritic;
+use crate::network_settings::{Critic, NetworkSettings};
+use crate::policy::Decisions;
+
+const B: usize = 5;
+const WEIGHTS: LossWeights = LossWeights {
+    clip_coef: 0.2,
+    vf_coef: 0.5,
+    ent_coef: 0.01,
+    symmetry: 0.0,
+};
+
+/// The sum that is minimised.
+fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
+    sums.policy_loss + weights.vf_coef * sums.value_loss - weights.ent_coef * sums.entropy
+        + weights.symmetry * sums.symmetry_loss
+}
+
+/// What is minimised, and its gradient; parameters are mean (2), log_std (2), value.
+fn decision_loss(p: &[f64; 5], sample: &Decision) -> (f64, [f64; 5]) {
+    let output = Output {
+        mean: &p[..2],
+        log_std: &p[2..4],
+        value: p[4],
+    };
+    let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
+    let (sums, value) = WEIGHTS.loss(sample, &output, 1.0, &mut mean, &mut log_std);
+    let gradient = [mean[0], mean[1], log_std[0], log_std[1], value];
+    (total(&sums, &WEIGHTS), gradient)
+}
+
+#[test]
+fn gradient_equals_finite_differences_on_every_branch() {
+    let p = [0.3, -0.2, -0.5, 0.1, 1.5];
+    let action = [0.6, 0.4];
+    let now = log_prob(&p[..2], &p[2..4], &action);
+    // ratios inside, above and below the clip interval, with both signs of the advantage
+    for shift in [0.05, 1.0, -1.0] {
+        for advantage in [0.7, -1.3] {
+            let sample = Decision {
+                action: &action,
+                log_prob: now - shift,
+                advantage,
+                ret: 0.4,
+            };
+            for (i, g) in decision_loss(&p, &sample).1.into_iter().enumerate() {
+                let at = |h: f64| {
+                    let mut moved = p;
+                    moved[i] += h;
+                    decision_loss(&moved, &sample).0
+                };
+                let slope = (at(1e-5) - at(-1e-5)) / 2e-5;
+                assert!(
+                    (slope - g).abs() < 1e-8,
+                    "{shift} {advantage} {i}: {g} {slope}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn an_improvement_beyond_the_clip_has_no_gradient() {
+    let p = [0.3, -0.2, -0.5, 0.1, 1.5];
+    let action = [0.6, 0.4];
+    let now = log_prob(&p[..2], &p[2..4], &action);
+    let sample = Decision {
+        action: &action,
+        log_prob: now - 1.0,
+        advantage: 1.0,
+        ret: 0.0,
+    };
+    assert_eq!(decision_loss(&p, &sample).1[..2], [0.0, 0.0]);
+    let worse = Decision {
+        advantage: -1.0,
+        ..sample
+    };
+    assert_ne!(decision_loss(&p, &worse).1[0], 0.0);
+}
+
+/// An action far from a narrow policy's mean, as mirrored ones are of a network without the
+/// symmetry: a small step of the mean multiplies its probability beyond any number.
+#[test]
+fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
+    let losses = |log_prob: f64| {
+        let sample = Decision {
+            action: &[0.0; 2],
+            log_prob,
+            advantage: -3.0,
+            ret: 0.0,
+        };
+        let output = Output {
+            mean: &[0.0; 2],
+            log_std: &[0.0; 2],
+            value: 0.0,
+        };
+        let (mut d_mean, mut d_log_std) = ([0.0; 2], [0.0; 2]);
+        WEIGHTS
+            .loss(&sample, &output, 1.0, &mut d_mean, &mut d_log_std)
+            .0
+    };
+    let far = losses(-1e4);
+    assert!(far.policy_loss.is_finite() && (250.0 * far.policy_loss.abs()) < f64::from(f32::MAX));
+    assert!((far.approx_kl as f32).is_finite() && far.approx_kl / 1e6 > 1e6);
+    assert!(losses(f64::NAN).policy_loss.is_nan() && losses(f64::NAN).approx_kl.is_nan());
+}
+
+/// By hand: the ratio is e^0.5, so k3 is e^0.5 - 1 - 0.5.
+#[test]
+fn diagnostics_by_hand() {
+    let (p, action) = ([0.0; 2], [0.0; 2]);
+    let now = log_prob(&p, &p, &action);
+    let sample = Decision {
+        action: &action,
+        log_prob: now - 0.5,
+        advantage: 2.0,
+        ret: 1.0,
+    };
+    let output = Output {
+        mean: &p,
+        log_std: &p,
+        value: 3.0,
+    };
+    let (sums, d_value) = WEIGHTS.loss(&sample, &output, 0.25, &mut [0.0; 2], &mut [0.0; 2]);
+    assert!((sums.approx_kl - (0.5f64.exp() - 1.5)).abs() < 1e-12);
+    assert!((sums.policy_loss + 2.0 * 1.2).abs() < 1e-12);
+    assert_eq!(
+        (sums.value_loss, sums.clip_fraction, d_value),
+        (4.0, 1.0, 0.5)
+    );
+}
+
+fn spec() -> EnvSpec {
+    EnvSpec {
+        num_envs: B,
+        ..fixtures::spec()
+    }
+}
+
+const JOINT: Critic = Critic::Joint { fields: 3 };
+
+fn network(group: Group, encoder: Encoder, critic: Critic) -> ActorCritic<f64> {
+    let settings = NetworkSettings {
+        critic,
+        ..fixtures::settings(group, encoder)
+    };
+    ActorCritic::new(&settings, &spec()).unwrap()
+}
+
+fn uniform(rng: &mut impl Rng, len: usize) -> Vec<f32> {
+    (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
+}
+
+/// One random step, with log-probabilities that are `shift` times a random number off.
+fn rollout(
+    network: &ActorCritic<f64>,
+    params: &[f64],
+    shift: f32,
+    rng: &mut ChaCha8Rng,
+) -> RolloutBuffer {
+    let mut observations = Observations::new(&spec());
+    observations.images.fill_with(|| rng.random());
+    observations.vectors = uniform(rng, B * 3);
+    let mut decisions = Decisions::new(&spec());
+    decisions.actions = uniform(rng, B * 3);
+    let mut workspace = network.workspace(B);
+    for i in 0..B {
+        let (image, vector) = observations.sample(&spec(), i);
+        network.load(i, image, vector, &mut workspace);
+    }
+    network.forward(params, B, &mut workspace);
+    for i in 0..B {
+        let action: Vec<f64> = decisions.actions[i * 3..i * 3 + 3]
+            .iter()
+            .map(|&a| f64::from(a))
+            .collect();
+        let now = log_prob(
+            &workspace.mean[i * 3..i * 3 + 3],
+            &workspace.log_std,
+            &action,
+        );
+        decisions.log_probs[i] = now as f32 + shift * rng.random_range(-1.0f32..1.0);
+    }
+    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
+    buffer
+        .push(
+            &observations,
+            &decisions,
+            &Transition::new(&spec()),
+            &[0.0; B],
+        )
+        .unwrap();
+    buffer
+}
+
+fn actions(buffer: &RolloutBuffer) -> Vec<f64> {
+    let actions = buffer.decisions().actions.iter();
+    actions.map(|&action| f64::from(action)).collect()
+}
+
+/// Loss sums and gradient of the whole buffer in two chunks of one workspace.
+fn loss(
+    network: &ActorCritic<f64>,
+    params: &[f64],
+    buffer: &RolloutBuffer,
+    returns: &[f32],
+) -> (LossSums, Vec<f64>) {
+    let actions = actions(buffer);
+    let minibatch = Minibatch {
+        buffer,
+        actions: &actions,
+        returns,
+        indices: &[3, 1, 4, 0, 2],
+        advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
+        weights: WEIGHTS,
+        moved: None,
+    };
+    let mut gradient = vec![0.0; params.len()];
+    let mut workspace = network.workspace(3);
+    let mut sums = minibatch.chunk(network, params, 0..3, &mut workspace, &mut gradient);
+    sums.add(&minibatch.chunk(network, params, 3..B, &mut workspace, &mut gradient));
+    (sums, gradient)
+}
+
+#[test]
+fn gradient_of_the_whole_loss_equals_finite_differences() {
+    for group in Group::ALL {
+        for critic in [JOINT, Critic::Pooled { width: 3 }] {
+            gradient_equals_finite_differences(&network(group, strided(), critic));
+        }
+    }
+    let pooled = Encoder::Pooled {
+        fields: vec![],
+        inner: [2, 2],
+    };
+    let keypoints = Encoder::Keypoints {
+        fields: vec![2],
+        maps: 2,
+    };
+    for encoder in [pooled, keypoints] {
+        gradient_equals_finite_differences(&network(Group::D2, encoder, JOINT));
+    }
+}
+
+fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut params = network.init(&mut rng);
+    let buffer = rollout(network, &params, 0.5, &mut rng);
+    let returns = uniform(&mut rng, B);
+    let (sums, gradient) = loss(network, &params, &buffer, &returns);
+    assert!(
+        sums.clip_fraction > 0.0 && sums.clip_fraction < B as f64,
+        "{sums:?}"
+    );
+    let scale = gradient.iter().fold(0.0, |m: f64, g| m.max(g.abs()));
+    for i in 0..params.len() {
+        let centre = params[i];
+        let mut at = |h: f64| {
+            params[i] = centre + h;
+            total(&loss(network, &params, &buffer, &returns).0, &WEIGHTS) / B as f64
+        };
+        let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+        params[i] = centre;
+        assert!(
+            (slope - gradient[i]).abs() < 1e-7 * scale.max(1.0),
+            "{i}: {} {slope}",
+            gradient[i]
+        );
+    }
+    assert!(gradient.iter().filter(|g| **g != 0.0).count() > params.len() / 2);
+}
+
+/// Decisions meet their own moved ones, whatever the order and the chunks.
+#[test]
+fn a_symmetry_loss_is_a_sum_over_decisions() {
+    let network = network(Group::C1, strided(), JOINT);
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let params = network.init(&mut rng);
+    let buffer = rollout(&network, &params, 0.5, &mut rng);
+    let actions = actions(&buffer);
+    let symmetry = SymmetryLoss::default();
+    let (moved, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
+    let weights = LossWeights {
+        symmetry: 0.7,
+        ..WEIGHTS
+    };
+    let run = |indices: &[usize], ends: &[usize]| {
+        let minibatch = Minibatch {
+            buffer: &buffer,
+            actions: &actions,
+            returns: &returns,
+            indices,
+            advantages: &[0.0; B],
+            weights,
+            moved: Some(&moved),
+        };
+        let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
+        let mut workspace = network.workspace(B);
+        let mut from = 0;
+        for &end in ends {
+            let chunk = from..end;
+            from = end;
+            let sums = minibatch.chunk(&network, &params, chunk, &mut workspace, &mut gradient);
+            sum += sums.symmetry_loss;
+        }
+        (sum, gradient)
+    };
+    let (whole, at_once) = run(&[0, 1, 2, 3, 4], &[B]);
+    let (parts, in_chunks) = run(&[3, 1, 4, 0, 2], &[3, B]);
+    assert!(whole > 1e-6 && (whole - parts).abs() < 1e-12 * whole);
+    for (a, b) in at_once.iter().zip(&in_chunks) {
+        assert!((a - b).abs() < 1e-12, "{a} {b}");
+    }
+}
+
+#[test]
+fn before_the_first_step_the_ratio_is_one() {
+    let network = network(Group::D2, strided(), JOINT);
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let params = network.init(&mut rng);
+    let buffer = rollout(&network, &params, 0.0, &mut rng);
+    let (sums, _) = loss(&network, &params, &buffer, &[0.0; B]);
+    // with a ratio of one, the surrogate is the negated sum of the advantages, here 0
+    assert!(
+        sums.policy_loss.abs() < 1e-6 && sums.approx_kl.abs() < 1e-12 && sums.clip_fraction == 0.0,
+        "{sums:?}"
+    );
+}
+
+#[test]
+fn advantages_are_normalised_within_the_minibatch() {
+    let mut out = Vec::new();
+    normalise(&[9.0, 1.0, 3.0, 5.0], &[1, 2, 3], &mut out);
+    for (a, expected) in out.iter().zip([-1.0, 0.0, 1.0]) {
+        assert!((a - expected).abs() < 1e-7);
+    }
+    normalise(&[9.0], &[0], &mut out);
+    assert_eq!(out, [0.0]);
+}

@@ -1,0 +1,237 @@
+//! Environments that show vectors alone, images alone, or images that are not square.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Critic, Encoder, EnvSpec, Features,
+    NetworkSettings, Observations, Plain, Ppo, PpoSettings, Replay, ReplaySettings, RlError,
+    RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings, Transition, Values, VectorEnv,
+    check_symmetry, collect,
+};
+use symmetry::{D2, Group};
+
+use crate::common::parts::{Spoiling, error, joint, random_observations, signed, transformed};
+use crate::common::{EPISODE, PointReach};
+
+const ENVS: usize = 6;
+const TOLERANCE: f32 = 1e-5;
+
+/// An image and the components of a vector.
+type Space = ([usize; 3], usize);
+
+const VECTOR_ONLY: Space = (EnvSpec::NO_IMAGE, 4);
+const SPACES: [Space; 5] = [
+    VECTOR_ONLY,
+    ([8, 8, 2], 0),
+    ([8, 12, 2], 2),
+    ([16, 8, 2], 0),
+    ([8, 4, 2], 4),
+];
+
+fn env((image, components): Space) -> PointReach {
+    PointReach::showing(ENVS, 1, image, components)
+}
+
+fn encoders() -> [Encoder; 2] {
+    let fields = vec![2];
+    let keypoints = Encoder::Keypoints {
+        fields: fields.clone(),
+        maps: 3,
+    };
+    [Encoder::Strided { fields }, keypoints]
+}
+
+fn network(encoder: Encoder, group: Group) -> NetworkSettings {
+    NetworkSettings {
+        group,
+        action_gain: 1.0,
+        ..joint(encoder, 4)
+    }
+}
+
+/// Random observations, and those moved by g.
+fn seen(spec: &EnvSpec, g: D2) -> [Observations; 2] {
+    let seen = random_observations(spec, &mut ChaCha8Rng::seed_from_u64(11));
+    let moved = transformed(spec, &seen, g, g);
+    [seen, moved]
+}
+
+/// Mean actions and features.
+fn outputs<P: Actor + Features>(policy: &mut P, seen: &Observations) -> [Vec<f32>; 2] {
+    let mut out = [vec![0.0; 2 * ENVS], vec![0.0; ENVS * policy.feature_dim()]];
+    let mut memory = policy.memory(ENVS);
+    policy.mean_actions(seen, &mut memory, &mut out[0]).unwrap();
+    policy.features(seen, &mut out[1]).unwrap();
+    out
+}
+
+fn assert_equivariant<P: Actor + Features>(policy: &mut P, spec: &EnvSpec, group: Group) {
+    for &g in group.elements() {
+        let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
+        let expected = signed(&here[0], &spec.action, g);
+        assert!(error(&there[0], &expected) < TOLERANCE, "{group} {g}");
+        assert!(error(&there[1], &here[1]) < TOLERANCE, "{group} {g}");
+    }
+    for g in D2::ALL.into_iter().filter(|&g| !group.contains(g)) {
+        let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
+        let expected = signed(&here[0], &spec.action, g);
+        assert!(
+            error(&there[0], &expected) > 100.0 * TOLERANCE,
+            "{group} {g}"
+        );
+    }
+}
+
+/// Two updates from collected rollouts; returns the policy, which has moved.
+fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy {
+    let mut env = env(space);
+    let mut policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
+    let before = policy.params().to_vec();
+    let settings = PpoSettings {
+        max_kl: 1.0,
+        ..PpoSettings::default()
+    };
+    let mut ppo = Ppo::new(settings, &policy).unwrap();
+    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    for _ in 0..2 {
+        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
+        let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+        assert!(stats.steps > 0 && stats.grad_norm > 0.0);
+    }
+    buffer.augment(Group::D2, &mut rng).unwrap();
+    buffer.revalue(&mut policy).unwrap();
+    let network = policy.network();
+    for own in [network.encoder(), network.heads()] {
+        assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
+    }
+    policy
+}
+
+#[test]
+fn ppo_trains_an_equivariant_policy_in_every_space() {
+    for space in SPACES {
+        for encoder in encoders() {
+            for group in [Group::D2, Group::D1x] {
+                let pooled = NetworkSettings {
+                    critic: Critic::Pooled { width: 3 },
+                    ..network(encoder.clone(), group)
+                };
+                for network in [network(encoder.clone(), group), pooled] {
+                    let spec = env(space).spec().clone();
+                    let mut policy = trained_by_ppo(space, &network);
+                    assert_equivariant(&mut policy, &spec, group);
+                    for &g in group.elements() {
+                        let [here, there] = seen(&spec, g).map(|seen| {
+                            let mut values = vec![0.0; ENVS];
+                            policy.values(&seen, &mut values).unwrap();
+                            values
+                        });
+                        assert!(error(&there, &here) < TOLERANCE, "{space:?} {g}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// With a context and moved windows; the replay that a state was saved of samples the same steps.
+#[test]
+fn sac_trains_an_equivariant_policy_in_every_space() {
+    let context = Some(ContextSettings { size: 4, length: 3 });
+    for space in SPACES {
+        for (encoder, context) in encoders().into_iter().zip([None, context]) {
+            let mut env = env(space);
+            let network = network(encoder, Group::D2);
+            let mut policy = SacPolicy::new(&network, context, env.spec(), 2).unwrap();
+            let settings = SacSettings {
+                batch: 16,
+                burn_in: 0,
+                updates_per_step: 0.05,
+                augmentation: Group::D2,
+                ..SacSettings::default()
+            };
+            let mut sac = Sac::new(settings, &policy).unwrap();
+            let settings = ReplaySettings {
+                capacity: 100,
+                steps: EPISODE + 3,
+                warm_up: 20,
+                still_channels: 0,
+            };
+            let mut replay = Replay::new(settings.clone(), env.spec()).unwrap();
+            let mut rng = ChaCha8Rng::seed_from_u64(3);
+            let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+            for _ in 0..2 {
+                collect(&mut env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
+                assert!(sac.update(&mut policy, &replay, &mut rng).unwrap().steps > 0);
+            }
+            assert_equivariant(&mut policy, env.spec(), Group::D2);
+            let restored = Replay::restore(settings, env.spec(), &replay.save()).unwrap();
+            assert_eq!(restored.save(), replay.save());
+        }
+    }
+}
+
+#[test]
+fn irreps_are_checked_in_every_space() {
+    for (image, components) in SPACES {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let mut env = PointReach::showing(100, 0, image, components);
+        check_symmetry(&mut env, Group::D2, 2 * EPISODE, &mut rng).unwrap();
+    }
+}
+
+#[test]
+fn a_network_that_sees_nothing_is_refused() {
+    let nothing = env((EnvSpec::NO_IMAGE, 0)).spec().clone();
+    let images = env(([8, 8, 2], 0)).spec().clone();
+    for (spec, encoder) in [(nothing, encoders()[0].clone()), (images, Encoder::Blind)] {
+        let error = ActorCriticPolicy::new(&joint(encoder, 2), &spec, 0).unwrap_err();
+        assert!(matches!(error, RlError::NothingObserved), "{error:?}");
+        let message = error.to_string();
+        assert!(message.contains("neither images nor vectors"), "{message}");
+    }
+}
+
+/// Ordinary layers see what the encoder sees; a picture on a canvas is no input of theirs.
+#[test]
+fn policies_that_look_at_one_kind_have_an_ordinary_form_and_those_with_a_canvas_have_none() {
+    let plain = |space| {
+        let network = network(encoders()[0].clone(), Group::D2);
+        let policy = ActorCriticPolicy::new(&network, env(space).spec(), 2).unwrap();
+        policy.plain()
+    };
+    let vector = plain(VECTOR_ONLY).unwrap();
+    assert!(vector.image.is_none() && vector.vector.is_some());
+    let image = plain(([8, 8, 2], 0)).unwrap();
+    assert!(image.image.is_some() && image.vector.is_none());
+    let refused = plain(([8, 12, 2], 2));
+    assert!(
+        matches!(refused, Err(RlError::NotPlain { .. })),
+        "{refused:?}"
+    );
+}
+
+/// An observation after the end of an episode is the first one of the next.
+#[test]
+fn an_error_after_a_reset_names_the_first_step() {
+    for (steps, expected) in [(EPISODE, 0), (EPISODE - 1, EPISODE - 1)] {
+        let mut count = 0;
+        let mut env = Spoiling::new(|transition: &mut Transition| {
+            count += 1;
+            if count == steps {
+                transition.observations.vectors[0] = f32::NAN;
+            }
+        });
+        let network = network(encoders()[0].clone(), Group::D2);
+        let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+        let mut buffer = RolloutBuffer::new(env.spec(), 2 * EPISODE).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+        match collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng) {
+            Err(RlError::NotFinite { place, .. }) => assert_eq!(place.step, Some(expected)),
+            result => panic!("{result:?}"),
+        }
+    }
+}
