@@ -67,9 +67,12 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
             "cluster",
             "envs",
             "equivariant",
+            "evidence",
             "inpainting",
+            "mujoco",
             "rl",
             "symmetry",
+            "worlds",
         ],
     ),
     (
