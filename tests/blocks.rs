@@ -84,8 +84,9 @@ fn wrong_command(own: &[&str]) -> Option<String> {
                 None => refused::<Program>(arguments),
                 Some("continual_stream") => refused::<StreamOptions>(arguments),
                 Some(name) => {
-                    let known = [".", "evidence"].iter().any(|folder| {
-                        let examples = Path::new(folder).join("examples");
+                    let folders = ["examples", "evidence/examples", "benches/studies"];
+                    let known = folders.iter().any(|folder| {
+                        let examples = Path::new(folder);
                         examples.join(format!("{name}.rs")).exists() || examples.join(name).exists()
                     });
                     (!known).then(|| format!("there is no example `{name}`"))

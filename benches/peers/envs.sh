@@ -11,5 +11,5 @@ if [ ! -e "$venv/ready" ]; then
   "$venv/bin/pip" install --quiet envpool==1.2.5 metaworld==3.1.1 mujoco==3.3.0 gymnasium==1.4.0 numpy==2.4.6
   touch "$venv/ready"
 fi
-cargo build --quiet --release --locked --package covers-envs --example env_times
+cargo build --quiet --release --locked --package covers-benches --example env_times
 exec "$venv/bin/python" benches/peers/envs.py "$target/release/examples/env_times" "${1:-sawyer}" "${2:-7}"

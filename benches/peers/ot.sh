@@ -11,5 +11,5 @@ if [ ! -e "$venv/ready" ]; then
   "$venv/bin/pip" install --quiet POT==0.9.7 numpy==2.3.5 scipy==1.16.3 matplotlib==3.10.7
   touch "$venv/ready"
 fi
-cargo build --release --locked -p covers-cluster --example timed_w1
-exec "$venv/bin/python" benches/peers/w1_against_pot.py "${CARGO_TARGET_DIR:-target}/release/examples/timed_w1" "$@"
+cargo build --release --locked -p covers-benches --example w1_times
+exec "$venv/bin/python" benches/peers/w1_against_pot.py "${CARGO_TARGET_DIR:-target}/release/examples/w1_times" "$@"

@@ -13,5 +13,5 @@ if [ ! -e "$venv/ready" ]; then
   touch "$venv/ready"
 fi
 "$venv/bin/pip" install --quiet --no-deps --force-reinstall "$target"/python/wheels/covers_envs-*.whl
-cargo build --quiet --release --locked --package covers-envs --example env_times
+cargo build --quiet --release --locked --package covers-benches --example env_times
 exec "$venv/bin/python" benches/peers/python_envs.py "$target/release/examples/env_times" "${1:-7}"

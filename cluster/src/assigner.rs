@@ -270,9 +270,10 @@ fn distance(candidate: &Candidate) -> Result<f64> {
 
 fn judge_fixed(candidate: &Candidate, limit: f64) -> Result<Evidence> {
     let distance = distance(candidate)?;
-    let verdict = match distance <= limit {
-        true => Verdict::Accepted,
-        false => Verdict::Refused,
+    let verdict = if distance <= limit {
+        Verdict::Accepted
+    } else {
+        Verdict::Refused
     };
     Ok(Evidence {
         distance,
@@ -320,9 +321,10 @@ fn weigh(test: PermutationTest, settings: &Calibrated, look: Look) -> Evidence {
 }
 
 fn settle(test: &PermutationTest, settings: &Calibrated) -> Verdict {
-    match test.tail_p_value <= settings.level && test.ratio() >= settings.min_ratio {
-        true => Verdict::Refused,
-        false => Verdict::Accepted,
+    if test.tail_p_value <= settings.level && test.ratio() >= settings.min_ratio {
+        Verdict::Refused
+    } else {
+        Verdict::Accepted
     }
 }
 

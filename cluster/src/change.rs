@@ -213,9 +213,10 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
         }
     }
     let reaching = largest.iter().filter(|&&m| m >= largest[0] - EQUAL).count();
-    let p_value = match scans.is_empty() {
-        true => 1.0,
-        false => reaching as f64 / (1 + permutations) as f64,
+    let p_value = if scans.is_empty() {
+        1.0
+    } else {
+        reaching as f64 / (1 + permutations) as f64
     };
     ChangeTest {
         cut: cuts[best.1],

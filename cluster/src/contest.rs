@@ -39,10 +39,7 @@ impl Contest {
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
         // E|X - X'| is the same for both
         let lead = 2.0 * (between(x, z)? - between(x, y)?) + within_y - within_z;
-        Ok(match scale > 0.0 {
-            true => lead / scale,
-            false => 0.0,
-        })
+        Ok(if scale > 0.0 { lead / scale } else { 0.0 })
     }
 }
 

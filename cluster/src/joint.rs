@@ -182,9 +182,10 @@ impl Pool {
 
     /// Measures the two sides of the episodes in this order.
     fn measure(&mut self, order: &[usize]) -> Result<()> {
-        let distance = match self.counts(order) {
-            true => self.distances.between(order, self.split)?,
-            false => 0.0,
+        let distance = if self.counts(order) {
+            self.distances.between(order, self.split)?
+        } else {
+            0.0
         };
         self.measured.push(distance);
         Ok(())

@@ -70,8 +70,6 @@ mod check;
 mod contest;
 mod error;
 mod euclidean;
-#[cfg(test)]
-mod fixtures;
 mod frames;
 mod joint;
 mod line;
@@ -98,6 +96,18 @@ pub use transport::{
     Weights, certify, transport,
 };
 pub use wasserstein::{Cloud, Wasserstein, wasserstein1};
+
+#[cfg(test)]
+mod fixtures {
+    use rand::RngExt;
+    use rand_chacha::ChaCha8Rng;
+
+    /// Random numbers within 1 of the centre.
+    pub fn draw(count: usize, centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
+        let draw = |_| centre + rng.random_range(-1.0..1.0);
+        (0..count).map(draw).collect()
+    }
+}
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]

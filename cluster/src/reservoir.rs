@@ -70,11 +70,6 @@ impl<E> Reservoir<E> {
         &self.episodes
     }
 
-    /// Gives up the episodes held.
-    pub fn into_episodes(self) -> Vec<E> {
-        self.episodes
-    }
-
     /// Returns the number of episodes offered so far.
     pub fn seen(&self) -> u64 {
         self.seen

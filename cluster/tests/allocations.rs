@@ -47,9 +47,10 @@ fn a_solver_allocates_nothing_on_smaller_problems() {
         let cost = random_costs(2, n * m);
         let (a, b) = (Weights::Uniform(n), Weights::Uniform(m));
         let count = measure(|| {
-            let plan = match warm {
-                true => solver.solve_again(&cost, a, b),
-                false => solver.solve(&cost, a, b),
+            let plan = if warm {
+                solver.solve_again(&cost, a, b)
+            } else {
+                solver.solve(&cost, a, b)
             };
             plan.unwrap();
         });

@@ -9,25 +9,15 @@
 
 mod assigner;
 mod assigner_input;
-mod assigner_study;
 mod certificate;
 mod common;
 mod distance;
 mod fuzz;
+mod fuzz_case;
 mod hostile;
+mod oracle;
 mod oracles;
 mod properties;
 mod reservoir;
 mod transport;
 mod weighted;
-
-#[path = "../examples/fuzz/case.rs"]
-mod case;
-#[path = "../examples/fuzz/oracle.rs"]
-mod oracle;
-#[path = "../examples/assigner_study/population.rs"]
-mod population;
-// the study names the rules; here they are numbers
-#[allow(dead_code)]
-#[path = "../examples/assigner_study/rules.rs"]
-mod rules;

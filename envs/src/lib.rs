@@ -47,7 +47,6 @@ mod disturber;
 mod drive;
 mod embodiment;
 mod error;
-mod frame;
 mod identity;
 mod layout;
 mod mjcf;
@@ -77,10 +76,10 @@ pub use layout::{HAND_START, Layout};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{ARM_GEOM_GROUP, SceneRenderer};
+pub use renderer::SceneRenderer;
 pub use robots;
 pub use rows::{Failure, Turn};
-pub use scene::Scene;
+pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, Step, TableTop, VECTOR_DIM,

@@ -7,7 +7,7 @@ use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 
 use crate::camera::{Mark, Pictures, RGB};
 use crate::error::EnvError;
-use crate::scene::Scene;
+use crate::scene::{ARM_GEOM_GROUP, Scene};
 use crate::tabletop::TableTop;
 
 /// Renders one scene from its camera; lives on the thread that made it.
@@ -18,9 +18,6 @@ pub struct SceneRenderer {
     /// What was drawn last `[drawn_size, drawn_size, 3]`, before it was shrunk and marked.
     drawn: Vec<u8>,
 }
-
-/// Geom group of the arm and the gripper.
-pub const ARM_GEOM_GROUP: usize = 3;
 
 impl SceneRenderer {
     /// A renderer of what a learner sees of `scene`: the table without the arm, and a mark at the

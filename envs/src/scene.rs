@@ -17,6 +17,9 @@ use crate::layout::{HAND_START, Layout, Settling};
 use crate::mjcf::{Mjcf, part};
 use crate::task::{Parts, Placement, Stock, TaskGroup};
 
+/// Geom group of the arm and the gripper.
+pub const ARM_GEOM_GROUP: usize = 3;
+
 /// File name of the scene that includes the parts.
 const MAIN: &str = "scene.xml";
 /// File names of what the task brings.
@@ -161,9 +164,12 @@ impl SceneKey {
     /// In words, beside those of `other`: where the names are one, it says whether the things are.
     pub(crate) fn words(&self, other: &Self) -> String {
         let [task, carrier] = [0, 1].map(|of| self.identities[of] != other.identities[of]);
-        let remark = |differs, what| match differs {
-            true => format!(" (another {what} of that name)"),
-            false => String::new(),
+        let remark = |differs, what| {
+            if differs {
+                format!(" (another {what} of that name)")
+            } else {
+                String::new()
+            }
         };
         let of_task = remark(self.group == other.group && task, "task");
         let of_carrier = remark(self.embodiment == other.embodiment && carrier, "embodiment");

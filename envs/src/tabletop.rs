@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
-use mujoco::{Data, State};
+use glam::{DMat3, DVec3};
+use mujoco::{Data, Shape, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
@@ -11,15 +11,13 @@ use crate::carrier::OPEN_APERTURE;
 use crate::control::{Control, PHYSICS_STEPS, clip};
 use crate::drive::ServoDrive;
 use crate::error::EnvError;
-use crate::frame::{facing, map};
-use crate::scene::{Scene, SceneKey, check_placement};
+use crate::layout::{facing, map};
+use crate::scene::{ARM_GEOM_GROUP, Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
 
 mod simulated_arm;
-mod solids;
 
 pub use simulated_arm::SimulatedArm;
-pub use solids::Solid;
 
 /// Components of an action: target displacement along x, y, z and the fingers, each in `[-1, 1]`.
 pub const ACTION_DIM: usize = 4;
@@ -391,5 +389,46 @@ impl TableTop {
             aperture: self.aperture(),
             object: object + self.scene.object_offset,
         }
+    }
+}
+
+/// Groups of geoms that pictures show: tables and objects, and the arm. Collision shapes and marks
+/// are in others.
+const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
+
+/// A shape of one colour and where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solid<'a> {
+    /// Its name in the scene, which no other has; geoms of a scene from outside may have none.
+    pub name: Option<&'a str>,
+    /// The shape, in its own frame (metres).
+    pub shape: Shape,
+    /// Where its centre is (metres, world frame).
+    pub position: DVec3,
+    /// Its x, y and z axis in the world, as columns.
+    pub axes: DMat3,
+    /// Red, green, blue and opacity in `[0, 1]`.
+    pub rgba: [f32; 4],
+    /// Whether it belongs to the arm or the gripper.
+    pub is_arm: bool,
+}
+
+impl TableTop {
+    /// Every ball, capsule, cylinder and box that a camera may see, in the scene's order. The floor,
+    /// a plane, is none of them.
+    pub fn solids(&self) -> impl Iterator<Item = Solid<'_>> {
+        let (data, model) = (&self.data, self.data.model());
+        model.geoms().filter_map(move |geom| {
+            let group = model.geom_group(geom);
+            SHOWN.contains(&group).then_some(())?;
+            Some(Solid {
+                name: model.name(geom),
+                shape: model.geom_shape(geom)?,
+                position: DVec3::from_array(data.geom_position(geom)),
+                axes: DMat3::from_cols_array_2d(&data.geom_axes(geom)),
+                rgba: model.geom_rgba(geom),
+                is_arm: group == ARM_GEOM_GROUP,
+            })
+        })
     }
 }

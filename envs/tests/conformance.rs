@@ -1,15 +1,17 @@
-//! The rules of `envs::conformance` asked of every group, and of tasks that break one each.
+//! The rules of `envs::conformance` asked of every group, and of tasks that break one each; figures
+//! of experts and of mirror images.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
-use envs::conformance::{Flaw, check};
+use envs::conformance::{Flaw, check, experts, symmetry};
 use envs::{
-    EnvError, EpisodeStart, ExpertCommand, Measurement, Parts, Placement, StepReward, Stock, Task,
-    TaskGroup,
+    Camera, Control, Embodiment, EnvError, EpisodeStart, ExpertCommand, Measurement, Parts,
+    Placement, Scene, StepReward, Stock, Task, TaskGroup,
 };
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
 
 use crate::common::spoilt::{Reward, Spoilt};
 use crate::common::{self, PushBlock};
@@ -290,4 +292,47 @@ fn a_flaw_of_the_stock_layout_alone_is_found() {
     }
     let message = check(leaked(Stuck(PushBlock::default()))).unwrap_err();
     assert!(message.to_string().contains("metaworld"), "{message}");
+}
+
+/// Every variant with `embodiment`.
+fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
+    let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
+    let scenes = TaskGroup::STANDARD.map(scene);
+    let of = |scene: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(scene), element));
+    scenes.iter().flat_map(of).collect()
+}
+
+#[test]
+fn an_expert_that_cannot_get_there_does_not_succeed() {
+    let crawling = Control {
+        displacement: 1e-4,
+        horizon: 100,
+        ..Control::default()
+    };
+    for (scene, element) in variants(Embodiment::HAND) {
+        let row = experts(&scene, element, crawling, 1).unwrap();
+        assert_eq!(row.success_rate(), 0.0, "{row:?}");
+    }
+}
+
+/// The physics of `hand` mirror to rounding, through contact and under random actions, too, and its
+/// pictures bit for bit.
+#[test]
+fn the_hand_mirrors_exactly() {
+    for (scene, element) in variants(Embodiment::HAND) {
+        let row = symmetry(&scene, element, 2).unwrap();
+        assert!(row.free_deviation <= 1e-12, "{row:?}");
+        assert!(row.contact_deviation <= 1e-12, "{row:?}");
+        assert!(row.reward_deviation <= 1e-9, "{row:?}");
+        assert!((row.return_ratio - 1.0).abs() <= 1e-9, "{row:?}");
+        assert_eq!(row.frames_differing, 0, "{row:?}");
+    }
+}
+
+#[test]
+fn no_seeds_are_refused() {
+    let (scene, element) = variants(Embodiment::HAND).remove(0);
+    let error = experts(&scene, element, Control::default(), 0).unwrap_err();
+    assert!(error.to_string().contains("`seeds` is 0"), "{error}");
+    assert!(symmetry(&scene, element, 0).is_err());
 }

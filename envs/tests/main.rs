@@ -7,7 +7,6 @@ mod arms;
 mod button;
 mod common;
 mod conformance;
-mod experts;
 mod foreign_tasks;
 mod inpainting;
 mod layouts;

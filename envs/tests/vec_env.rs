@@ -176,9 +176,10 @@ impl Twin {
             let [row, column] =
                 [0, 1].map(|axis| half[0] + middle[axis] + place[axis] as f64 - half[1]);
             let inside = |place: f64| (0.0..side as f64).contains(&place);
-            match inside(row) && inside(column) {
-                true => large[(row as usize * side + column as usize) * RGB..][..RGB].to_vec(),
-                false => vec![128; RGB],
+            if inside(row) && inside(column) {
+                large[(row as usize * side + column as usize) * RGB..][..RGB].to_vec()
+            } else {
+                vec![128; RGB]
             }
         };
         (0..camera.size * camera.size).flat_map(pixel).collect()

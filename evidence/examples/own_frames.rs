@@ -110,9 +110,10 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 asked += 1;
             }
         }
-        let used = match fewest == most {
-            true => format!("{most}"),
-            false => format!("{fewest} to {most}"),
+        let used = if fewest == most {
+            format!("{most}")
+        } else {
+            format!("{fewest} to {most}")
         };
         println!("| {used} | {right} of {asked} | {none} of {asked} |");
     }

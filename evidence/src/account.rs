@@ -4,9 +4,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
-use crate::album::Album;
 use crate::error::EvidenceError;
-use crate::filters::Filters;
+use crate::filters::{Album, Filters};
 use crate::motion::{motion, slope};
 
 /// One episode as it ran, from its first observation on.
@@ -173,12 +172,13 @@ pub(crate) fn check_len(
     got: usize,
     expected: usize,
 ) -> Result<(), EvidenceError> {
-    match got == expected {
-        true => Ok(()),
-        false => Err(EvidenceError::Length {
+    if got == expected {
+        Ok(())
+    } else {
+        Err(EvidenceError::Length {
             what,
             got,
             expected,
-        }),
+        })
     }
 }

@@ -222,9 +222,10 @@ fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role
         learnt: memory.learnt(),
         gained: memory.gained(accounts),
         role,
-        verdict: match memory.is_gone() && role == Role::Stranger {
-            true => Verdict::Refused,
-            false => Verdict::Accepted,
+        verdict: if memory.is_gone() && role == Role::Stranger {
+            Verdict::Refused
+        } else {
+            Verdict::Accepted
         },
         remembered: remembered.len(),
     }

@@ -17,9 +17,7 @@
 //! elsewhere what it earns at home serves there as well.
 
 mod account;
-mod album;
 mod choice;
-mod cut;
 mod error;
 mod examiner;
 mod filters;
@@ -33,9 +31,8 @@ mod settings;
 mod state;
 
 pub use account::{Account, Accountant, Course};
-pub use album::Album;
 pub use error::EvidenceError;
-pub use filters::Filters;
+pub use filters::{Album, Filters};
 pub use merging::Merge;
 pub use opinion::{Look, Opinion};
 pub use probability::Probabilities;

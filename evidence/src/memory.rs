@@ -160,9 +160,10 @@ pub(crate) fn check<'a>(
 }
 
 fn finite(what: &'static str, value: f64) -> Result<(), EvidenceError> {
-    match value.is_finite() {
-        true => Ok(()),
-        false => Err(EvidenceError::NotFinite { what, value }),
+    if value.is_finite() {
+        Ok(())
+    } else {
+        Err(EvidenceError::NotFinite { what, value })
     }
 }
 

@@ -39,9 +39,12 @@ pub(crate) fn motion(
     }
     solve(&mut gram, &mut moment, a, d);
     let entries = (0..d).flat_map(|k| (0..a).map(move |i| (k, i)));
-    let entry = |(k, i): (usize, usize)| match components[k] == directions[i] {
-        true => moment[i * d + k] as f32,
-        false => moment[i * d + k].abs() as f32,
+    let entry = |(k, i): (usize, usize)| {
+        if components[k] == directions[i] {
+            moment[i * d + k] as f32
+        } else {
+            moment[i * d + k].abs() as f32
+        }
     };
     entries.map(entry).collect()
 }

@@ -161,20 +161,9 @@ impl Opinion {
         tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
     }
 
-    /// The share of what the policy had learnt to earn that these episodes did not pay; zero where
-    /// it was not asked.
-    pub fn lost(&self) -> f64 {
-        self.lost
-    }
-
     /// By how much motion changed, as a share; zero where it is not known.
     pub fn changed(&self) -> f64 {
         self.changed
-    }
-
-    /// By how much the way that pays changed, as a share; zero where it is not known.
-    pub fn turned(&self) -> f64 {
-        self.turned
     }
 
     pub(crate) fn is_refused(&self) -> bool {

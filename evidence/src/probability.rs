@@ -53,17 +53,19 @@ impl Probabilities {
 /// Sellke, Bayarri and Berger, "Calibration of p values for testing precise null hypotheses", The
 /// American Statistician 55 (2001), equation 2.
 fn bayes_factor(p: f64) -> f64 {
-    match p < (-1.0_f64).exp() {
-        true => -std::f64::consts::E * p * p.max(f64::MIN_POSITIVE).ln(),
-        false => 1.0,
+    if p < (-1.0_f64).exp() {
+        -std::f64::consts::E * p * p.max(f64::MIN_POSITIVE).ln()
+    } else {
+        1.0
     }
 }
 
 fn weight(weighed: &Weighed) -> f64 {
     let weight = weighed.p_value.map_or(0.0, bayes_factor);
-    match weighed.may_be_drift && weighed.p_value.is_some() {
-        true => weight.max(ACCEPTED),
-        false => weight,
+    if weighed.may_be_drift && weighed.p_value.is_some() {
+        weight.max(ACCEPTED)
+    } else {
+        weight
     }
 }
 

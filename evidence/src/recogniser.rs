@@ -1,17 +1,16 @@
 //! Whose task new episodes show: the accounts of each policy, and decisions by them.
 
-use cluster::{Decision, Verdict};
+use cluster::{Decision, Verdict, change_places, change_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::account::Account;
 use crate::choice::Choice;
-use crate::cut::find_cut;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
 use crate::memory::{Memory, check, known};
-use crate::opinion::{Look, Opinion, Role};
+use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
 use crate::probability::{Probabilities, Weighed};
 use crate::settings::RecogniserSettings;
 
@@ -213,9 +212,10 @@ impl Recogniser {
         rng: &mut R,
     ) -> Result<Finding, EvidenceError> {
         let accounts = self.in_order(accounts)?;
-        let role = match situation.is_unproven {
-            true => Role::Excused,
-            false => Role::Returns,
+        let role = if situation.is_unproven {
+            Role::Excused
+        } else {
+            Role::Returns
         };
         let mut finding = self.decide(&accounts, situation, role, rng)?;
         let keep = Decision::Existing(situation.collector);
@@ -225,10 +225,11 @@ impl Recogniser {
             finding = self.decide(&accounts[..cut], situation, role, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
-        match finding.decision == keep {
-            true => finding.is_unproven = situation.is_unproven,
+        if finding.decision == keep {
+            finding.is_unproven = situation.is_unproven
+        } else {
             // one that has been tried is not tried again
-            false => finding.refused.push(situation.collector),
+            finding.refused.push(situation.collector)
         }
         Ok(finding)
     }
@@ -266,9 +267,10 @@ impl Recogniser {
     /// Refuses a policy that was never told of.
     pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
         let policies = self.memories.len();
-        match policy < policies {
-            true => Ok(()),
-            false => Err(EvidenceError::NoPolicy { policy, policies }),
+        if policy < policies {
+            Ok(())
+        } else {
+            Err(EvidenceError::NoPolicy { policy, policies })
         }
     }
 
@@ -296,9 +298,10 @@ impl Recogniser {
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let examiner = Examiner(&self.settings);
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            let role = match policy == situation.collector {
-                true => role,
-                false => Role::Stranger,
+            let role = if policy == situation.collector {
+                role
+            } else {
+                Role::Stranger
             };
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
@@ -362,4 +365,34 @@ fn sorted(accounts: &[Account]) -> Vec<&Account> {
     let mut accounts: Vec<&Account> = accounts.iter().collect();
     accounts.sort_by_key(|account| account.began);
     accounts
+}
+
+/// Random orders of a test, for each random split of a first look: they cost next to nothing.
+const ORDERS: usize = 4;
+
+/// The number of accounts, in the order in which their episodes began, that show another group than
+/// the rest; none where one group explains all. Episodes that began together stay together.
+///
+/// Bounded in time: only the latest accounts are looked at, twice as many as a policy remembers.
+fn find_cut<R: Rng + ?Sized>(
+    accounts: &[&Account],
+    settings: &RecogniserSettings,
+    rng: &mut R,
+) -> Result<Option<usize>, EvidenceError> {
+    let latest = &accounts[accounts.len().saturating_sub(2 * settings.memory)..];
+    let (kinds, seen) = match whole(latest, settings.min_episodes) {
+        Some(seen) => (Kind::ALL.to_vec(), seen),
+        None => (Kind::LOOKS.to_vec(), latest.to_vec()),
+    };
+    let began: Vec<_> = seen.iter().map(|account| account.began).collect();
+    let cuts = change_places(&began, settings.min_episodes);
+    if cuts.is_empty() {
+        return Ok(None);
+    }
+    let all = kinds.iter().map(|&kind| frames(&seen, kind));
+    let all = all.collect::<Result<Vec<_>, _>>()?;
+    let test = change_test(&all, &cuts, ORDERS * settings.permutations, rng)?;
+    let began = seen[test.cut].began;
+    let cut = accounts.partition_point(|account| account.began < began);
+    Ok((test.p_value <= settings.cut).then_some(cut))
 }

@@ -176,9 +176,10 @@ fn outline(
         column == 0 || row == 0 || column + 1 == width || row + 1 == height
     });
     let whole = !cut && moments.elongation() <= ROUND && moments.lopsidedness() <= EVEN;
-    match whole {
-        true => Ok(place),
-        false => Err(InpaintingError::NoDisc { place }),
+    if whole {
+        Ok(place)
+    } else {
+        Err(InpaintingError::NoDisc { place })
     }
 }
 

@@ -3,7 +3,7 @@
 use rand_chacha::ChaCha8Rng;
 
 use crate::imperfections::Imperfections;
-use crate::noise::normal;
+use crate::sensor::normal;
 
 /// Logarithms of gains that wander about zero: processes of Ornstein and Uhlenbeck, drawn at the
 /// times at which somebody looks.

@@ -13,7 +13,6 @@ mod inpainter;
 mod links;
 mod mark;
 mod moments;
-mod noise;
 mod perception;
 mod sensor;
 mod simulated_camera;

@@ -1,8 +1,10 @@
 //! From light to levels: exposure, noise, and the curve of sRGB.
 
-use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
 
-use crate::noise::normal;
+use glam::DVec3;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 
 /// Levels are looked up in as many steps of linear light, fewer than which would lose dark ones.
 const STEPS: usize = 1 << 16;
@@ -74,18 +76,39 @@ impl Sensor {
 
 /// Linear light of an sRGB value, both in `[0, 1]`.
 fn light(value: f64) -> f64 {
-    match value <= 0.04045 {
-        true => value / 12.92,
-        false => ((value + 0.055) / 1.055).powf(2.4),
+    if value <= 0.04045 {
+        value / 12.92
+    } else {
+        ((value + 0.055) / 1.055).powf(2.4)
     }
 }
 
 /// The sRGB value of linear light, both in `[0, 1]`.
 fn level(light: f64) -> f64 {
-    match light <= 0.003_130_8 {
-        true => 12.92 * light,
-        false => 1.055 * light.powf(1.0 / 2.4) - 0.055,
+    if light <= 0.003_130_8 {
+        12.92 * light
+    } else {
+        1.055 * light.powf(1.0 / 2.4) - 0.055
     }
+}
+
+/// A number of mean 0 and variance 1: the sum of four uniform ones, which is a normal one but for
+/// its tails, which end at 3.5.
+pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
+    /// Variance of four numbers that are uniform in 0..65536.
+    const VARIANCE: f32 = 4.0 * (65536.0 * 65536.0 - 1.0) / 12.0;
+    let bits: u64 = rng.random();
+    let part = |shift: u32| bits >> shift & 0xffff;
+    let sum: u64 = [0, 16, 32, 48].map(part).iter().sum();
+    (sum as f32 - 2.0 * 65535.0) / VARIANCE.sqrt()
+}
+
+/// A unit vector, all directions alike.
+pub(crate) fn direction(rng: &mut ChaCha8Rng) -> DVec3 {
+    let z: f64 = rng.random_range(-1.0..1.0);
+    let (sine, cosine) = rng.random_range(0.0..TAU).sin_cos();
+    let across = (1.0 - z * z).sqrt();
+    DVec3::new(across * cosine, across * sine, z)
 }
 
 #[cfg(test)]
@@ -166,5 +189,24 @@ mod tests {
         let squares = rgb.iter().map(|&level| (f64::from(level) - 128.0).powi(2));
         let deviation = (squares.sum::<f64>() / rgb.len() as f64).sqrt();
         assert!((2.5..3.5).contains(&deviation), "{deviation}");
+    }
+
+    #[test]
+    fn numbers_have_mean_0_and_variance_1_and_directions_length_1() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(1000);
+        let numbers: Vec<f64> = (0..100_000).map(|_| f64::from(normal(rng))).collect();
+        let mean = |power: i32| numbers.iter().map(|n| n.powi(power)).sum::<f64>() / 1e5;
+        assert!(
+            mean(1).abs() < 0.01 && mean(3).abs() < 0.03,
+            "{} {}",
+            mean(1),
+            mean(3)
+        );
+        assert!((mean(2) - 1.0).abs() < 0.01, "{}", mean(2));
+        // 3 for a normal distribution; four uniform ones have 3 - 1.2 / 4
+        assert!((mean(4) - 2.7).abs() < 0.05, "{}", mean(4));
+        let sum: DVec3 = (0..10_000).map(|_| direction(rng)).sum();
+        assert!(sum.length() < 200.0, "{sum}");
+        assert!((direction(rng).length() - 1.0).abs() < 1e-12);
     }
 }

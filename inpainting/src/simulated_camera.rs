@@ -8,8 +8,8 @@ use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::drift::Drift;
 use crate::error::{InpaintingError, check_picture, require};
 use crate::imperfections::Imperfections;
-use crate::noise::direction;
 use crate::sensor::Sensor;
+use crate::sensor::direction;
 use crate::warp::Warp;
 
 /// Pixels around what the lens needs of an ideal picture.

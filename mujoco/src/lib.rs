@@ -50,7 +50,6 @@ pub use mujoco_sys as raw;
 
 mod backend;
 mod data;
-mod elements;
 mod error;
 mod fields;
 mod gl;
@@ -60,8 +59,6 @@ mod load;
 mod model;
 mod references;
 mod renderer;
-mod renderer_id;
-mod shape;
 mod state;
 mod vfs;
 
@@ -69,12 +66,10 @@ pub use backend::Backend;
 pub use data::{Contact, Data};
 pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::opengl;
-pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, SiteId};
+pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::version;
-pub use model::Model;
+pub use model::{Model, Shape};
 pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
-pub use renderer_id::RendererId;
-pub use shape::Shape;
 pub use state::State;
 
 #[cfg(doctest)]

@@ -6,7 +6,9 @@
 
 use std::collections::VecDeque;
 
-use crate::elements::{Element, elements};
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
 use crate::error::ModelError;
 
 /// Refuses what would make MuJoCo look for a file outside of `files`: an absolute path, or an
@@ -14,7 +16,7 @@ use crate::error::ModelError;
 ///
 /// Only `main` and what it includes is looked at, as MuJoCo does.
 pub(crate) fn check_references(main: &str, files: &[(&str, &[u8])]) -> Result<(), ModelError> {
-    let references = References::of(main, files);
+    let references = References::of(main, files)?;
     let is_missing = |file: &&String| !files.iter().any(|(given, _)| is_named(given, file));
     let missing: Vec<_> = references.files.iter().filter(is_missing).collect();
     let mut values = references.folders.iter().chain(&references.files);
@@ -55,34 +57,68 @@ struct References {
 
 impl References {
     /// Those of `main` and of every given file that is included, however deep.
-    fn of(main: &str, files: &[(&str, &[u8])]) -> Self {
+    ///
+    /// What this reader takes for an error or a document type, MuJoCo's own may read as elements.
+    fn of(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (mut found, mut read) = (Self::default(), vec![false; files.len()]);
         let mut included = VecDeque::from([main.to_owned()]);
         while let Some(name) = included.pop_front() {
             for ((given, content), read) in files.iter().zip(&mut read) {
                 if is_named(given, &name) && !std::mem::replace(read, true) {
-                    let text = String::from_utf8_lossy(content);
-                    included.extend(elements(&text).filter_map(|element| found.add(&element)));
+                    let files = found.add(content).map_err(|message| ModelError::Load {
+                        file: (*given).to_owned(),
+                        message,
+                    })?;
+                    included.extend(files);
                 }
             }
         }
-        found
+        Ok(found)
+    }
+
+    /// Takes up what the elements of a file name; returns the files that it includes.
+    fn add(&mut self, content: &[u8]) -> Result<Vec<String>, String> {
+        let mut reader = Reader::from_reader(content);
+        reader.config_mut().check_end_names = false;
+        reader.config_mut().allow_unmatched_ends = true;
+        let mut included = Vec::new();
+        loop {
+            let wrong = match reader.read_event() {
+                Ok(Event::Start(element) | Event::Empty(element)) => {
+                    let taken = self.take(&element).map(|file| included.extend(file));
+                    taken.err().map(|error| error.to_string())
+                }
+                Ok(Event::DocType(_)) => Some("it has a document type; leave it out".to_owned()),
+                Ok(Event::Eof) => return Ok(included),
+                Ok(_) => None,
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(wrong) = wrong {
+                let read = &content[..reader.buffer_position() as usize];
+                let line = read.iter().filter(|&&byte| byte == b'\n').count() + 1;
+                return Err(format!("XML, line {line}: {wrong}"));
+            }
+        }
     }
 
     /// Takes up what an element names; returns the file that it includes.
-    fn add(&mut self, element: &Element) -> Option<String> {
-        for (attribute, value) in &element.attributes {
-            let value = value.trim().to_owned();
-            match attribute {
-                folder if folder.ends_with("dir") => self.folders.push(value),
-                file if file.starts_with("file") => self.files.push(value),
+    fn take(&mut self, element: &BytesStart) -> quick_xml::Result<Option<String>> {
+        let includes = element.name().as_ref().eq_ignore_ascii_case(b"include");
+        let mut included = None;
+        for attribute in element.attributes().with_checks(false) {
+            let attribute = attribute?;
+            let value = String::from_utf8_lossy(&attribute.value).trim().to_owned();
+            match attribute.key.as_ref() {
+                b"file" if includes => {
+                    included.get_or_insert(value.clone());
+                    self.files.push(value);
+                }
+                folder if folder.ends_with(b"dir") => self.folders.push(value),
+                file if file.starts_with(b"file") => self.files.push(value),
                 _ => {}
             }
         }
-        let includes = element.name.eq_ignore_ascii_case("include");
-        let file = element.attributes.iter().find(|(name, _)| *name == "file");
-        file.filter(|_| includes)
-            .map(|(_, file)| file.trim().to_owned())
+        Ok(included)
     }
 }
 
@@ -124,7 +160,7 @@ mod tests {
             "<texture fileright=\"/tmp/sky.png\"/>",
             "<mesh file='C:\\cube.obj'/>",
             "<compiler meshdir=\"/tmp\"/><mesh file='cube.obj'/>",
-            "<mesh file='cube.obj'/>< compiler\n meshdir = '/tmp' >",
+            "<mesh file='cube.obj'/><compiler\n meshdir = '/tmp' >",
             "<!-- --> <mesh file='/tmp/cube.obj'/>",
             "<body name='<!--'/><mesh file='/tmp/cube.obj'/><body name='-->'/>",
             "<body name='a>b' x=\"<'\"/><mesh file='/tmp/cube.obj'/>",
@@ -147,6 +183,24 @@ mod tests {
         ] {
             assert_eq!(check(accepted), Ok(()), "{accepted}");
         }
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_refused() {
+        for (refused, reason) in [
+            ("<a/>\n<!-- <a/>", "line 2"),
+            ("<![CDATA[<a/>", "line 1"),
+            ("<a b='1", "line 1"),
+            ("<a <mesh file='/tmp/cube.obj'/>", "line 1"),
+            ("< mesh file='/tmp/cube.obj'/>", "line 1"),
+            (
+                "<!DOCTYPE a [ > <mesh file='/tmp/cube.obj'/> ]>",
+                "a document type",
+            ),
+        ] {
+            assert_refused(check(refused), reason);
+        }
+        assert_eq!(check("no XML"), Ok(()));
     }
 
     #[test]

@@ -7,9 +7,9 @@ use crate::data::Data;
 use crate::error::RenderError;
 use crate::gl::{GlContext, Previous};
 use crate::ids::CameraId;
+use crate::ids::RendererId;
 use crate::model::Model;
 use crate::raw;
-use crate::renderer_id::RendererId;
 
 mod backdrop;
 mod mirror;

@@ -108,10 +108,7 @@ fn picture(
 }
 
 fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
-    let at = |flips: bool, index: usize, size: usize| match flips {
-        true => size - 1 - index,
-        false => index,
-    };
+    let at = |flips: bool, index: usize, size: usize| if flips { size - 1 - index } else { index };
     let pixels = (0..HEIGHT * WIDTH).map(|i| {
         let row = at(mirror.rows, i / WIDTH, HEIGHT);
         row * WIDTH + at(mirror.columns, i % WIDTH, WIDTH)

@@ -83,12 +83,13 @@ const CUBE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 
 
 /// A model that names `file`, as an include or as a mesh.
 fn naming(file: &str) -> String {
-    match file.ends_with("xml") {
-        true => format!(r#"<mujoco><include file="{file}"/></mujoco>"#),
-        false => format!(
+    if file.ends_with("xml") {
+        format!(r#"<mujoco><include file="{file}"/></mujoco>"#)
+    } else {
+        format!(
             r#"<mujoco><asset><mesh name="m" file="{file}"/></asset>
                <worldbody><geom type="mesh" mesh="m"/></worldbody></mujoco>"#
-        ),
+        )
     }
 }
 

@@ -5,9 +5,9 @@ use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::{Motion, MotionKind, check_length};
+use crate::error::LARGEST;
 use crate::error::{ControlError, require_finite};
 use crate::ik::{DampedLeastSquares, check_posture, error, out_of_reach, room, step};
-use crate::number::LARGEST;
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 

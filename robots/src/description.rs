@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::capsule::{Capsule, PlacedShape};
 use crate::error::DescriptionError;
-use crate::number::{finite, require};
+use crate::error::{finite, require};
 use crate::pose::Pose;
 
 /// A robot: a tree of links. Made by [`Description::read`] and [`Description::from_urdf`], which

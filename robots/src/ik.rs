@@ -4,7 +4,6 @@ use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
 use crate::error::{ControlError, require_finite};
 use crate::pose::Pose;
-use crate::spd;
 use crate::twist::Twist;
 
 /// Solves for joint velocities again and again without allocating.
@@ -72,7 +71,7 @@ impl DampedLeastSquares {
             rest = rest + -self.velocities[joint] * column;
         }
         (0..6).for_each(|row| system[row][row] += damping * damping);
-        let multipliers = Twist::from(spd::solve(&system, rest.to_array()));
+        let multipliers = Twist::from(solve(&system, rest.to_array()));
         for joint in (0..self.held.len()).filter(|&joint| !self.held[joint]) {
             self.velocities[joint] += self.columns[joint].dot(&multipliers);
         }
@@ -224,6 +223,38 @@ pub(crate) fn out_of_reach(chain: &Chain, configuration: &[f64], target: &Pose) 
 /// Room (metres, radians) of a joint that stands at the end of its range.
 const AT_LIMIT: f64 = 1e-6;
 
+/// Solves `a x = b` by Cholesky's factorisation `a = l l^T`. Only the lower triangle of `a`, which
+/// must be symmetric and positive definite, is read.
+fn solve(a: &[[f64; 6]; 6], b: [f64; 6]) -> [f64; 6] {
+    let l = factor(a);
+    let mut x = b;
+    for row in 0..6 {
+        let known: f64 = (0..row).map(|column| l[row][column] * x[column]).sum();
+        x[row] = (x[row] - known) / l[row][row];
+    }
+    for row in (0..6).rev() {
+        let known: f64 = (row + 1..6).map(|column| l[column][row] * x[column]).sum();
+        x[row] = (x[row] - known) / l[row][row];
+    }
+    x
+}
+
+fn factor(a: &[[f64; 6]; 6]) -> [[f64; 6]; 6] {
+    let mut l = [[0.0; 6]; 6];
+    for row in 0..6 {
+        for column in 0..=row {
+            let known: f64 = (0..column).map(|k| l[row][k] * l[column][k]).sum();
+            let rest = a[row][column] - known;
+            l[row][column] = if row == column {
+                rest.sqrt()
+            } else {
+                rest / l[column][column]
+            };
+        }
+    }
+    l
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
@@ -251,9 +282,12 @@ mod tests {
         chain.jacobian(&configuration, &mut columns);
         for (held, velocity) in free.into_iter().enumerate() {
             let bound = 0.5 * velocity;
-            let bounds = |joint: usize| match joint == held {
-                true => [bound.min(0.0), bound.max(0.0)],
-                false => [f64::NEG_INFINITY, f64::INFINITY],
+            let bounds = |joint: usize| {
+                if joint == held {
+                    [bound.min(0.0), bound.max(0.0)]
+                } else {
+                    [f64::NEG_INFINITY, f64::INFINITY]
+                }
             };
             let velocities = solve(&bounds);
             assert_eq!(velocities[held], bound);
@@ -261,6 +295,26 @@ mod tests {
             let twist = parts.fold(Twist::ZERO, |sum, (&column, &v)| sum + v * column);
             let missing = twist + -1.0 * wanted;
             assert!(missing.dot(&missing).sqrt() < 1e-6, "{held}: {twist:?}");
+        }
+    }
+
+    #[test]
+    fn the_solution_solves() {
+        // m m^T + 0.1 of a matrix without structure
+        let m: [[f64; 6]; 6] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| (1.7 * i as f64 + 2.3 * j as f64).sin())
+        });
+        let a: [[f64; 6]; 6] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let product: f64 = (0..6).map(|k| m[i][k] * m[j][k]).sum();
+                product + if i == j { 0.1 } else { 0.0 }
+            })
+        });
+        let b = [1.0, -2.0, 3.0, -4.0, 5.0, -6.0];
+        let x = solve(&a, b);
+        for (row, expected) in a.iter().zip(b) {
+            let got: f64 = row.iter().zip(x).map(|(a, x)| a * x).sum();
+            assert!((got - expected).abs() < 1e-11, "{got} {expected}");
         }
     }
 }

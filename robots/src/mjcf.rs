@@ -16,7 +16,7 @@ use glam::{DQuat, DVec3};
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{Description, Drive, Inertia, Joint, Link, Motion, MotionKind};
 use crate::error::DescriptionError;
-use crate::number::{finite, require};
+use crate::error::{finite, require};
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
@@ -404,8 +404,8 @@ fn numbers(DVec3 { x, y, z }: DVec3) -> String {
     format!("{x} {y} {z}")
 }
 
-/// A name as the value of an attribute.
-fn escaped(name: &str) -> String {
+/// A text as the value of an attribute.
+pub(crate) fn escaped(name: &str) -> String {
     let escape = |character: char| match character {
         '&' => "&amp;".to_owned(),
         '<' => "&lt;".to_owned(),

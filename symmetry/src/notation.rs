@@ -31,9 +31,10 @@ impl fmt::Display for FieldType {
             .filter(|(count, _)| *count > 0)
             .map(|(count, name)| format!("{count} {name}"))
             .collect();
-        let sum = match terms.is_empty() {
-            true => "0".to_owned(),
-            false => terms.join(" + "),
+        let sum = if terms.is_empty() {
+            "0".to_owned()
+        } else {
+            terms.join(" + ")
         };
         match group {
             Group::D2 => f.pad(&sum),

@@ -118,9 +118,10 @@ impl Basis {
     /// Returns source and sink (from zero) of the arc between a node and its parent.
     fn arc(&self, node: u32) -> (usize, usize) {
         let (node, parent) = (node as usize, self.parent[node as usize] as usize);
-        match node < self.sources {
-            true => (node, parent - self.sources),
-            false => (parent, node - self.sources),
+        if node < self.sources {
+            (node, parent - self.sources)
+        } else {
+            (parent, node - self.sources)
         }
     }
 
@@ -225,9 +226,10 @@ impl Basis {
     fn send(&mut self, from: u32, top: u32, flow: Mass, source_side: bool) {
         let mut node = from;
         while node != top {
-            match self.is_source(node) == source_side {
-                true => self.flow[node as usize] -= flow,
-                false => self.flow[node as usize] += flow,
+            if self.is_source(node) == source_side {
+                self.flow[node as usize] -= flow
+            } else {
+                self.flow[node as usize] += flow
             }
             node = self.parent[node as usize];
         }

@@ -1,6 +1,6 @@
 //! Proof of optimality of a transport plan, independent of the solver that made it.
 
-use super::plan::{Certificate, TransportPlan};
+use super::problem::{Certificate, TransportPlan};
 use super::problem::{Weights, check};
 use crate::error::{ClusterError, Result};
 

@@ -159,9 +159,10 @@ mod tests {
             let mut difference = Mass::ZERO;
             for (index, mass) in b.masses.iter().enumerate() {
                 if subset >> index & 1 == 1 {
-                    match index < 3 {
-                        true => difference += *mass,
-                        false => difference -= *mass,
+                    if index < 3 {
+                        difference += *mass
+                    } else {
+                        difference -= *mass
                     }
                 }
             }

@@ -3,8 +3,8 @@
 use super::basis::Basis;
 use super::certificate::{Scratch, certify_into};
 use super::mass::Balance;
-use super::plan::{Entry, TransportPlan};
 use super::pricing::Pricing;
+use super::problem::{Entry, TransportPlan};
 use super::problem::{Weights, check};
 use super::start::Start;
 use crate::error::{ClusterError, Result};

@@ -108,9 +108,10 @@ impl Start {
         self.left[sink_node] -= flow;
         let (source, node) = (source as u32, sink_node as u32);
         // the last shipment exhausts both ends: its sink becomes the root
-        match self.open(sink_node) || !self.open(source as usize) {
-            true => basis.attach(source, node, flow),
-            false => basis.attach(node, source, flow),
+        if self.open(sink_node) || !self.open(source as usize) {
+            basis.attach(source, node, flow)
+        } else {
+            basis.attach(node, source, flow)
         }
         if !self.open(sink_node) {
             self.prices[sink] = f64::INFINITY;

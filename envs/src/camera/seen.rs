@@ -128,7 +128,7 @@ mod tests {
 
     use super::*;
     use crate::camera::OVERSAMPLING;
-    use crate::frame::map;
+    use crate::layout::map;
 
     const SIZE: usize = 4;
 
@@ -185,9 +185,10 @@ mod tests {
         let hand = DVec3::new(metres(2.0), metres(1.0), 0.3);
         let expected = |row: usize, column: usize| {
             let inside = column + 2 + 2 < 8;
-            match inside {
-                true => &drawn[((row + 2 - 1) * 8 + column + 2 + 2) * RGB..][..RGB],
-                false => &BEYOND[..],
+            if inside {
+                &drawn[((row + 2 - 1) * 8 + column + 2 + 2) * RGB..][..RGB]
+            } else {
+                &BEYOND[..]
             }
         };
         let rgb = cut(&camera, &drawn, hand);

@@ -147,9 +147,12 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
         .chain(arguments)
         .collect();
     COMMANDS.with_borrow_mut(|[covers, stream]| {
-        measured(|| match arguments[1] == "stream" {
-            true => reads_stream(stream, &arguments[1..]),
-            false => reads_command(covers, &arguments),
+        measured(|| {
+            if arguments[1] == "stream" {
+                reads_stream(stream, &arguments[1..])
+            } else {
+                reads_command(covers, &arguments)
+            }
         })
     })
 }

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::camera::{Extrinsics, Intrinsics};
 use crate::distortion::Distortion;
-use crate::noise::normal;
+use crate::sensor::normal;
 
 /// A camera at a place, turned from looking straight down.
 fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {

@@ -163,9 +163,12 @@ fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> 
     let offered = offered
         .map_err(explain("eglQueryString"))?
         .to_string_lossy();
-    let require = |name: &'static str| match offered.contains(name) {
-        true => Ok(()),
-        false => Err(ContextError::Extension { name }),
+    let require = |name: &'static str| {
+        if offered.contains(name) {
+            Ok(())
+        } else {
+            Err(ContextError::Extension { name })
+        }
     };
     if platform == Platform::Surfaceless {
         require("EGL_MESA_platform_surfaceless")?;

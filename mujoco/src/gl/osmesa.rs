@@ -78,9 +78,10 @@ impl Context for OsMesaContext {
             return Ok(Previous::nothing());
         }
         let foreign = !current.is_null() && !is_ours(current);
-        let previous = match foreign {
-            true => self.functions.previous(current)?,
-            false => Previous::nothing(),
+        let previous = if foreign {
+            self.functions.previous(current)?
+        } else {
+            Previous::nothing()
         };
         let (context, pixel) = (self.context.as_ptr(), self.pixel.as_ptr());
         // SAFETY: live context, and a buffer of one pixel that outlives it.

@@ -3,8 +3,8 @@
 use super::{CameraView, Renderer, check_opengl};
 use crate::data::Data;
 use crate::error::RenderError;
+use crate::ids::RendererId;
 use crate::raw;
-use crate::renderer_id::RendererId;
 
 /// What a camera sees of the geoms that no joint moves, and how far away it is.
 ///
@@ -105,12 +105,13 @@ impl Renderer {
     /// The view of a backdrop that this renderer has drawn.
     fn view_of(&self, backdrop: &Backdrop) -> Result<CameraView, RenderError> {
         let (drawn_by, view) = backdrop.drawn.ok_or(RenderError::NoBackdrop)?;
-        match drawn_by == self.id() {
-            true => Ok(view),
-            false => Err(RenderError::OtherRenderer {
+        if drawn_by == self.id() {
+            Ok(view)
+        } else {
+            Err(RenderError::OtherRenderer {
                 drawn_by,
                 used_by: self.id(),
-            }),
+            })
         }
     }
 

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 use super::origin;
 use crate::description::{Description, Inertia};
 use crate::error::DescriptionError;
-use crate::number::{finite, require};
+use crate::error::{finite, require};
 
 /// Smallest mass of a link that has any (kg).
 const LEAST_MASS: f64 = 1e-6;

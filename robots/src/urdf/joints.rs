@@ -7,7 +7,7 @@ use super::origin;
 use super::tree::Tree;
 use crate::description::{Drive, Joint, Motion, MotionKind};
 use crate::error::DescriptionError;
-use crate::number::{finite, require};
+use crate::error::{finite, require};
 
 /// Shortest axis that has a direction.
 const SHORTEST_AXIS: f64 = 1e-6;

@@ -9,8 +9,8 @@ use super::{inertia, mesh, origin};
 use crate::capsule::{PlacedShape, Shape, join_capsules};
 use crate::description::Link;
 use crate::error::DescriptionError;
+use crate::error::{finite, require};
 use crate::fit::LEAST_SIZE;
-use crate::number::{finite, require};
 use crate::pose::Pose;
 
 /// A link whose meshes are below `folder`, if it is known.

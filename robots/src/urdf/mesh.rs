@@ -8,8 +8,8 @@ use glam::DVec3;
 
 use crate::capsule::PlacedShape;
 use crate::error::DescriptionError;
+use crate::error::LARGEST;
 use crate::fit::around;
-use crate::number::LARGEST;
 
 /// Most bytes of a mesh.
 const MAX_BYTES: u64 = 64 << 20;

@@ -1,8 +1,8 @@
 //! Ranges of joints that others follow: a follower keeps to its own range, too.
 
 use crate::description::{Drive, Joint, Restriction};
+use crate::error::LARGEST;
 use crate::error::{DescriptionError, FollowerRanges};
-use crate::number::LARGEST;
 
 /// Rounding of a file's figures (radians, metres): a follower may leave its range by as much, and a
 /// range that is no wider is none.

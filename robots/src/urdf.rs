@@ -3,15 +3,14 @@
 //! `urdf-rs` accepts trees that are none and numbers that are not finite, and fills what is missing
 //! with zeros. Everything below distrusts it.
 
-mod guard;
 mod inertia;
 mod joints;
 mod links;
 mod mesh;
 mod mimic;
 mod names;
-mod scan;
 mod tree;
+mod xml;
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -19,11 +18,11 @@ use std::path::Path;
 
 use crate::description::Description;
 use crate::error::DescriptionError;
-use crate::number::finite;
+use crate::error::finite;
 use crate::pose::Pose;
 
-pub use guard::{MAX_BYTES, MAX_DEPTH};
 pub use names::MAX_LINKS;
+pub use xml::{MAX_BYTES, MAX_DEPTH};
 
 impl Description {
     /// Reads a URDF file, and the meshes in its folder that its links collide as.
@@ -53,8 +52,9 @@ impl Description {
     }
 
     fn parse(text: &str, folder: Option<&Path>) -> Result<Self, DescriptionError> {
-        guard::check(text)?;
-        let file = urdf_rs::read_from_string(text).map_err(|error| DescriptionError::Syntax {
+        let elements = xml::elements(text)?;
+        let file = urdf_rs::read_from_string(&elements);
+        let file = file.map_err(|error| DescriptionError::Syntax {
             message: error.to_string(),
         })?;
         names::check(&file)?;

@@ -29,9 +29,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         for _ in 0..repeats {
             // the larger cloud first, as the documentation recommends
             let (x, y) = ((&x[..], Weights::Uniform(n)), (&y[..], Weights::Uniform(m)));
-            let plan = match n < m {
-                true => workspace.solve(y, x, dim)?,
-                false => workspace.solve(x, y, dim)?,
+            let plan = if n < m {
+                workspace.solve(y, x, dim)?
+            } else {
+                workspace.solve(x, y, dim)?
             };
             value = plan.cost;
         }
@@ -45,13 +46,14 @@ fn points(path: &str, count: usize, dim: usize) -> Result<Vec<f32>, Box<dyn Erro
     let bytes = std::fs::read(path)?;
     let (values, _) = bytes.as_chunks::<4>();
     let points: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
-    match points.len() == count * dim {
-        true => Ok(points),
-        false => Err(format!(
+    if points.len() == count * dim {
+        Ok(points)
+    } else {
+        Err(format!(
             "{path} holds {} values, expected {count} x {dim}",
             points.len()
         )
-        .into()),
+        .into())
     }
 }
 

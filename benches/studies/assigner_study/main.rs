@@ -1,6 +1,6 @@
 //! Error rates of the assigner's rule and of rules it was chosen over, on synthetic episodes.
 //!
-//! `cargo run --release -p covers-cluster --example assigner_study`
+//! `cargo run --release -p covers-benches --example assigner_study`
 
 mod population;
 mod rules;
@@ -67,8 +67,7 @@ fn main() -> Result<(), ClusterError> {
 /// How often the p-values of known groups fall to a level or below, over the level itself.
 fn print_levels(title: &str, scenario: &Scenario) -> Result<(), ClusterError> {
     let one = |index: usize| {
-        let mut rng = ChaCha8Rng::seed_from_u64(2);
-        rng.set_stream(index as u64);
+        let mut rng = stream(2, index as u64);
         p_values(&scenario.draw(true, &mut rng)?, &mut rng)
     };
     let values: Result<Vec<_>, _> = (0..LEVEL_TESTS).into_par_iter().map(one).collect();
@@ -114,9 +113,52 @@ fn decide(
     decisions: usize,
 ) -> Result<Vec<[Answer; 8]>, ClusterError> {
     let one = |index: usize| {
-        let mut rng = ChaCha8Rng::seed_from_u64(u64::from(same));
-        rng.set_stream(index as u64);
+        let mut rng = stream(u64::from(same), index as u64);
         answers(&scenario.draw(same, &mut rng)?, &mut rng)
     };
     (0..decisions).into_par_iter().map(one).collect()
+}
+
+fn stream(seed: u64, index: u64) -> ChaCha8Rng {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(index);
+    rng
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn a_known_group_opens_no_policy_and_seldom_asks_for_a_second_rollout() {
+        let mut twice = 0;
+        for index in 0..300 {
+            let mut rng = stream(1, index);
+            let answer = rules::default(&MAIN.draw(true, &mut rng).unwrap(), &mut rng).unwrap();
+            assert!(!answer.refused, "decision {index}");
+            twice += usize::from(answer.looked_twice);
+        }
+        // 6 expected, with a standard deviation of 2.4
+        assert!((1..=16).contains(&twice), "{twice} second looks");
+    }
+
+    #[test]
+    fn the_default_misses_no_more_new_groups_than_any_other_rule() {
+        let mut misses = [0; 8];
+        for index in 0..60 {
+            let mut rng = stream(0, index);
+            let case = MAIN.draw(false, &mut rng).unwrap();
+            let answers = rules::answers(&case, &mut rng).unwrap();
+            for (count, answer) in misses.iter_mut().zip(answers) {
+                *count += usize::from(!answer.refused);
+            }
+        }
+        let (default, others) = misses.split_last().unwrap();
+        assert!(*default <= 3, "{misses:?}");
+        assert!(others.iter().all(|other| default <= other), "{misses:?}");
+        // the harder rules do miss groups: the scenario can tell rules apart
+        assert!(misses[0] > 10, "{misses:?}");
+    }
 }

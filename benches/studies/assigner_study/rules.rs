@@ -79,9 +79,10 @@ pub fn default(case: &Case, rng: &mut ChaCha8Rng) -> Result<Answer, ClusterError
 fn candidate(case: &Case, both: bool) -> Result<Candidate, ClusterError> {
     Ok(Candidate {
         buffer: case.buffer.clone(),
-        rollout: match both {
-            true => case.rollout.joined(&case.another)?,
-            false => case.rollout.clone(),
+        rollout: if both {
+            case.rollout.joined(&case.another)?
+        } else {
+            case.rollout.clone()
         },
     })
 }

@@ -2,7 +2,6 @@
 
 mod equations;
 mod model;
-mod sighting;
 
 use glam::DVec3;
 
@@ -13,7 +12,7 @@ use crate::error::{InpaintingError, require};
 use equations::UNKNOWNS;
 use model::{Fit, turned};
 
-pub use sighting::{LARGEST_RESIDUAL, Offset, Residual, Sighting};
+pub use model::{LARGEST_RESIDUAL, Offset, Residual, Sighting};
 
 /// Fewest poses that a camera's place is solved for from.
 pub const LEAST_POSES: usize = 10;
@@ -241,15 +240,12 @@ fn undetermined(fit: &Fit<'_>) -> InpaintingError {
     let known = fit.with_known_offset().equations().variances();
     let would_do = known.is_some_and(|variances| tolerable(&dilution_of(&variances)));
     InpaintingError::Undetermined {
-        advice: match would_do {
-            true => {
-                "the hand turns too little to tell the ball's offset from the camera's place: turn \
+        advice: if would_do {
+            "the hand turns too little to tell the ball's offset from the camera's place: turn \
                  it about two axes, by 10 degrees and more, or measure the offset and give it"
-            }
-            false => {
-                "the places of the ball are nearly one line or one point: spread them over the \
+        } else {
+            "the places of the ball are nearly one line or one point: spread them over the \
                  table and over heights"
-            }
         },
     }
 }

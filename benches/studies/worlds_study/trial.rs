@@ -1,20 +1,20 @@
-//! One world: a stream of visits, and a learner without networks that assigns them.
+//! One world: a stream of visits, and a learner without networks that assigns them. Its policies
+//! are stand-ins that need no training: experts who learn by turns.
 
 use std::time::{Duration, Instant};
 
 use cluster::Decision;
 use evidence::{
-    Account, Accountant, EvidenceError, Finding, Look, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, Course, EvidenceError, Finding, Look, Recogniser, RecogniserSettings,
+    Situation,
 };
 use rand::seq::SliceRandom;
-use rand::{RngExt, SeedableRng};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxError, Observations, VectorEnv};
-use worlds::{Stream, Visit, World, WorldError};
+use rl::{Observations, Transition, VectorEnv};
+use worlds::{Stream, Visit, World};
 
-use crate::arguments::Plan;
-use crate::rollout::roll_out;
-use crate::stand_in::StandIn;
+use crate::{Answer, Plan};
 
 pub const ENVS: usize = 5;
 /// Rounds of a rollout: 20 episodes.
@@ -22,24 +22,6 @@ pub const ROUNDS: usize = 4;
 pub const HORIZON: usize = 20;
 /// Visits of each group, where nobody says how many there are in all.
 const VISITS: usize = 2;
-
-/// What can go wrong.
-#[derive(Debug, thiserror::Error)]
-pub enum TrialError {
-    #[error(
-        "`{0}` is none of: FIRST, COUNT, KIND, --visits N, --stay A-B, --alarms, --csv FILE, \
-         --explain"
-    )]
-    Argument(String),
-    #[error(transparent)]
-    Evidence(#[from] EvidenceError),
-    #[error(transparent)]
-    World(#[from] WorldError),
-    #[error("the environments: {0}")]
-    Environment(BoxError),
-    #[error("the results: {0}")]
-    Results(#[from] std::io::Error),
-}
 
 /// What came of one turn.
 #[derive(Clone, Copy, Debug)]
@@ -70,7 +52,6 @@ pub struct Outcome {
     pub slowest: Duration,
     /// Size of the recogniser's state as text.
     pub state: usize,
-    pub log: Vec<String>,
 }
 
 impl Outcome {
@@ -96,7 +77,6 @@ impl Outcome {
 pub struct Trial {
     stream: Stream,
     rounds: usize,
-    alarms: bool,
     recogniser: Recogniser,
     accountant: Accountant,
     policies: Vec<StandIn>,
@@ -109,7 +89,7 @@ pub struct Trial {
 
 impl Trial {
     /// Draws visits and starts.
-    pub fn of(world: World, plan: &Plan) -> Result<Self, TrialError> {
+    pub fn of(world: World, plan: &Plan) -> Answer<Self> {
         let mut rng = ChaCha8Rng::seed_from_u64(world.seed ^ 0xdeca);
         let number = plan.visits.unwrap_or(VISITS * world.groups.len());
         let mut visits = Vec::new();
@@ -126,12 +106,11 @@ impl Trial {
         let mut stream = Stream::new(world, visits, ENVS)?.with_horizon(HORIZON);
         let spec = stream.spec().clone();
         let mut now = Observations::new(&spec);
-        stream.reset(&mut now).map_err(TrialError::Environment)?;
+        stream.reset(&mut now)?;
         let settings = RecogniserSettings::default();
         Ok(Self {
             stream,
             rounds,
-            alarms: plan.alarms,
             recogniser: Recogniser::new(settings)?,
             accountant: Accountant::new(spec.image, &spec.vector, &spec.action, settings.filters)?,
             policies: vec![StandIn::default()],
@@ -144,7 +123,7 @@ impl Trial {
     }
 
     /// Runs the stream to its end.
-    pub fn run(mut self) -> Result<Outcome, TrialError> {
+    pub fn run(mut self) -> Answer<Outcome> {
         let mut met: Vec<Option<usize>> = vec![None; self.stream.world().groups.len()];
         while self.stream.rounds() < self.rounds {
             let turn = self.turn()?;
@@ -170,7 +149,7 @@ impl Trial {
     }
 
     /// One turn of the learner.
-    fn turn(&mut self) -> Result<Turn, TrialError> {
+    fn turn(&mut self) -> Answer<Turn> {
         let begins = self.stream.rounds();
         self.deciding = Duration::ZERO;
         let mut accounts = self.roll_out(ROUNDS)?;
@@ -189,9 +168,6 @@ impl Trial {
                     recogniser.assign(&both, current, Look::Second, rng)
                 })?;
                 cut = finding.cut.or(cut);
-            }
-            if self.is_forced() {
-                finding.decision = Decision::New;
             }
             (accounts, last) = self.follow(finding, accounts)?;
         }
@@ -217,16 +193,8 @@ impl Trial {
         })
     }
 
-    /// Whether a superfluous policy is opened by force; there must be time to merge it.
-    fn is_forced(&self) -> bool {
-        let group = self.group_at(self.stream.rounds() - 1);
-        let turns = self.outcome.turns.iter().filter(|turn| turn.group == group);
-        let is_early = 3 * self.stream.rounds() < self.rounds;
-        self.alarms && is_early && turns.count() == 3
-    }
-
     /// Lets the current policy learn from its last rollout; returns the groups that it learnt from.
-    fn learn(&mut self, accounts: &[Account]) -> Result<[Option<usize>; ROUNDS], TrialError> {
+    fn learn(&mut self, accounts: &[Account]) -> Answer<[Option<usize>; ROUNDS]> {
         let clock = Instant::now();
         let end = self
             .recogniser
@@ -245,20 +213,19 @@ impl Trial {
         Ok(learnt)
     }
 
-    /// Asks the recogniser, and notes what it said and how long that took.
+    /// Asks the recogniser, and notes how long that took.
     fn ask(
         &mut self,
         question: impl FnOnce(&Recogniser, usize, &mut ChaCha8Rng) -> Result<Finding, EvidenceError>,
-    ) -> Result<Finding, TrialError> {
+    ) -> Answer<Finding> {
         let clock = Instant::now();
         let finding = question(&self.recogniser, self.current, &mut self.rng)?;
         self.deciding += clock.elapsed();
-        self.note(&finding);
         Ok(finding)
     }
 
     /// Lets a policy act that may serve the same group as the current one; if it does, one goes.
-    fn look_for_twin(&mut self, finding: &Finding) -> Result<(), TrialError> {
+    fn look_for_twin(&mut self, finding: &Finding) -> Answer<()> {
         let policy = self.current;
         let Some(twin) = self.recogniser.twin(policy, finding) else {
             return Ok(());
@@ -275,9 +242,6 @@ impl Trial {
             let merge = self.recogniser.merge(policy, twin, both, &mut self.rng)?;
             self.current = merge.map_or(policy, |merge| merge.kept);
         }
-        let heirs = self.recogniser.heirs();
-        let line = format!("{twin} was compared with {policy}: {is_twin}, {heirs:?}");
-        self.outcome.log.push(line);
         Ok(())
     }
 
@@ -287,7 +251,7 @@ impl Trial {
         &mut self,
         mut finding: Finding,
         mut accounts: Vec<Account>,
-    ) -> Result<(Vec<Account>, Option<Finding>), TrialError> {
+    ) -> Answer<(Vec<Account>, Option<Finding>)> {
         while finding.decision != Decision::Existing(self.current) {
             let Decision::Existing(policy) = finding.decision else {
                 self.current = self.policies.len();
@@ -314,7 +278,7 @@ impl Trial {
         accounts: &[Account],
         refused: &[usize],
         is_unproven: bool,
-    ) -> Result<Finding, TrialError> {
+    ) -> Answer<Finding> {
         self.ask(|recogniser, collector, rng| {
             let situation = Situation {
                 collector,
@@ -326,36 +290,91 @@ impl Trial {
     }
 
     /// Lets the current policy act for some rounds.
-    fn roll_out(&mut self, rounds: usize) -> Result<Vec<Account>, TrialError> {
-        let actor = &self.policies[self.current];
-        let (stream, now) = (&mut self.stream, &mut self.now);
-        roll_out(
-            stream,
-            now,
-            actor,
-            (&self.accountant, rounds),
-            &mut self.rng,
-        )
+    fn roll_out(&mut self, rounds: usize) -> Answer<Vec<Account>> {
+        let mut accounts = Vec::new();
+        for _ in 0..rounds {
+            let courses = self.round()?;
+            accounts.extend(self.accountant.accounts(&courses)?);
+        }
+        Ok(accounts)
     }
 
-    /// One line for a finding.
-    fn note(&mut self, finding: &Finding) {
-        let ends = self.stream.rounds();
-        let groups: Vec<usize> = (ends.saturating_sub(ROUNDS)..ends)
-            .map(|r| self.group_at(r))
-            .collect();
-        let mut line = format!(
-            "{ends}: groups {groups:?}, policy {} {:?}: {:?}, cut {:?}, refused {:?};",
-            self.current,
-            self.policies[self.current],
-            finding.decision,
-            finding.cut,
-            finding.refused,
-        );
-        for opinion in &finding.opinions {
-            line += &format!(" {opinion}");
+    fn round(&mut self) -> Answer<Vec<Course>> {
+        let spec = self.stream.spec().clone();
+        let began = self.stream.rounds() * ENVS * HORIZON;
+        let images = self.now.images.chunks(spec.image_len());
+        let course = |image: &[u8]| Course {
+            began,
+            image: image.to_vec(),
+            is_whole: true,
+            ..Course::default()
+        };
+        let mut courses: Vec<Course> = images.map(course).collect();
+        let mut transition = Transition::new(&spec);
+        for _ in 0..HORIZON {
+            let actor = &self.policies[self.current];
+            let mut actions = Vec::with_capacity(2 * ENVS);
+            for env in 0..ENVS {
+                actions.extend(actor.act(&self.stream, env, &mut self.rng));
+            }
+            self.stream.step(&actions, &mut transition)?;
+            for (env, course) in courses.iter_mut().enumerate() {
+                let own = 2 * env..2 * env + 2;
+                course.vectors.extend(&self.now.vectors[own.clone()]);
+                course.actions.extend(&actions[own]);
+                course.rewards.push(transition.rewards[env]);
+            }
+            self.now.clone_from(&transition.observations);
         }
-        self.outcome.log.push(line);
+        Ok(courses)
+    }
+}
+
+/// Turns after which a policy has learnt all but a third of its group.
+const TURNS: f32 = 3.0;
+/// Spread of exploration.
+const EXPLORATION: f32 = 0.3;
+/// Turns that a policy remembers.
+const MEMORY: usize = 8;
+
+/// Acts for the group that it learnt on most of late, the better the longer it learnt on it.
+#[derive(Clone, Debug, Default)]
+pub struct StandIn {
+    learnt: Vec<usize>,
+}
+
+impl StandIn {
+    /// Learns one turn on tasks of `group`.
+    pub fn learn(&mut self, group: usize) {
+        self.learnt.push(group);
+        if self.learnt.len() > MEMORY {
+            self.learnt.remove(0);
+        }
+    }
+
+    /// The group that it acts for, and how well, in [0, 1).
+    fn skill(&self) -> Option<(usize, f32)> {
+        let turns = |group| {
+            self.learnt
+                .iter()
+                .filter(|&&learnt| learnt == group)
+                .count()
+        };
+        let most = self
+            .learnt
+            .iter()
+            .copied()
+            .max_by_key(|&group| turns(group))?;
+        Some((most, 1.0 - (-(turns(most) as f32) / TURNS).exp()))
+    }
+
+    /// An action in environment `env`.
+    pub fn act<R: Rng>(&self, stream: &Stream, env: usize, rng: &mut R) -> [f32; 2] {
+        let (group, skill) = self.skill().unwrap_or((0, 0.0));
+        stream.expert(env, group).map(|action| {
+            let noise: f32 = rng.random_range(-1.0..1.0);
+            skill * (action + EXPLORATION * noise) + (1.0 - skill) * noise
+        })
     }
 }
 
@@ -376,7 +395,6 @@ mod tests {
         let plan = Plan {
             visits: Some(6),
             stay: 8..=12,
-            ..Plan::default()
         };
         let mut trial = Trial::of(World::draw(Kind::Target, 1000), &plan).unwrap();
         let mut heard = 0;

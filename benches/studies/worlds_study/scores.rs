@@ -4,7 +4,8 @@ use std::cmp::Reverse;
 
 use worlds::Kind;
 
-use crate::record::{Count, Record};
+use crate::Plan;
+use crate::record::Record;
 use crate::trial::{Outcome, Turn};
 
 /// A turn, whether policy and group belong to each other, and whether the group had just changed.
@@ -67,7 +68,7 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
 }
 
 /// The counts of one world.
-pub fn record(kind: Kind, seed: u64, outcome: &Outcome) -> Record {
+pub fn record(kind: Kind, seed: u64, plan: &Plan, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
@@ -82,37 +83,25 @@ pub fn record(kind: Kind, seed: u64, outcome: &Outcome) -> Record {
     let foreign = learnt
         .iter()
         .filter(|(policy, group)| !served.is_pair(*policy, *group));
-    let mut counts = [0; Record::LEN];
-    let mut set = |count: Count, value: usize| counts[count as usize] = value;
-    set(Count::Groups, outcome.distinct);
-    set(Count::Policies, outcome.left());
-    set(Count::Exact, usize::from(is_exact(outcome)));
-    set(Count::Turns, judged.len());
-    set(Count::Rounds, outcome.turns.iter().map(|t| t.rounds).sum());
-    set(Count::Known, count(&|(turn, _, _)| turn.is_known));
-    set(
-        Count::Right,
-        count(&|(turn, right, _)| turn.is_known && *right),
-    );
-    set(
-        Count::Switches,
-        count(&|(turn, _, new)| turn.is_known && *new),
-    );
-    set(
-        Count::Noticed,
-        count(&|(turn, right, new)| turn.is_known && *new && *right),
-    );
-    set(Count::Mixed, count(&|(turn, _, _)| turn.is_cut.is_some()));
-    set(
-        Count::Split,
-        count(&|(turn, _, _)| turn.is_cut == Some(true)),
-    );
-    set(Count::Learnt, learnt.len());
-    set(Count::Foreign, foreign.count());
-    set(Count::Merged, outcome.merged());
-    set(Count::Slowest, outcome.slowest.as_micros() as usize);
-    set(Count::State, outcome.state);
-    Record { kind, seed, counts }
+    Record {
+        groups: outcome.distinct,
+        policies: outcome.left(),
+        exact: usize::from(is_exact(outcome)),
+        turns: judged.len(),
+        rounds: outcome.turns.iter().map(|turn| turn.rounds).sum(),
+        known: count(&|(turn, _, _)| turn.is_known),
+        right: count(&|(turn, right, _)| turn.is_known && *right),
+        switches: count(&|(turn, _, new)| turn.is_known && *new),
+        noticed: count(&|(turn, right, new)| turn.is_known && *new && *right),
+        mixed: count(&|(turn, _, _)| turn.is_cut.is_some()),
+        split: count(&|(turn, _, _)| turn.is_cut == Some(true)),
+        learnt: learnt.len(),
+        foreign: foreign.count(),
+        merged: outcome.merged(),
+        slowest_us: outcome.slowest.as_micros(),
+        state_bytes: outcome.state,
+        ..Record::new(kind, seed, plan)
+    }
 }
 
 #[cfg(test)]
@@ -147,19 +136,14 @@ mod tests {
         let late = outcome(2, 2, &[(0, 0), (0, 0), (0, 1), (1, 1), (1, 1)]);
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
-        let record = record(Kind::Shape, 7, &late);
-        let counts = [
-            Count::Exact,
-            Count::Known,
-            Count::Right,
-            Count::Switches,
-            Count::Noticed,
-        ];
-        assert_eq!(counts.map(|count| record.get(count)), [1, 5, 4, 1, 0]);
-        assert_eq!(
-            [Count::Learnt, Count::Foreign].map(|count| record.get(count)),
-            [10, 2]
-        );
+        let plan = Plan {
+            visits: None,
+            stay: 12..=40,
+        };
+        let record = record(Kind::Shape, 7, &plan, &late);
+        assert_eq!([record.exact, record.known, record.right], [1, 5, 4]);
+        assert_eq!([record.switches, record.noticed], [1, 0]);
+        assert_eq!([record.learnt, record.foreign], [10, 2]);
     }
 
     #[test]

@@ -120,9 +120,10 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
     if !sound {
         spoil_matrix(rng, &mut cost, &mut a, &mut b);
     }
-    let result = match rng.random::<bool>() {
-        true => solver.solve(&cost, a.weights(), b.weights()),
-        false => solver.solve_again(&cost, a.weights(), b.weights()),
+    let result = if rng.random::<bool>() {
+        solver.solve(&cost, a.weights(), b.weights())
+    } else {
+        solver.solve_again(&cost, a.weights(), b.weights())
     };
     let hard = cost.iter().any(|c| *c < 0.0) || !equal(&a, &b);
     let plan = match expected(sound, hard, result)? {
@@ -147,15 +148,19 @@ fn forbidden_pairs(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome,
         .then(|| rng.random_range(0..prices.len()));
     let share = rng.random_range(1..6);
     let cost: Vec<f64> = (0..n * n)
-        .map(|_| match rng.random_ratio(share, 10) {
-            true => prices[one_price.unwrap_or_else(|| rng.random_range(0..prices.len()))],
-            false => f64::from(rng.random_range(-3..=3)),
+        .map(|_| {
+            if rng.random_ratio(share, 10) {
+                prices[one_price.unwrap_or_else(|| rng.random_range(0..prices.len()))]
+            } else {
+                f64::from(rng.random_range(-3..=3))
+            }
         })
         .collect();
     let side = Side::Uniform(n);
-    let plan = match rng.random::<bool>() {
-        true => solver.solve(&cost, side.weights(), side.weights()),
-        false => solver.solve_again(&cost, side.weights(), side.weights()),
+    let plan = if rng.random::<bool>() {
+        solver.solve(&cost, side.weights(), side.weights())
+    } else {
+        solver.solve_again(&cost, side.weights(), side.weights())
     };
     let plan = plan.map_err(|error| format!("a well-formed input was refused: {error}"))?;
     recertify(&cost, &side, &side, plan)?;
@@ -184,9 +189,10 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
     if !sound {
         spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim);
     }
-    let result = match rng.random::<bool>() {
-        true => workspace.solve((&x, a.weights()), (&y, b.weights()), dim),
-        false => workspace.solve_again((&x, a.weights()), (&y, b.weights()), dim),
+    let result = if rng.random::<bool>() {
+        workspace.solve((&x, a.weights()), (&y, b.weights()), dim)
+    } else {
+        workspace.solve_again((&x, a.weights()), (&y, b.weights()), dim)
     };
     let plan = match expected(sound, !equal(&a, &b), result)? {
         Ok(plan) => plan,
@@ -234,9 +240,10 @@ pub fn expected(
 
 fn recertify(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> Result<(), String> {
     let again = certify(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
-    match again == plan.certificate && plan.cost.is_finite() {
-        true => Ok(()),
-        false => Err(format!("{again:?} is not {:?}", plan.certificate)),
+    if again == plan.certificate && plan.cost.is_finite() {
+        Ok(())
+    } else {
+        Err(format!("{again:?} is not {:?}", plan.certificate))
     }
 }
 
@@ -254,9 +261,10 @@ pub fn agree(got: f64, value: Option<f64>, tolerance: f64) -> Result<Outcome, St
 
 /// Small as a rule.
 fn size(rng: &mut ChaCha8Rng) -> usize {
-    match rng.random_ratio(1, 200) {
-        true => rng.random_range(13..80),
-        false => rng.random_range(1..=12),
+    if rng.random_ratio(1, 200) {
+        rng.random_range(13..80)
+    } else {
+        rng.random_range(1..=12)
     }
 }
 

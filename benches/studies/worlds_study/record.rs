@@ -1,0 +1,240 @@
+//! Counts of one world, the file that keeps them, and the table that is made of them.
+
+use std::fs::{File, OpenOptions};
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use serde::{Deserialize, Serialize};
+use worlds::Kind;
+
+use crate::trial::ROUNDS;
+use crate::{Answer, Plan};
+
+/// Version of what is drawn, decided and counted. Results of two versions do not belong into one
+/// table.
+pub const VERSION: u32 = 6;
+
+/// Counts of one world, in the order of the file's columns.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    pub version: u32,
+    pub kind: String,
+    pub seed: u64,
+    /// Columns of the plan.
+    pub visits: String,
+    pub stay: String,
+    /// Policies opened by force, which earlier versions did.
+    pub forced: String,
+    /// Policies that the world asks for.
+    pub groups: usize,
+    pub policies: usize,
+    /// 1 if policies and groups belong to each other one to one.
+    pub exact: usize,
+    pub turns: usize,
+    /// Rounds of all turns.
+    pub rounds: usize,
+    /// Turns after their group's first visit, and those of them that are right.
+    pub known: usize,
+    pub right: usize,
+    /// The first turn of each returning group, and those of them that are right.
+    pub switches: usize,
+    pub noticed: usize,
+    /// First rollouts of a turn with a switch in them, and those that were cut there.
+    pub mixed: usize,
+    pub split: usize,
+    /// Episodes learnt from, and those of them that another policy should have learnt from.
+    pub learnt: usize,
+    pub foreign: usize,
+    /// Policies that were merged into another one.
+    pub merged: usize,
+    /// Time of the decisions of the slowest turn, in microseconds.
+    pub slowest_us: u128,
+    /// Size of the recogniser's state as text, in bytes.
+    pub state_bytes: usize,
+}
+
+impl Record {
+    /// A record of a world without counts.
+    pub fn new(kind: Kind, seed: u64, plan: &Plan) -> Self {
+        Self {
+            version: VERSION,
+            kind: kind.name().to_owned(),
+            seed,
+            visits: plan.visits.map_or("two".to_owned(), |n| n.to_string()),
+            stay: format!("{}-{}", plan.stay.start(), plan.stay.end()),
+            forced: "none".to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// What must agree for two records to stand in one table.
+    fn plan(&self) -> [&str; 3] {
+        [&self.visits, &self.stay, &self.forced]
+    }
+}
+
+/// Results as they come in; in a file, if one is named, to which others may be added later.
+pub struct Results {
+    file: Option<Mutex<csv::Writer<File>>>,
+    known: Vec<Record>,
+}
+
+impl Results {
+    /// Reads what the file holds of streams like `plan`.
+    pub fn open(path: Option<&Path>, plan: &Plan) -> Answer<Self> {
+        let Some(path) = path else {
+            let (file, known) = (None, Vec::new());
+            return Ok(Self { file, known });
+        };
+        let refused = |problem: String| {
+            let path = path.display();
+            format!(
+                "{path}: {problem}, expected version {VERSION} of this study; name another file"
+            )
+        };
+        let file = OpenOptions::new().append(true).create(true).open(path)?;
+        let is_new = file.metadata()?.len() == 0;
+        let rows = csv::Reader::from_path(path)?.into_deserialize();
+        let rows: Result<Vec<Record>, _> = rows.collect();
+        let mut known = rows.map_err(|error| refused(error.to_string()))?;
+        if let Some(other) = known.iter().find(|record| record.version != VERSION) {
+            return Err(refused(format!("it holds version {}", other.version)).into());
+        }
+        let own = Record::new(Kind::Shape, 0, plan);
+        known.retain(|record| record.plan() == own.plan());
+        let mut writer = csv::WriterBuilder::new();
+        let writer = writer.has_headers(is_new).from_writer(file);
+        let file = Some(Mutex::new(writer));
+        Ok(Self { file, known })
+    }
+
+    /// The record of this world that the file held.
+    pub fn known(&self, kind: Kind, seed: u64) -> Option<&Record> {
+        let mut known = self.known.iter();
+        known.find(|record| record.kind == kind.name() && record.seed == seed)
+    }
+
+    /// Adds a line, at once.
+    pub fn add(&self, record: &Record) -> Answer<()> {
+        let Some(file) = &self.file else {
+            return Ok(());
+        };
+        let mut file = file.lock().unwrap_or_else(PoisonError::into_inner);
+        file.serialize(record)?;
+        Ok(file.flush()?)
+    }
+}
+
+pub const HEADER: &str = "| worlds | number | as many policies as groups | exact policies \
+| with superfluous policies | most superfluous | with missing policies | most missing \
+| right after first visits | switches noticed at once | mixed rollouts | split exactly \
+| learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+
+/// Line of the table for worlds of one kind.
+pub fn row(kind: &str, records: &[&Record]) -> String {
+    let count = |holds: fn(&Record) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
+    let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;
+    let sum = |of: fn(&Record) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
+    // a dash where nothing was asked
+    let share = |part, whole| match sum(whole) {
+        0 => "-".to_owned(),
+        whole => format!("{:.1} %", 100.0 * sum(part) as f64 / whole as f64),
+    };
+    let most = |of: fn(&Record) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
+    let cells = [
+        kind.to_owned(),
+        records.len().to_string(),
+        format!("{:.1} %", worlds(|r| r.policies == r.groups)),
+        format!("{:.1} %", worlds(|r| r.exact == 1)),
+        count(|r| r.policies > r.groups).to_string(),
+        most(|r| r.policies.saturating_sub(r.groups)).to_string(),
+        count(|r| r.policies < r.groups).to_string(),
+        most(|r| r.groups.saturating_sub(r.policies)).to_string(),
+        share(|r| r.right, |r| r.known),
+        share(|r| r.noticed, |r| r.switches),
+        sum(|r| r.mixed).to_string(),
+        share(|r| r.split, |r| r.mixed),
+        share(|r| r.foreign, |r| r.learnt),
+        format!(
+            "{:.2}",
+            sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64
+        ),
+        sum(|r| r.merged).to_string(),
+        format!("{} ms", most(|r| r.slowest_us as usize) / 1000),
+    ];
+    format!("| {} |", cells.join(" | "))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+
+    use super::*;
+
+    fn scratch(name: &str) -> PathBuf {
+        let name = format!("worlds-study-{name}-{}.csv", std::process::id());
+        std::env::temp_dir().join(name)
+    }
+
+    fn plan(visits: Option<usize>) -> Plan {
+        let stay = 12..=40;
+        Plan { visits, stay }
+    }
+
+    #[test]
+    fn the_right_number_of_policies_is_not_enough_to_be_exact() {
+        let record = |policies, exact| Record {
+            groups: 4,
+            policies,
+            exact,
+            ..Record::default()
+        };
+        let records = [record(4, 1), record(4, 0), record(6, 0), record(3, 0)];
+        let line = row("target", &records.each_ref());
+        let start = "| target | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
+        assert!(line.starts_with(start), "{line}");
+        let columns = |line: &str| line.matches('|').count();
+        let header: Vec<usize> = HEADER.lines().map(columns).collect();
+        assert_eq!(header, [columns(&line); 2]);
+    }
+
+    #[test]
+    fn lines_of_another_version_are_refused() {
+        let path = scratch("version");
+        for text in ["kind,seed\nshape,7\n", "version,kind\n6,shape\n"] {
+            fs::write(&path, text).unwrap();
+            let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
+            let message = refused.to_string();
+            assert!(message.contains("expected version 6"), "{message}");
+            assert_eq!(fs::read_to_string(&path).unwrap(), text);
+        }
+        fs::remove_file(&path).unwrap();
+    }
+
+    #[test]
+    fn results_are_found_again() {
+        let path = scratch("again");
+        let results = Results::open(Some(&path), &plan(None)).unwrap();
+        assert_eq!(results.known(Kind::Shape, 7), None);
+        let record = Record::new(Kind::Shape, 7, &plan(None));
+        results.add(&record).unwrap();
+        let again = Results::open(Some(&path), &plan(None)).unwrap();
+        assert_eq!(again.known(Kind::Shape, 7), Some(&record));
+        assert_eq!(again.known(Kind::Shape, 8), None);
+        again.add(&Record { seed: 8, ..record }).unwrap();
+        let found = |visits| {
+            Results::open(Some(&path), &plan(visits))
+                .unwrap()
+                .known
+                .len()
+        };
+        assert_eq!([found(None), found(Some(100))], [2, 0]);
+        let text = fs::read_to_string(&path).unwrap().replace("\n6,", "\n5,");
+        fs::write(&path, text).unwrap();
+        let refused = Results::open(Some(&path), &plan(None)).err().unwrap();
+        assert!(refused.to_string().contains("it holds version 5"));
+        fs::remove_file(&path).unwrap();
+    }
+}

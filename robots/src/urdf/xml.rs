@@ -1,0 +1,264 @@
+//! XML of a URDF: parsed by `roxmltree`, held to what a URDF may be, and written anew for `urdf-rs`.
+//!
+//! `RustyXML`, which `urdf-rs` reads with, panics over some texts, and readers of URDF skip what
+//! `xacro` would have expanded. So `urdf-rs` sees elements and their attributes alone, without
+//! namespaces, comments and text.
+
+use roxmltree::{Attribute, Document, Error, Node, ParsingOptions};
+
+use crate::error::DescriptionError;
+use crate::mjcf::escaped;
+
+/// Most bytes of a URDF.
+pub const MAX_BYTES: usize = 2 << 20;
+/// Most levels of elements inside elements.
+pub const MAX_DEPTH: usize = 64;
+/// Most elements, texts and comments.
+const MAX_NODES: u32 = 1 << 18;
+/// Most namespaces that a URDF may declare, since each element may copy them.
+const MAX_NAMESPACES: usize = 32;
+/// Most attributes of an element, each of which is compared with all others.
+const MAX_ATTRIBUTES: usize = 1000;
+
+/// Elements of xacro below `<robot>` that old files write without a prefix.
+const OLD_XACRO: [&str; 6] = [
+    "if",
+    "include",
+    "insert_block",
+    "macro",
+    "property",
+    "unless",
+];
+/// Most characters of an attribute's value in a message; of longer ones it quotes what xacro would
+/// have expanded.
+const MAX_QUOTED: usize = 80;
+/// Elements and those of their attributes that hold vectors.
+const VECTORS: [[&str; 2]; 5] = [
+    ["origin", "xyz"],
+    ["origin", "rpy"],
+    ["axis", "xyz"],
+    ["box", "size"],
+    ["mesh", "scale"],
+];
+
+/// The elements of a URDF as a text that every parser reads alike.
+///
+/// # Errors
+/// [`DescriptionError::TooLong`], [`DescriptionError::TooDeep`], [`DescriptionError::Xacro`] for a
+/// template, and [`DescriptionError::Syntax`] for whatever is no URDF.
+pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
+    if text.len() > MAX_BYTES {
+        return Err(DescriptionError::TooLong { limit: MAX_BYTES });
+    }
+    if text.matches("xmlns").count() > MAX_NAMESPACES {
+        return syntax(format!(
+            "more than {MAX_NAMESPACES} namespaces are declared"
+        ));
+    }
+    let is_crowded = |tag: &str| tag.matches('=').count() > MAX_ATTRIBUTES;
+    if text.split('<').any(is_crowded) {
+        return syntax(format!(
+            "an element has more than {MAX_ATTRIBUTES} attributes"
+        ));
+    }
+    let text = without_comments(text)?;
+    let options = ParsingOptions {
+        nodes_limit: MAX_NODES,
+        ..ParsingOptions::default()
+    };
+    let document = Document::parse_with_options(&text, options).or_else(|error| match error {
+        Error::UnknownNamespace(prefix, position) if prefix == "xacro" => {
+            Err(DescriptionError::Xacro {
+                line: position.row as usize,
+                found: "the prefix `xacro`".to_owned(),
+            })
+        }
+        Error::UnknownToken(_) | Error::NoRootNode => syntax(format!("{error}; {ALONE}")),
+        error => syntax(error.to_string()),
+    })?;
+    if document.root_element().tag_name().name() != "robot" {
+        return syntax(ALONE.to_owned());
+    }
+    let mut urdf = Urdf {
+        document: &document,
+        text: String::new(),
+    };
+    urdf.write(document.root_element(), 1)?;
+    Ok(urdf.text)
+}
+
+/// What a file must be.
+const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
+
+fn syntax<T>(message: String) -> Result<T, DescriptionError> {
+    Err(DescriptionError::Syntax { message })
+}
+
+/// The text without comments, in the same lines. Many files are decorated with comments that hold
+/// `--`, which XML forbids.
+fn without_comments(text: &str) -> Result<String, DescriptionError> {
+    let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some((before, inside)) = rest.split_once("<!--") {
+        let Some((comment, after)) = inside.split_once("-->") else {
+            return syntax("a comment has no end".to_owned());
+        };
+        kept += before;
+        kept.extend(comment.chars().filter(|&character| character == '\n'));
+        rest = after;
+    }
+    Ok(kept + rest)
+}
+
+/// A document, and what is written of it.
+struct Urdf<'a> {
+    document: &'a Document<'a>,
+    text: String,
+}
+
+impl Urdf<'_> {
+    /// Writes an element that is `level` elements deep, without those of other namespaces.
+    fn write(&mut self, element: Node, level: usize) -> Result<(), DescriptionError> {
+        if level > MAX_DEPTH {
+            return Err(DescriptionError::TooDeep { limit: MAX_DEPTH });
+        }
+        let line = || self.document.text_pos_at(element.range().start).row as usize;
+        if let Some(found) = self.template(element, level) {
+            let line = line();
+            return Err(DescriptionError::Xacro { line, found });
+        }
+        let start = self.text.len();
+        let name = element.tag_name().name();
+        self.text += &format!("<{name}");
+        for attribute in element.attributes() {
+            if let Some(problem) = problem(name, &attribute) {
+                return syntax(format!("line {}: {problem}", line()));
+            }
+            if attribute.namespace().is_none() {
+                let value = escaped(attribute.value());
+                self.text += &format!(" {}=\"{value}\"", attribute.name());
+            }
+        }
+        self.text.push('>');
+        for child in element.children().filter(Node::is_element) {
+            self.write(child, level + 1)?;
+        }
+        self.text += &format!("</{name}>");
+        let root = self.document.root_element().tag_name().namespace();
+        if element.tag_name().namespace() != root {
+            self.text.truncate(start);
+        }
+        Ok(())
+    }
+
+    /// The element or one of its attributes, if it is what `xacro` would have expanded. To declare
+    /// its namespace alone is none of that: the tool leaves it in its output.
+    fn template(&self, element: Node, level: usize) -> Option<String> {
+        let text = self.document.input_text();
+        let name = &text[element.range()][1..];
+        let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
+        let name = &name[..end.unwrap_or(name.len())];
+        let is_old = level == 2 && OLD_XACRO.contains(&name);
+        if is_old || is_xacro(element.tag_name().namespace(), name) {
+            return Some(format!("`<{name}>`"));
+        }
+        element.attributes().find_map(|attribute| {
+            let full = text
+                .get(attribute.range_qname())
+                .unwrap_or(attribute.name());
+            let value = attribute.value();
+            let is_template = is_xacro(attribute.namespace(), full) || unexpanded(value).is_some();
+            is_template.then(|| format!("`{full}` of `<{name}>`, {:?},", quoted(value)))
+        })
+    }
+}
+
+/// Whether an element or an attribute belongs to xacro, by its namespace or its name with prefix.
+fn is_xacro(namespace: Option<&str>, name: &str) -> bool {
+    let namespace = namespace.unwrap_or_default().to_ascii_lowercase();
+    namespace.ends_with("/xacro") || name.starts_with("xacro:")
+}
+
+/// Place of a value at which xacro would have expanded something.
+fn unexpanded(value: &str) -> Option<usize> {
+    value.find("${").into_iter().chain(value.find("$(")).min()
+}
+
+/// A value, or a part of it, for a message.
+fn quoted(value: &str) -> String {
+    let is_long = value.chars().nth(MAX_QUOTED).is_some();
+    let start = if is_long { unexpanded(value) } else { None };
+    value[start.unwrap_or(0)..]
+        .chars()
+        .take(MAX_QUOTED)
+        .collect()
+}
+
+/// What makes an attribute unfit for a URDF.
+fn problem(element: &str, attribute: &Attribute) -> Option<String> {
+    let (name, value) = (attribute.name(), attribute.value());
+    if [element, name] == ["origin", "quat_xyzw"] {
+        return Some("`quat_xyzw` of `<origin>` is not supported; give `rpy`".to_owned());
+    }
+    (VECTORS.contains(&[element, name]) && !is_vector(value)).then(|| {
+        format!(
+            "`{name}` of `<{element}>` is {value:?}, expected three numbers with blanks between"
+        )
+    })
+}
+
+/// `urdf-rs` skips what is no number as long as three others are left.
+fn is_vector(value: &str) -> bool {
+    let numbers = || value.split_whitespace().map(str::parse::<f64>);
+    numbers().count() == 3 && numbers().all(|number| number.is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_counted_past_comments_and_attributes() {
+        let nested = |levels: usize| {
+            let open = r#"<a x="/>" y='">' z = "1"><!-- <b><c> --><b/>"#.repeat(levels - 2);
+            let close = "</a\n>".repeat(levels - 2);
+            format!("<?xml version=\"1.0\"?>\n<!----><robot>{open}<!-->{close}-->{close}</robot>")
+        };
+        elements(&nested(MAX_DEPTH)).unwrap();
+        let error = elements(&nested(MAX_DEPTH + 1)).unwrap_err();
+        assert!(matches!(error, DescriptionError::TooDeep { .. }), "{error}");
+    }
+
+    #[test]
+    fn elements_of_the_same_namespace_are_left() {
+        let text = "\u{feff}<?xml version='1.0'?>\n<!-- - -- --->\n<robot xmlns:g='g' name='a'>\
+                    <?p '?>text<![CDATA[<b/>]]>\n<link g:x='1' name='&lt;&#x41;\"'/><g:link>\
+                    <link name='b'/></g:link></robot>\n";
+        let expected = "<robot name=\"a\"><link name=\"&lt;A&quot;\"></link></robot>";
+        assert_eq!(elements(text).unwrap(), expected);
+    }
+
+    #[test]
+    fn what_is_no_xml_is_refused() {
+        for inside in [
+            "<",
+            "<a",
+            "< a/>",
+            "<a/ >",
+            "<a b/>",
+            "<a b=1/>",
+            "<a b='1\"/>",
+            "<a=\"1\"/>",
+            "</a>",
+            "<a></b>",
+            "<a:b:c/>",
+            "<a: b='1'/>",
+            "<!-- ",
+            "<a></a b='1'>",
+            "<a></a/>",
+        ] {
+            let error = elements(&format!("<robot>{inside}</robot>")).unwrap_err();
+            let is_syntax = matches!(error, DescriptionError::Syntax { .. });
+            assert!(is_syntax, "{inside}: {error}");
+        }
+    }
+}
