@@ -22,7 +22,7 @@ use super::device::LearningDevice;
 /// The learner of the paper: a growing collection of policies, trained by PPO.
 pub type Covers = Collection<CoversSettings>;
 
-/// Settings of [`Covers`](crate::Covers).
+/// Settings of [`Covers`].
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -27,7 +27,7 @@ use staged_rollout::StagedRollout;
 /// A growing collection of policies, or a single one, trained by soft actor-critic.
 pub type OffPolicy = Collection<OffPolicySettings>;
 
-/// Settings of [`OffPolicy`](crate::OffPolicy). [`OffPolicySettings::clear`] is the default.
+/// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
