@@ -68,12 +68,13 @@ pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use glimpse::Glimpse;
 pub use groupings::{
-    Candidates, Distance, Episodes, Evident, Grouping, GroupingSettings, Labels, Recognised, Single,
+    Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
+    Learned, Lesson, Needs, Query, Recognised, Single, Trial,
 };
 pub use learners::{
-    Collection, CollectionSettings, Covers, CoversSettings, DeviceChoice, Extent, Handover,
-    Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy, OffPolicy,
-    OffPolicySettings, Performance, Seconds, Turn,
+    Collection, CollectionSettings, CommonSettings, Covers, CoversSettings, DeviceChoice, Extent,
+    Handover, Iteration, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy,
+    OffPolicy, OffPolicySettings, Performance, Seconds,
 };
 pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};

@@ -1,9 +1,9 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
-use cluster::{Assignment, Decision, Evidence, Verdict};
+use cluster::{Decision, Evidence, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingSettings, Handover,
-    Learner, NewPolicy, Turn,
+    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingDecision,
+    GroupingSettings, Handover, Iteration, Learned, Learner, Lesson, Needs, NewPolicy, Query,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -107,7 +107,7 @@ fn a_policy_that_does_not_exist_is_named() {
 }
 
 /// The learner of `settings` after rollouts in these groups, with what it reported.
-fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Turn>) {
+fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Iteration>) {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings, env.spec()).unwrap();
     let reports = env.teach(&mut covers, groups);
@@ -151,7 +151,7 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
         assert_eq!(policies, groups);
         reports
     };
-    let decisions = |reports: &[Turn]| reports.iter().map(|r| r.decisions).collect::<Vec<_>>();
+    let decisions = |reports: &[Iteration]| reports.iter().map(|r| r.decisions).collect::<Vec<_>>();
     let (again, reused) = (run(Handover::CollectAgain), run(Handover::Reuse));
     // the second rollout opens a policy, after a second look
     assert_eq!(decisions(&again), [100, 300, 200, 200]);
@@ -244,24 +244,24 @@ impl Scripted {
 }
 
 impl Grouping for Scripted {
-    fn min_episodes(&self) -> usize {
-        1
+    fn needs(&self) -> Needs {
+        Needs::LEAST
     }
 
     fn assign(
-        &self,
+        &mut self,
+        _: Query<'_>,
         candidates: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<Assignment, CoversError> {
+    ) -> Result<GroupingDecision, CoversError> {
         assert!(!candidates.clouds()?.is_empty());
-        Ok(Assignment {
-            decision: self.decisions[(self.asked - 1) % self.decisions.len()],
-            evidence: Vec::new(),
-        })
+        let decision = self.decisions[(self.asked - 1) % self.decisions.len()];
+        Ok(GroupingDecision::of(decision))
     }
 
-    fn adopt(&mut self, _: usize) {
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
         self.asked += 1;
+        Ok(Learned::default())
     }
 
     fn state(&self) -> serde_json::Value {
@@ -327,7 +327,7 @@ fn rollouts_that_end_before_an_episode_does_are_refused() {
 #[test]
 fn a_turn_logs_the_same_names_whatever_happens() {
     let (_, turns) = after(settings(), &[0, 1, 0]);
-    let names = |turn: &Turn| -> Vec<String> {
+    let names = |turn: &Iteration| -> Vec<String> {
         turn.metrics
             .iter()
             .map(|(name, _)| name.to_owned())
@@ -337,7 +337,7 @@ fn a_turn_logs_the_same_names_whatever_happens() {
     for turn in &turns {
         assert_eq!(names(turn), names(&turns[0]));
     }
-    let distances = |turn: &Turn| turn.metrics.get("distances").unwrap().to_string();
+    let distances = |turn: &Iteration| turn.metrics.get("distances").unwrap().to_string();
     assert_eq!(distances(&turns[0]), "");
     assert_eq!(distances(&turns[2]).split(';').count(), 2);
 }

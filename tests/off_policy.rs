@@ -1,7 +1,7 @@
 //! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
 //! bits.
 
-use covers::{Extent, GroupingSettings, Learner, OffPolicy, OffPolicySettings, Turn};
+use covers::{Extent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings};
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
 use symmetry::Group;
 
@@ -107,7 +107,7 @@ fn every_group_has_a_policy_and_a_replay_and_no_decision_is_thrown_away() {
     };
     let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
     let turns = env.teach(&mut learner, &[0, 0, 1, 1, 0]);
-    let each = |figure: fn(&Turn) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
+    let each = |figure: fn(&Iteration) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
     assert_eq!(each(|turn| turn.policy), [0, 0, 1, 1, 0]);
     // a policy is opened after a second look, and learns from both
     assert_eq!(each(|turn| turn.decisions), [100, 100, 200, 100, 100]);

@@ -1,21 +1,17 @@
-//! What a grouping that hears policies, finds twins and cuts rollouts makes the learner do.
+//! Learners under a grouping that tries policies, finds twins and cuts rollouts.
 
-use std::cell::Cell;
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Episodes, Extent, Grouping, Learner,
-    OffPolicy, OffPolicySettings,
+    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingDecision, Learned,
+    Learner, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
 };
-use evidence::Merge;
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
 
 use crate::common::bars::{Bars, network, number};
-
-type Answer = Result<Assignment, CoversError>;
 
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
 #[derive(Clone, Default)]
@@ -30,7 +26,7 @@ struct Script {
     learns: Option<usize>,
     /// Policies that serve one group, the first of which goes on.
     twins: Option<(usize, usize)>,
-    heirs: Option<Vec<Option<usize>>>,
+    merged_into: Vec<Option<usize>>,
     /// Which looks of a turn show two groups: the first one, the second one.
     cuts: [bool; 2],
     /// Decisions before the later group.
@@ -39,121 +35,114 @@ struct Script {
     kept: Arc<Mutex<Vec<usize>>>,
     /// Whether first looks are undecided.
     doubts: bool,
-    /// Whether the last look was a second one.
-    settled: Cell<bool>,
     /// Whether looks speak against the policies that are named.
-    is_unproven: bool,
+    is_provisional: bool,
+    /// Whether whole episodes are asked for.
+    whole_episodes: bool,
+    /// Whole episodes of each look and lesson.
+    courses: Arc<Mutex<Vec<usize>>>,
 }
 
 impl Grouping for Script {
-    fn min_episodes(&self) -> usize {
-        self.needs.max(1)
-    }
-
-    fn assign(&self, candidates: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
-        let clouds = candidates.clouds()?;
-        let kept = clouds.iter().map(|cloud| cloud.buffer.episodes());
-        *self.kept.lock().unwrap() = kept.collect();
-        self.settled.set(false);
-        let decision = match self.doubts {
-            true => Decision::Undecided,
-            false => self.decisions[self.turns - 1],
-        };
-        Ok(said(decision))
-    }
-
-    fn settle(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
-        self.settled.set(true);
-        Ok(said(self.decisions[self.turns - 1]))
-    }
-
-    fn cut(&self) -> Option<usize> {
-        self.cuts[usize::from(self.settled.get())].then_some(self.cut_at)
-    }
-
-    fn is_unproven(&self) -> bool {
-        let names = matches!(self.decisions[self.turns - 1], Decision::Existing(_));
-        self.is_unproven && names
-    }
-
-    fn review(
-        &self,
-        candidates: &mut dyn Candidates,
-        refused: &mut Vec<usize>,
-        _: &mut ChaCha8Rng,
-    ) -> Result<Option<Assignment>, CoversError> {
-        let collector = candidates.episodes().collector;
-        assert!(!refused.contains(&collector), "{collector} was refused");
-        let is_refused = self.refuses.contains(&collector);
-        if is_refused {
-            refused.push(collector);
+    fn needs(&self) -> Needs {
+        Needs {
+            episodes: self.needs.max(1),
+            whole_episodes: self.whole_episodes,
         }
-        Ok(is_refused.then_some(Assignment {
-            decision: Decision::New,
-            evidence: Vec::new(),
-        }))
     }
 
-    fn is_contested(&self) -> bool {
-        true
-    }
-
-    fn remember(
+    fn assign(
         &mut self,
-        _: usize,
-        _: Episodes<'_>,
+        query: Query<'_>,
+        candidates: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<Option<usize>, CoversError> {
-        self.turns += 1;
-        Ok(self.learns)
+    ) -> Result<GroupingDecision, CoversError> {
+        let episodes = candidates.episodes();
+        let collector = episodes.collector;
+        self.courses.lock().unwrap().push(episodes.courses.len());
+        let said = |decision| said(decision, self.is_provisional);
+        let decision = self.decisions[self.turns - 1];
+        Ok(match query {
+            Query::Rollout => {
+                let clouds = candidates.clouds()?;
+                let kept = clouds.iter().map(|cloud| cloud.buffer.episodes());
+                *self.kept.lock().unwrap() = kept.collect();
+                GroupingDecision {
+                    cut: self.cuts[0].then_some(self.cut_at),
+                    ..said(if self.doubts {
+                        Decision::Undecided
+                    } else {
+                        decision
+                    })
+                }
+            }
+            Query::TwoRollouts => GroupingDecision {
+                cut: self.cuts[1].then_some(self.cut_at),
+                ..said(decision)
+            },
+            Query::Trial(earlier) => {
+                let mut rejected = earlier.rejected.clone();
+                assert!(!rejected.contains(&collector), "{collector} was rejected");
+                let stays = !self.refuses.contains(&collector);
+                rejected.extend((!stays).then_some(collector));
+                GroupingDecision {
+                    cut: earlier.cut,
+                    rejected,
+                    ..said(if stays {
+                        Decision::Existing(collector)
+                    } else {
+                        Decision::New
+                    })
+                }
+            }
+            Query::Recognition => panic!("nothing is recognised"),
+        })
     }
 
-    fn twin(&self, index: usize) -> Option<usize> {
-        let (kept, gone) = self.twins?;
-        (index == gone).then_some(kept)
-    }
-
-    fn compare(
-        &mut self,
-        index: usize,
-        twin: usize,
-        episodes: Episodes<'_>,
-        _: &mut ChaCha8Rng,
-    ) -> Result<bool, CoversError> {
-        assert_eq!(episodes.collector, twin, "asked by {index}");
-        Ok(true)
-    }
-
-    fn merge(
-        &mut self,
-        index: usize,
-        twin: usize,
-        episodes: [Episodes<'_>; 2],
-        _: &mut ChaCha8Rng,
-    ) -> Result<Option<Merge>, CoversError> {
-        assert_eq!(episodes.map(|both| both.collector), [twin, index]);
-        self.heirs = Some(vec![None, Some(twin)]);
-        Ok(Some(Merge {
-            kept: twin,
-            gone: index,
-        }))
-    }
-
-    fn heirs(&self) -> Option<Vec<Option<usize>>> {
-        self.heirs.clone()
+    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+        let mut learned = Learned::default();
+        match lesson {
+            Lesson::Rollout {
+                policy, episodes, ..
+            } => {
+                self.turns += 1;
+                self.courses.lock().unwrap().push(episodes.courses.len());
+                let twins = self.twins.filter(|&(_, gone)| policy == gone);
+                learned.end = self.learns;
+                learned.probe = twins.map(|(kept, _)| kept);
+            }
+            Lesson::Probes { policy, probes } => {
+                let (twin, _) = self.twins.unwrap();
+                let collectors: Vec<usize> = probes.iter().map(|probe| probe.collector).collect();
+                if let [collector] = collectors[..] {
+                    assert_eq!(collector, twin, "asked by {policy}");
+                    learned.probe = Some(policy);
+                } else {
+                    assert_eq!(collectors, [twin, policy]);
+                    self.merged_into = vec![None, Some(twin)];
+                }
+            }
+        }
+        learned.merged_into = self.merged_into.clone();
+        Ok(learned)
     }
 }
 
-/// A decision; what speaks against a policy does not put it out of question.
-fn said(decision: Decision) -> Assignment {
+/// A decision that demands a trial; what speaks against a policy does not put it out of question.
+fn said(decision: Decision, is_provisional: bool) -> GroupingDecision {
     let against = Evidence {
         distance: 1.0,
         judgement: Judgement::Threshold { limit: 0.0 },
         verdict: Verdict::Refused,
     };
-    Assignment {
+    let assignment = Assignment {
         decision,
         evidence: vec![against; 2],
+    };
+    GroupingDecision {
+        trial: Trial::Episodes,
+        provisional: is_provisional && matches!(decision, Decision::Existing(_)),
+        ..assignment.into()
     }
 }
 
@@ -233,7 +222,7 @@ fn twins() -> Script {
     Script {
         decisions: vec![Decision::New, Decision::Existing(0)],
         twins: Some((0, 1)),
-        heirs: Some(Vec::new()),
+        merged_into: vec![None],
         ..Script::default()
     }
 }
@@ -259,7 +248,7 @@ fn merges_are_seen() {
     let told = (0..3).map(|_| {
         let turn = covers.learn(&mut env).unwrap();
         let logged = turn.metrics.get("heirs").unwrap().to_string();
-        (turn.heirs.iter().flatten().count(), logged)
+        (turn.merged_into.iter().flatten().count(), logged)
     });
     let merged = || (1, ";0".to_owned());
     let expected = [(0, String::new()), merged(), merged()];
@@ -369,13 +358,32 @@ fn no_replay_of_one_that_stays_takes_what_is_cut_off() {
 fn who_is_named_against_the_looks_is_heard_where_rollouts_are_reused() {
     let heard = |refuses: &[usize]| {
         held(Script {
-            is_unproven: true,
+            is_provisional: true,
             refuses: refuses.to_vec(),
             ..Script::default()
         })
     };
     assert_eq!(heard(&[]), [(100, 100), (100, 100), (250, 300)]);
     assert_eq!(heard(&[0]), [(100, 100), (100, 100), (250, 200)]);
+}
+
+/// Ten environments show twenty episodes in a rollout of 100 decisions.
+#[test]
+fn whole_episodes_are_collected_for_groupings_that_ask() {
+    let shown = |whole_episodes| {
+        let script = Script {
+            decisions: vec![Decision::Existing(0)],
+            whole_episodes,
+            ..Script::default()
+        };
+        let courses = Arc::clone(&script.courses);
+        let (mut env, mut covers) = learner(script);
+        turns(&mut covers, &mut env, 2);
+        courses.lock().unwrap().clone()
+    };
+    // the first rollout of all is learnt from without a decision
+    assert_eq!(shown(true), [20; 3]);
+    assert_eq!(shown(false), [0; 3]);
 }
 
 /// The first half of a rollout is learnt from where the second shows another group.

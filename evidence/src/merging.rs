@@ -1,14 +1,14 @@
 //! Two policies that turn out to serve one group become one.
 
-use cluster::Verdict;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::account::Account;
 use crate::error::EvidenceError;
 use crate::examiner::Examiner;
+use crate::memory::Memory;
 use crate::opinion::{Look, Opinion, Role};
-use crate::recogniser::{Finding, Recogniser};
+use crate::recogniser::Recogniser;
 
 /// What becomes of two policies that serve one group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,22 +20,21 @@ pub struct Merge {
 }
 
 impl Recogniser {
-    /// A policy that may serve the group of `policy`, which `finding` accepted: it looks alike
-    /// there, both have learnt, and the two were never compared. Let it act for some episodes of
-    /// that group and [`Recogniser::compare`] them. Two that differ are not compared again.
-    pub fn twin(&self, policy: usize, finding: &Finding) -> Option<usize> {
+    /// Returns a policy that may serve the group of `policy`: it is one of those that the last
+    /// finding `accepted`, both have learnt, and the two were never compared. Let it act for some
+    /// episodes of that group and [`Recogniser::compare`] them. Two that differ are not compared
+    /// again.
+    pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let examiner = Examiner(self.settings());
         let own = self.memories.get(policy)?;
         let may_be = |twin: &usize| {
-            let (memory, opinion) = (&self.memories[*twin], &finding.opinions[*twin]);
+            let others = |memory| !Memory::is_gone(memory) && examiner.has_learnt(memory);
             *twin != policy
-                && opinion.verdict() == Verdict::Accepted
-                && !memory.is_gone()
                 && !own.apart.contains(twin)
-                && examiner.has_learnt(memory)
+                && self.memories.get(*twin).is_some_and(others)
         };
-        let known = finding.opinions.len().min(self.memories.len());
-        (0..known).find(may_be).filter(|_| examiner.knows(own))
+        let twin = accepted.iter().copied().find(may_be);
+        twin.filter(|_| examiner.knows(own))
     }
 
     /// Whether `twin` earned in the group of `policy` what it earns at home, and about what

@@ -34,6 +34,16 @@ pub struct Finding {
     pub is_unproven: bool,
 }
 
+impl Finding {
+    /// Returns the policies that nothing speaks against.
+    pub fn accepted(&self) -> Vec<usize> {
+        let policies = 0..self.opinions.len();
+        policies
+            .filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted)
+            .collect()
+    }
+}
+
 /// Who acted, and who is out of question.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Situation<'a> {

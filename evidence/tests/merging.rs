@@ -22,10 +22,14 @@ fn policies_that_serve_one_group_are_merged() {
     let finding = recogniser
         .assign(&seen, 0, Look::First, &mut rng())
         .unwrap();
-    assert_eq!(recogniser.twin(0, &finding), Some(1), "it looks alike");
+    assert_eq!(
+        recogniser.twin(0, &finding.accepted()),
+        Some(1),
+        "it looks alike"
+    );
     let of_other = rollout(kind, 1000, 0, 1);
     assert!(!recogniser.compare(0, 1, &of_other, &mut rng()).unwrap());
-    assert_eq!(recogniser.twin(0, &finding), Some(2));
+    assert_eq!(recogniser.twin(0, &finding.accepted()), Some(2));
     assert!(recogniser.compare(0, 2, &seen[..5], &mut rng()).unwrap());
     let merge = recogniser
         .merge(0, 2, (&seen[..5], &seen[5..]), &mut rng())
@@ -37,7 +41,7 @@ fn policies_that_serve_one_group_are_merged() {
         .assign(&seen, merge.kept, Look::First, &mut rng())
         .unwrap();
     assert_eq!(finding.opinions[merge.gone].verdict(), Verdict::Refused);
-    assert_eq!(recogniser.twin(merge.kept, &finding), None);
+    assert_eq!(recogniser.twin(merge.kept, &finding.accepted()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[merge.gone], 0.0);
 }
@@ -110,6 +114,10 @@ fn who_has_an_heir_that_does_not_serve_is_asked_again() {
         let finding = recogniser
             .assign(&own, gone, Look::First, &mut rng())
             .unwrap();
-        assert_eq!(recogniser.twin(gone, &finding), None, "merged once");
+        assert_eq!(
+            recogniser.twin(gone, &finding.accepted()),
+            None,
+            "merged once"
+        );
     }
 }

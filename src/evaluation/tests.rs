@@ -6,7 +6,7 @@ use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
 use crate::groupings::Recognised;
-use crate::learners::{Extent, Turn};
+use crate::learners::{Extent, Iteration};
 use crate::presets::{Budget, Method};
 
 /// Does the same whatever it sees, and keeps what it sees at the beginning of every episode.
@@ -42,7 +42,7 @@ impl Spy {
 }
 
 impl Learner for Spy {
-    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Turn, CoversError> {
+    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Iteration, CoversError> {
         panic!("evaluations teach nothing")
     }
 

@@ -1,21 +1,17 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use std::cell::Cell;
-
 use cluster::{Assigner, AssignerSettings, Candidate, Decision, Rule, Verdict, lead};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::CoversError;
 
-use super::grouping::{Answer, Candidates, Grouping, Recognised};
+use super::grouping::{Candidates, Grouping, GroupingDecision, Needs, Query};
 
 /// Compares the rollout's first frames `O` with every policy's `B`, in that policy's own features:
 /// by a calibrated test, or by the paper's threshold.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Distance {
     assigner: Assigner,
-    /// Where the last decision cut off what another group showed.
-    cut: Cell<Option<usize>>,
 }
 
 impl Distance {
@@ -24,44 +20,12 @@ impl Distance {
     /// # Errors
     /// A setting of the rule out of range.
     pub fn new(rule: Rule) -> Result<Self, CoversError> {
-        Ok(Self {
-            assigner: Assigner::new(AssignerSettings { rule })?,
-            cut: Cell::new(None),
-        })
+        let assigner = Assigner::new(AssignerSettings { rule })?;
+        Ok(Self { assigner })
     }
 
-    /// What a decision rests on: where the episodes show two groups, the later of them alone.
-    fn clouds(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Vec<Candidate>, CoversError> {
-        let mut clouds = candidates.clouds()?;
-        let began = candidates.began();
-        self.cut.set(self.assigner.cut(&clouds, &began, rng)?);
-        if let Some(cut) = self.cut.get() {
-            let later = |&episode: &usize| began[episode] >= cut;
-            let later: Vec<usize> = (0..began.len()).filter(later).collect();
-            for cloud in &mut clouds {
-                cloud.rollout = cloud.rollout.select(&later)?;
-            }
-        }
-        Ok(clouds)
-    }
-}
-
-impl Grouping for Distance {
-    fn min_episodes(&self) -> usize {
-        match &self.assigner.settings().rule {
-            Rule::Fixed { .. } => 1,
-            Rule::Calibrated(calibrated) => calibrated.min_episodes,
-        }
-    }
-
-    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        Ok(self.assigner.assign(&self.clouds(candidates, rng)?, rng)?)
-    }
-
+    /// Names the policy of episodes that nothing is learnt from.
+    ///
     /// A frame that is strange to all policies, as those of another camera are, may by chance be
     /// less strange in the features of a wrong one. So the two that fit best compete in the
     /// features of both. The test says whether the winner fits. A policy that remembers too little
@@ -69,37 +33,72 @@ impl Grouping for Distance {
     fn recognise(
         &self,
         candidates: &mut dyn Candidates,
+        clouds: &[Candidate],
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError> {
-        let assignment = self.assigner.recognise(&candidates.clouds()?, rng)?;
-        let Rule::Calibrated(settings) = &self.assigner.settings().rule else {
-            return Ok(Recognised::of(&assignment));
-        };
+    ) -> Result<GroupingDecision, CoversError> {
+        let assignment = self.assigner.recognise(clouds, rng)?;
         let untested = |policy: usize| assignment.evidence[policy].test().is_none();
-        let [first, second] = match (assignment.decision, assignment.rivals()) {
-            (Decision::Existing(policy), _) if untested(policy) => {
-                return Ok(Recognised::of(&assignment));
-            }
-            (_, None) => return Ok(Recognised::of(&assignment)),
-            (_, Some(rivals)) => rivals,
+        let is_untested = matches!(assignment.decision, Decision::Existing(p) if untested(p));
+        let Rule::Calibrated(settings) = &self.assigner.settings().rule else {
+            return Ok(assignment.into());
+        };
+        let Some([first, second]) = assignment.rivals().filter(|_| !is_untested) else {
+            return Ok(assignment.into());
         };
         let contests = candidates.contests([first, second], settings.buffer_episodes)?;
-        let policy = match lead(&contests)? < 0.0 {
-            true => second,
-            false => first,
+        let second_leads = lead(&contests)? < 0.0;
+        let winner = if second_leads { second } else { first };
+        let policy = match assignment.evidence[winner].verdict {
+            Verdict::Accepted => Decision::Existing(winner),
+            Verdict::Doubted | Verdict::Refused => Decision::Undecided,
         };
-        Ok(Recognised {
+        Ok(GroupingDecision {
             policy,
-            fits: assignment.evidence[policy].verdict == Verdict::Accepted,
+            nearest: Some(winner),
+            ..assignment.into()
         })
     }
+}
 
-    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        Ok(self.assigner.settle(&self.clouds(candidates, rng)?, rng)?)
+impl Grouping for Distance {
+    fn needs(&self) -> Needs {
+        match &self.assigner.settings().rule {
+            Rule::Fixed { .. } => Needs::LEAST,
+            Rule::Calibrated(calibrated) => Needs {
+                episodes: calibrated.min_episodes,
+                ..Needs::LEAST
+            },
+        }
     }
 
-    fn cut(&self) -> Option<usize> {
-        self.cut.get()
+    fn assign(
+        &mut self,
+        query: Query<'_>,
+        candidates: &mut dyn Candidates,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<GroupingDecision, CoversError> {
+        let mut clouds = candidates.clouds()?;
+        if let Query::Recognition = query {
+            return self.recognise(candidates, &clouds, rng);
+        }
+        let began = candidates.began();
+        let cut = self.assigner.cut(&clouds, &began, rng)?;
+        if let Some(cut) = cut {
+            // where the episodes show two groups, the later one decides
+            let is_later = |&episode: &usize| began[episode] >= cut;
+            let later: Vec<usize> = (0..began.len()).filter(is_later).collect();
+            for cloud in &mut clouds {
+                cloud.rollout = cloud.rollout.select(&later)?;
+            }
+        }
+        let assignment = match query {
+            Query::TwoRollouts => self.assigner.settle(&clouds, rng)?,
+            _ => self.assigner.assign(&clouds, rng)?,
+        };
+        Ok(GroupingDecision {
+            cut,
+            ..assignment.into()
+        })
     }
 }
 
@@ -109,7 +108,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
-    use crate::groupings::grouping::Episodes;
+    use crate::groupings::grouping::{Episodes, Recognised};
 
     /// Two rounds of ten environments before policies at home in these places, all in one feature.
     struct Rounds {
@@ -153,7 +152,7 @@ mod tests {
     }
 
     fn settled(rounds: [f32; 2], homes: &[f32]) -> (Decision, Option<usize>) {
-        let distance = Distance::new(Rule::default()).unwrap();
+        let mut distance = Distance::new(Rule::default()).unwrap();
         let homes = homes.to_vec();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut seen = Rounds {
@@ -161,8 +160,9 @@ mod tests {
             homes,
             rng: rng.clone(),
         };
-        let decision = distance.settle(&mut seen, &mut rng).unwrap().decision;
-        (decision, distance.cut())
+        let decision = distance.assign(Query::TwoRollouts, &mut seen, &mut rng);
+        let decision = decision.unwrap();
+        (decision.policy, decision.cut)
     }
 
     /// A known group that was doubted by chance, and gave way before the second look.
@@ -232,7 +232,7 @@ mod tests {
     /// by its own distance it is policy 1's.
     #[test]
     fn a_strange_frame_goes_to_the_policy_whose_frames_it_is_nearer_to() {
-        let distance = Distance::new(Rule::default()).unwrap();
+        let mut distance = Distance::new(Rule::default()).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let mut glance = Glance {
             seen: [-1.0, 1.2],
@@ -241,13 +241,14 @@ mod tests {
         let clouds = glance.clouds().unwrap();
         let alone = distance.assigner.recognise(&clouds, &mut rng).unwrap();
         assert_eq!(alone.nearest(), Some(1));
-        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
-        assert_eq!((recognised.policy, recognised.fits), (0, false));
-        glance.seen = [-1.0, 0.1];
-        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
-        assert_eq!((recognised.policy, recognised.fits), (0, true));
-        glance.seen = [1.0, 0.1];
-        let recognised = distance.recognise(&mut glance, &mut rng).unwrap();
-        assert_eq!((recognised.policy, recognised.fits), (1, true));
+        let mut recognise = |seen| {
+            glance.seen = seen;
+            let decision = distance.assign(Query::Recognition, &mut glance, &mut rng);
+            let Recognised { policy, fits } = (&decision.unwrap()).into();
+            (policy, fits)
+        };
+        assert_eq!(recognise([-1.0, 1.2]), (0, false));
+        assert_eq!(recognise([-1.0, 0.1]), (0, true));
+        assert_eq!(recognise([1.0, 0.1]), (1, true));
     }
 }

@@ -1,27 +1,26 @@
-//! Grouping by evidence that no policy owns: pictures, motion and earnings of whole episodes.
-
-use std::cell::RefCell;
+//! Grouping by evidence that no policy owns: pictures, motion and returns of whole episodes.
 
 use cluster::{Assignment, Decision};
 use evidence::{
-    Account, Accountant, Album, Finding, Look, Merge, Recogniser, RecogniserSettings, Situation,
+    Account, Accountant, Album, Finding, Look, Recogniser, RecogniserSettings, Situation,
 };
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use crate::error::CoversError;
 
-use super::grouping::{Answer, Candidates, Episodes, Grouping, Recognised};
+use super::grouping::{
+    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Trial,
+};
 
 /// Compares accounts of episodes with those on which each policy learnt ([`evidence::Recogniser`]);
-/// a policy that is proposed must act itself before it is believed.
+/// a policy that is named in the place of another one must prove itself by acting.
 #[derive(Debug)]
 pub struct Evident {
     recogniser: Recogniser,
-    /// Pictures that were described lately.
-    album: RefCell<Album>,
-    /// What was said last.
-    last: RefCell<Option<Finding>>,
+    /// Cache of the latest pictures' descriptions, since a decision and the lesson that follows it
+    /// look at the same ones.
+    album: Album,
 }
 
 impl Evident {
@@ -32,166 +31,138 @@ impl Evident {
     pub fn new(settings: RecogniserSettings) -> Result<Self, CoversError> {
         Ok(Self {
             recogniser: Recogniser::new(settings)?,
-            album: RefCell::default(),
-            last: RefCell::new(None),
+            album: Album::default(),
         })
     }
 
-    /// The accounts of episodes. What another policy did says nothing of `policy`.
-    fn accounts(&self, episodes: Episodes<'_>, policy: usize) -> Result<Vec<Account>, CoversError> {
+    /// Returns the accounts of episodes. What another policy did says nothing of `policy`.
+    fn accounts(
+        &mut self,
+        episodes: Episodes<'_>,
+        policy: usize,
+    ) -> Result<Vec<Account>, CoversError> {
         let Episodes { spec, courses, .. } = episodes;
         let filters = self.recogniser.settings().filters;
         let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
-        let mut accounts = accountant.accounts_with(courses, &mut self.album.borrow_mut())?;
+        let mut accounts = accountant.accounts_with(courses, &mut self.album)?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);
         }
         Ok(accounts)
     }
 
-    fn look(&self, candidates: &mut dyn Candidates, look: Look, rng: &mut ChaCha8Rng) -> Answer {
-        let episodes = candidates.episodes();
-        let collector = episodes.collector;
-        let accounts = self.accounts(episodes, collector)?;
-        let finding = self.recogniser.assign(&accounts, collector, look, rng)?;
-        Ok(self.assignment(finding, look))
-    }
-
-    fn assignment(&self, finding: Finding, look: Look) -> Assignment {
+    fn decision(&self, finding: Finding, look: Look) -> GroupingDecision {
+        let settings = self.recogniser.settings();
+        let accepted = match finding.decision {
+            Decision::Existing(_) => finding.accepted(),
+            Decision::New | Decision::Undecided => Vec::new(),
+        };
         let opinions = finding.opinions.iter();
         let assignment = Assignment {
             decision: finding.decision,
-            evidence: opinions
-                .map(|opinion| opinion.evidence(self.recogniser.settings(), look))
-                .collect(),
+            evidence: opinions.map(|o| o.evidence(settings, look)).collect(),
         };
-        self.last.replace(Some(finding));
-        assignment
+        GroupingDecision {
+            cut: finding.cut,
+            trial: if finding.is_contested {
+                Trial::Episodes
+            } else {
+                Trial::Rollout
+            },
+            provisional: finding.is_unproven,
+            rejected: finding.refused,
+            accepted,
+            ..assignment.into()
+        }
+    }
+
+    /// Weighs fewer episodes than the tests need by probabilities.
+    fn likeliest(
+        &self,
+        accounts: &[Account],
+        rng: &mut ChaCha8Rng,
+    ) -> Result<GroupingDecision, CoversError> {
+        let likeliest = self.recogniser.recognise(accounts, rng)?.likeliest();
+        let decision = likeliest.map_or(Decision::Undecided, Decision::Existing);
+        Ok(GroupingDecision::of(decision))
     }
 }
 
 impl Grouping for Evident {
-    fn min_episodes(&self) -> usize {
-        self.recogniser.settings().min_episodes
-    }
-
-    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        self.look(candidates, Look::First, rng)
-    }
-
-    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        self.look(candidates, Look::Second, rng)
-    }
-
-    /// Fewer episodes than the tests need are weighed by probabilities.
-    fn recognise(
-        &self,
-        candidates: &mut dyn Candidates,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError> {
-        let episodes = candidates.episodes();
-        if episodes.courses.len() >= self.min_episodes() {
-            let assignment = self.look(candidates, Look::First, rng)?;
-            return Ok(Recognised::of(&assignment));
+    fn needs(&self) -> Needs {
+        Needs {
+            episodes: self.recogniser.settings().min_episodes,
+            whole_episodes: true,
         }
-        let collector = episodes.collector;
-        let accounts = self.accounts(episodes, collector)?;
-        let likeliest = self.recogniser.recognise(&accounts, rng)?.likeliest();
-        Ok(Recognised {
-            policy: likeliest.unwrap_or(0),
-            fits: likeliest.is_some(),
-        })
     }
 
-    fn refused(&self) -> Vec<usize> {
-        let last = self.last.borrow();
-        last.as_ref()
-            .map_or_else(Vec::new, |finding| finding.refused.clone())
-    }
-
-    fn cut(&self) -> Option<usize> {
-        self.last.borrow().as_ref()?.cut
-    }
-
-    fn is_unproven(&self) -> bool {
-        let last = self.last.borrow();
-        last.as_ref().is_some_and(|finding| finding.is_unproven)
-    }
-
-    fn review(
-        &self,
+    fn assign(
+        &mut self,
+        query: Query<'_>,
         candidates: &mut dyn Candidates,
-        refused: &mut Vec<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Option<Assignment>, CoversError> {
+    ) -> Result<GroupingDecision, CoversError> {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
-        let is_unproven = self.is_unproven();
-        let situation = Situation {
-            collector,
-            refused,
-            is_unproven,
+        let look = match query {
+            Query::Recognition if accounts.len() < self.needs().episodes => {
+                return self.likeliest(&accounts, rng);
+            }
+            Query::Rollout | Query::Recognition => Look::First,
+            Query::TwoRollouts | Query::Trial(_) => Look::Second,
         };
-        let finding = self.recogniser.review(&accounts, situation, rng)?;
-        let stays = finding.decision == Decision::Existing(collector);
-        if !stays {
-            refused.clone_from(&finding.refused);
+        let finding = match query {
+            Query::Trial(earlier) => {
+                let situation = Situation {
+                    collector,
+                    refused: &earlier.rejected,
+                    is_unproven: earlier.provisional,
+                };
+                self.recogniser.review(&accounts, situation, rng)?
+            }
+            _ => self.recogniser.assign(&accounts, collector, look, rng)?,
+        };
+        Ok(self.decision(finding, look))
+    }
+
+    /// Two policies that seem to serve one group both act there before they are merged: the one
+    /// that was not at home there, and if it serves, the other one again.
+    fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+        let (mut end, mut probe) = (None, None);
+        match lesson {
+            Lesson::Rollout {
+                policy,
+                accepted,
+                episodes,
+            } => {
+                let accounts = self.accounts(episodes, policy)?;
+                end = self.recogniser.learn(policy, &accounts, rng)?;
+                probe = self.recogniser.twin(policy, accepted);
+            }
+            Lesson::Probes { policy, probes } => match *probes {
+                [first] => {
+                    let twin = first.collector;
+                    let accounts = self.accounts(first, twin)?;
+                    let is_twin = self.recogniser.compare(policy, twin, &accounts, rng)?;
+                    probe = is_twin.then_some(policy);
+                }
+                [first, again, ..] => {
+                    let twin = first.collector;
+                    let both = (
+                        &*self.accounts(first, twin)?,
+                        &*self.accounts(again, policy)?,
+                    );
+                    self.recogniser.merge(policy, twin, both, rng)?;
+                }
+                [] => {}
+            },
         }
-        let assignment = self.assignment(finding, Look::Second);
-        Ok((!stays).then_some(assignment))
-    }
-
-    fn remember(
-        &mut self,
-        index: usize,
-        episodes: Episodes<'_>,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Option<usize>, CoversError> {
-        let accounts = self.accounts(episodes, index)?;
-        Ok(self.recogniser.learn(index, &accounts, rng)?)
-    }
-
-    fn is_contested(&self) -> bool {
-        self.last
-            .borrow()
-            .as_ref()
-            .is_some_and(|finding| finding.is_contested)
-    }
-
-    fn twin(&self, index: usize) -> Option<usize> {
-        let last = self.last.borrow();
-        let finding = last
-            .as_ref()
-            .filter(|f| f.decision == Decision::Existing(index));
-        self.recogniser.twin(index, finding?)
-    }
-
-    fn compare(
-        &mut self,
-        index: usize,
-        twin: usize,
-        episodes: Episodes<'_>,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<bool, CoversError> {
-        let accounts = self.accounts(episodes, twin)?;
-        Ok(self.recogniser.compare(index, twin, &accounts, rng)?)
-    }
-
-    fn merge(
-        &mut self,
-        index: usize,
-        twin: usize,
-        [heard, again]: [Episodes<'_>; 2],
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Option<Merge>, CoversError> {
-        let heard = self.accounts(heard, twin)?;
-        let again = self.accounts(again, index)?;
-        Ok(self.recogniser.merge(index, twin, (&heard, &again), rng)?)
-    }
-
-    fn heirs(&self) -> Option<Vec<Option<usize>>> {
-        Some(self.recogniser.heirs())
+        Ok(Learned {
+            end,
+            probe,
+            merged_into: self.recogniser.heirs(),
+        })
     }
 
     fn state(&self) -> Value {

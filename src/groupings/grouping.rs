@@ -1,215 +1,42 @@
-//! What every grouping can do.
+//! The trait of all groupings, what one is asked, and what it answers.
 
-use cluster::{Assignment, Candidate, Contest, Decision};
-use evidence::{Course, Merge};
+use cluster::{Assignment, Candidate, Contest, Decision, Evidence};
+use evidence::Course;
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
 
 use crate::error::CoversError;
 
-/// What a grouping decides, or why it could not.
-pub(crate) type Answer = Result<Assignment, CoversError>;
-
-/// What a grouping may look at: the first frames of a rollout beside those of every policy.
-pub trait Candidates {
-    /// For each policy the frames that it keeps and those of the rollout, in its own features.
-    /// Costly: networks embed every frame.
-    ///
-    /// # Errors
-    /// What a network says.
-    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
-
-    /// Two policies' frames, of at most `most` episodes each, and those of the rollout, in the
-    /// features of the one and then of the other, as both are now.
-    ///
-    /// # Errors
-    /// What a network says.
-    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError>;
-
-    /// When each of the rollout's episodes began whose frames these are: decisions of all
-    /// environments before it.
-    fn began(&self) -> Vec<usize>;
-
-    /// The episodes of the rollout as they ran.
-    fn episodes(&self) -> Episodes<'_>;
-}
-
-/// Episodes of one rollout or two.
-#[derive(Clone, Copy, Debug)]
-pub struct Episodes<'a> {
-    /// The environments.
-    pub spec: &'a EnvSpec,
-    /// The policy that acted.
-    pub collector: usize,
-    /// The episodes; what was not seen to its end is marked so.
-    pub courses: &'a [Course],
-}
-
-/// The policy that episodes seem to belong to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Recognised {
-    /// The policy that fits best.
-    pub policy: usize,
-    /// Whether it may be the right one; otherwise none of the policies is known to fit.
-    pub fits: bool,
-}
-
-impl Recognised {
-    /// The policy that an assignment names; the nearest where it names none, or policy 0 where no
-    /// distances were measured.
-    pub(super) fn of(assignment: &Assignment) -> Self {
-        match assignment.decision {
-            Decision::Existing(policy) => Self { policy, fits: true },
-            Decision::New | Decision::Undecided => Self {
-                policy: assignment.nearest().unwrap_or(0),
-                fits: false,
-            },
-        }
-    }
-
-    /// The policy that is taken for the right one.
-    pub fn named(self) -> Option<usize> {
-        self.fits.then_some(self.policy)
-    }
-}
-
-/// Decides which policy a rollout belongs to (lines 8 to 15 of the paper's Algorithm 1).
+/// Decides which policy a rollout belongs to (lines 8 to 14 of the paper's Algorithm 1).
 ///
 /// Policy 0 exists from the start and takes the first rollout of all; a grouping is asked from the
 /// second one on.
 pub trait Grouping: Send {
-    /// Episodes that a rollout must show, and a policy keep, at least 1.
-    fn min_episodes(&self) -> usize;
+    /// Returns the experience that a decision takes.
+    fn needs(&self) -> Needs;
 
-    /// Decides on one rollout; `Undecided` asks for one more, and [`Grouping::settle`].
+    /// Decides which policy the candidates' rollout belongs to. A new policy that it names is
+    /// opened, unless the query is [`Query::Recognition`].
     ///
     /// # Errors
-    /// Frames that cannot be compared.
-    fn assign(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer;
-
-    /// Decides for good on two rollouts, after [`Grouping::assign`] was undecided on the first.
-    ///
-    /// # Errors
-    /// Frames that cannot be compared.
-    fn settle(&self, candidates: &mut dyn Candidates, rng: &mut ChaCha8Rng) -> Answer {
-        self.assign(candidates, rng)
-    }
-
-    /// Names the policy of episodes that nothing is learnt from, one or more: fewer than
-    /// [`Grouping::min_episodes`] must do, too.
-    ///
-    /// # Errors
-    /// Frames that cannot be compared.
-    fn recognise(
-        &self,
+    /// Frames or episodes that cannot be compared.
+    fn assign(
+        &mut self,
+        query: Query<'_>,
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError> {
-        Ok(Recognised::of(&self.assign(candidates, rng)?))
-    }
+    ) -> Result<GroupingDecision, CoversError>;
 
-    /// The policies that the last decision put out of question in this matter.
-    fn refused(&self) -> Vec<usize> {
-        Vec::new()
-    }
-
-    /// Where the last decision rests on a part of the episodes alone, since they show two groups:
-    /// the decisions before the later group. A look decides on the later part, and
-    /// [`Grouping::review`] on the earlier one.
-    fn cut(&self) -> Option<usize> {
-        None
-    }
-
-    /// Whether what the last decision saw speaks against the policy that it named, which must show
-    /// by acting that it is meant.
-    fn is_unproven(&self) -> bool {
-        false
-    }
-
-    /// Judges the policy that a decision named, by a rollout that it collected itself: names
-    /// another one or a new one, or nothing where it stays. `refused` lists those that are out of
-    /// question, [`Grouping::refused`] to begin with, and those that this call adds.
+    /// Learns which episodes belong to a policy; unless it is said otherwise, nothing is kept.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
-    fn review(
-        &self,
-        _candidates: &mut dyn Candidates,
-        _refused: &mut Vec<usize>,
-        _rng: &mut ChaCha8Rng,
-    ) -> Result<Option<Assignment>, CoversError> {
-        Ok(None)
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+        Ok(Learned::default())
     }
 
-    /// Whether the policy that the last decision named is one of several that might be meant: it is
-    /// worth while to let it act for [`Grouping::min_episodes`], at least one in each environment,
-    /// and to review that, before it collects a rollout.
-    fn is_contested(&self) -> bool {
-        false
-    }
-
-    /// Learns which episodes policy `index` is about to learn from. Where their end shows another
-    /// group, returns the number of decisions before it: what follows is not to be learnt from.
-    ///
-    /// # Errors
-    /// Episodes that cannot be compared.
-    fn remember(
-        &mut self,
-        _index: usize,
-        _episodes: Episodes<'_>,
-        _rng: &mut ChaCha8Rng,
-    ) -> Result<Option<usize>, CoversError> {
-        Ok(None)
-    }
-
-    /// A policy that may serve the same group as policy `index`, which the last decision accepted:
-    /// it is to act for [`Grouping::min_episodes`], and [`Grouping::compare`] is to judge it.
-    fn twin(&self, _index: usize) -> Option<usize> {
-        None
-    }
-
-    /// Whether `twin`, which collected these episodes where policy `index` is at home, serves there
-    /// as well. Policy `index` then acts, too, for [`Grouping::merge`].
-    ///
-    /// # Errors
-    /// Episodes that cannot be compared.
-    fn compare(
-        &mut self,
-        _index: usize,
-        _twin: usize,
-        _episodes: Episodes<'_>,
-        _rng: &mut ChaCha8Rng,
-    ) -> Result<bool, CoversError> {
-        Ok(false)
-    }
-
-    /// Makes one of two policies the heir of the other one by the episodes that `twin` collected,
-    /// unless those that policy `index` collected after them say otherwise: returns the one that
-    /// goes on, and the one that has an heir.
-    ///
-    /// # Errors
-    /// Episodes that cannot be compared.
-    fn merge(
-        &mut self,
-        _index: usize,
-        _twin: usize,
-        _episodes: [Episodes<'_>; 2],
-        _rng: &mut ChaCha8Rng,
-    ) -> Result<Option<Merge>, CoversError> {
-        Ok(None)
-    }
-
-    /// For each policy the one that acts for its group since the two were merged; none where no
-    /// policies are ever merged.
-    fn heirs(&self) -> Option<Vec<Option<usize>>> {
-        None
-    }
-
-    /// Learns that policy `index` took the last rollout.
-    fn adopt(&mut self, _: usize) {}
-
-    /// What must be remembered in a checkpoint: nothing, if it is not said.
+    /// Returns everything that a checkpoint must hold of it: nothing, unless it is said otherwise.
     fn state(&self) -> Value {
         Value::Null
     }
@@ -223,5 +50,201 @@ pub trait Grouping: Send {
             Value::Null => Ok(()),
             other => Err(format!("got {other} of {policies} policies, expected none")),
         }
+    }
+}
+
+/// Experience that a decision of a grouping takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Needs {
+    /// Episodes that a rollout must show, and a policy keep, at least 1.
+    pub episodes: usize,
+    /// Whether it looks at episodes beyond their first frames. [`Episodes::courses`] are collected
+    /// for such groupings alone.
+    pub whole_episodes: bool,
+}
+
+impl Needs {
+    /// Needs nothing but one episode's first frames.
+    pub const LEAST: Self = Self {
+        episodes: 1,
+        whole_episodes: false,
+    };
+}
+
+/// Question to a grouping.
+#[derive(Clone, Copy, Debug)]
+pub enum Query<'a> {
+    /// The policy of one rollout. [`Decision::Undecided`] asks for one more.
+    Rollout,
+    /// The policy of two rollouts, for good, after the first one left the grouping undecided.
+    TwoRollouts,
+    /// The policy of episodes that nothing is learnt from. One episode must do.
+    Recognition,
+    /// Whether the policy that this decision named stays, judged by episodes that it collected
+    /// itself. It is only asked where the decision demands a [`Trial`].
+    Trial(&'a GroupingDecision),
+}
+
+/// Experience that a grouping may look at: the first frames of a rollout and of every policy.
+pub trait Candidates {
+    /// Returns for each policy the frames that it keeps and those of the rollout, in its own
+    /// features. Costly: networks embed every frame.
+    ///
+    /// # Errors
+    /// Those of a network.
+    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
+
+    /// Returns two policies' frames, of at most `most` episodes each, and those of the rollout, in
+    /// the features of the one and then of the other, as both are now.
+    ///
+    /// # Errors
+    /// Those of a network.
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError>;
+
+    /// Returns when each of the rollout's episodes began whose frames these are: decisions of all
+    /// environments before it.
+    fn began(&self) -> Vec<usize>;
+
+    /// Returns the episodes of the rollout as they ran.
+    fn episodes(&self) -> Episodes<'_>;
+}
+
+/// Episodes of one rollout or two.
+#[derive(Clone, Copy, Debug)]
+pub struct Episodes<'a> {
+    /// The environments.
+    pub spec: &'a EnvSpec,
+    /// The policy that acted.
+    pub collector: usize,
+    /// The episodes, for groupings that need whole ones; one that was not seen to its end is marked
+    /// so.
+    pub courses: &'a [Course],
+}
+
+/// Answer of a grouping, with everything that the learner must know of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GroupingDecision {
+    /// The policy that takes the rollout: an existing one, a new one, or undecided.
+    pub policy: Decision,
+    /// The policy that fits best, accepted or not; none where nothing was compared.
+    pub nearest: Option<usize>,
+    /// Evidence for each policy; empty where nothing was compared.
+    pub evidence: Vec<Evidence>,
+    /// Where the rollout shows two groups, the decisions before the later one, which alone was
+    /// judged; of a trial, the earlier one.
+    pub cut: Option<usize>,
+    /// Proof that the named policy owes once it has taken over.
+    pub trial: Trial,
+    /// Whether the evidence speaks against the named policy, so that it may not learn before its
+    /// trial.
+    pub provisional: bool,
+    /// Policies that are out of the question until the next iteration.
+    pub rejected: Vec<usize>,
+    /// Policies that the evidence accepts beside the named one, of a grouping that merges policies.
+    pub accepted: Vec<usize>,
+}
+
+impl From<Assignment> for GroupingDecision {
+    /// Takes a decision for good, on the whole rollout.
+    fn from(assignment: Assignment) -> Self {
+        Self {
+            nearest: assignment.nearest(),
+            evidence: assignment.evidence,
+            ..Self::of(assignment.decision)
+        }
+    }
+}
+
+impl GroupingDecision {
+    /// Returns a decision that rests on no evidence.
+    pub fn of(policy: Decision) -> Self {
+        Self {
+            policy,
+            nearest: None,
+            evidence: Vec::new(),
+            cut: None,
+            trial: Trial::None,
+            provisional: false,
+            rejected: Vec::new(),
+            accepted: Vec::new(),
+        }
+    }
+}
+
+/// Proof that a policy owes which a grouping named in the place of the one that acted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Trial {
+    /// None: the decision is for good.
+    #[default]
+    None,
+    /// The rollout that it collects itself.
+    Rollout,
+    /// Several policies may be meant: a few episodes, [`Needs::episodes`] and at least one in each
+    /// environment, and then that rollout.
+    Episodes,
+}
+
+/// Episodes that a grouping learns from.
+#[derive(Clone, Copy, Debug)]
+pub enum Lesson<'a> {
+    /// `policy` is about to learn from this rollout.
+    Rollout {
+        /// The policy.
+        policy: usize,
+        /// [`GroupingDecision::accepted`] of the last decision.
+        accepted: &'a [usize],
+        /// The rollout.
+        episodes: Episodes<'a>,
+    },
+    /// The policies that [`Learned::probe`] asked for acted where `policy` is at home.
+    Probes {
+        /// The policy that learnt.
+        policy: usize,
+        /// All probes since then, in their order.
+        probes: &'a [Episodes<'a>],
+    },
+}
+
+/// Answer of a grouping to a lesson.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Learned {
+    /// Where the end of the rollout shows another group, the decisions before it: what follows is
+    /// not to be learnt from.
+    pub end: Option<usize>,
+    /// A policy that is to act next for [`Needs::episodes`], since it may serve the same group.
+    /// [`Lesson::Probes`] tells the grouping what came of it.
+    pub probe: Option<usize>,
+    /// For each policy the one that acts for its group since the two were merged; empty for
+    /// groupings that merge no policies.
+    pub merged_into: Vec<Option<usize>>,
+}
+
+/// The policy that episodes seem to belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Recognised {
+    /// The policy that fits best.
+    pub policy: usize,
+    /// Whether it may be the right one; otherwise none of the policies is known to fit.
+    pub fits: bool,
+}
+
+impl From<&GroupingDecision> for Recognised {
+    /// Takes the policy that was named; the nearest where none was, or policy 0 where nothing was
+    /// compared.
+    fn from(decision: &GroupingDecision) -> Self {
+        match decision.policy {
+            Decision::Existing(policy) => Self { policy, fits: true },
+            Decision::New | Decision::Undecided => Self {
+                policy: decision.nearest.unwrap_or(0),
+                fits: false,
+            },
+        }
+    }
+}
+
+impl Recognised {
+    /// Returns the policy that is taken for the right one.
+    pub fn named(self) -> Option<usize> {
+        self.fits.then_some(self.policy)
     }
 }

@@ -1,4 +1,4 @@
-//! Groupings: which policy a rollout belongs to, one file each, behind the trait [`Grouping`].
+//! Groupings: which policy a rollout belongs to, behind the trait [`Grouping`].
 //!
 //! To add one: implement [`Grouping`], and give it a value of [`GroupingSettings`].
 
@@ -7,12 +7,12 @@ mod evidence;
 mod grouping;
 mod oracle;
 mod settings;
-mod single;
 
 pub use distance::Distance;
 pub use evidence::Evident;
-pub(crate) use grouping::Answer;
-pub use grouping::{Candidates, Episodes, Grouping, Recognised};
-pub use oracle::Labels;
+pub use grouping::{
+    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Recognised,
+    Trial,
+};
+pub use oracle::{Labels, Single};
 pub use settings::GroupingSettings;
-pub use single::Single;

@@ -1,15 +1,35 @@
-//! Grouping by labels: the upper bound that the paper calls COVERS-GT.
+//! Groupings that look at nothing: one policy for each label, the upper bound that the paper calls
+//! COVERS-GT, and one policy for everything.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cluster::{Assignment, Decision};
+use cluster::Decision;
 use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::error::CoversError;
 
-use super::grouping::{Answer, Candidates, Grouping};
+use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Needs, Query};
+
+/// Gives every rollout to policy 0: the paper's baselines Equi and CNN.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Single;
+
+impl Grouping for Single {
+    fn needs(&self) -> Needs {
+        Needs::LEAST
+    }
+
+    fn assign(
+        &mut self,
+        _: Query<'_>,
+        _: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingDecision, CoversError> {
+        Ok(GroupingDecision::of(Decision::Existing(0)))
+    }
+}
 
 /// The name of the group that runs, shared by a run, which writes it, and an oracle, which reads
 /// it.
@@ -51,24 +71,32 @@ impl Oracle {
 }
 
 impl Grouping for Oracle {
-    fn min_episodes(&self) -> usize {
-        1
+    fn needs(&self) -> Needs {
+        Needs::LEAST
     }
 
-    fn assign(&self, _: &mut dyn Candidates, _: &mut ChaCha8Rng) -> Answer {
+    fn assign(
+        &mut self,
+        query: Query<'_>,
+        _: &mut dyn Candidates,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingDecision, CoversError> {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
+        // labels may change before the new policy learns: what it is opened for is known now
+        if policy.is_none() && !matches!(query, Query::Recognition) {
+            self.known.push(label);
+        }
         let decision = policy.map_or(Decision::New, Decision::Existing);
-        Ok(Assignment {
-            decision,
-            evidence: Vec::new(),
-        })
+        Ok(GroupingDecision::of(decision))
     }
 
-    fn adopt(&mut self, index: usize) {
-        if index == self.known.len() {
+    /// Takes the label of the first rollout of all, about which nobody was asked.
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+        if self.known.is_empty() {
             self.known.push(self.labels.get().unwrap_or_default());
         }
+        Ok(Learned::default())
     }
 
     fn state(&self) -> Value {
@@ -100,6 +128,7 @@ pub(super) fn unlabelled() -> CoversError {
 mod tests {
     use cluster::{Candidate, Contest};
     use rand::SeedableRng;
+    use rl::EnvSpec;
 
     use super::*;
     use crate::groupings::grouping::Episodes;
@@ -125,32 +154,51 @@ mod tests {
         }
     }
 
-    fn ask(oracle: &Oracle) -> Decision {
+    fn ask(oracle: &mut Oracle, query: Query<'_>) -> Result<Decision, CoversError> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        oracle.assign(&mut Blind, &mut rng).unwrap().decision
+        Ok(oracle.assign(query, &mut Blind, &mut rng)?.policy)
     }
 
     #[test]
     fn every_label_has_a_policy_and_looking_opens_none() {
         let labels = Labels::default();
         let mut oracle = Oracle::new(labels.clone());
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let message = oracle.assign(&mut Blind, &mut rng).unwrap_err().to_string();
+        let message = ask(&mut oracle, Query::Rollout).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        oracle.adopt(0);
-        assert_eq!(ask(&oracle), Decision::Existing(0));
-        labels.set("b");
-        assert_eq!(ask(&oracle), Decision::New);
-        labels.set("a");
-        assert_eq!(ask(&oracle), Decision::Existing(0), "b was only looked at");
-        labels.set("b");
-        oracle.adopt(1);
+        let spec = EnvSpec {
+            num_envs: 1,
+            image: [1; 3],
+            vector: Vec::new(),
+            action: Vec::new(),
+        };
+        let first = Lesson::Rollout {
+            policy: 0,
+            accepted: &[],
+            episodes: Episodes {
+                spec: &spec,
+                collector: 0,
+                courses: &[],
+            },
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        oracle.learn(first, &mut rng).unwrap();
+        let mut look = |label: &str, query| {
+            labels.set(label);
+            ask(&mut oracle, query).unwrap()
+        };
+        assert_eq!(look("a", Query::Rollout), Decision::Existing(0));
+        assert_eq!(look("b", Query::Recognition), Decision::New);
+        assert_eq!(look("c", Query::Rollout), Decision::New);
+        assert_eq!(look("c", Query::Recognition), Decision::Existing(1));
+        assert_eq!(look("a", Query::Rollout), Decision::Existing(0));
+        assert_eq!(look("b", Query::Rollout), Decision::New, "it was looked at");
         let state = oracle.state();
         let mut restored = Oracle::new(labels.clone());
-        restored.restore(&state, 2).unwrap();
-        assert_eq!(ask(&restored), Decision::Existing(1));
-        assert!(restored.restore(&state, 3).is_err());
+        restored.restore(&state, 3).unwrap();
+        let again = ask(&mut restored, Query::Rollout).unwrap();
+        assert_eq!(again, Decision::Existing(2));
+        assert!(restored.restore(&state, 4).is_err());
         assert!(restored.restore(&Value::from(3), 2).is_err());
     }
 }

@@ -9,10 +9,9 @@ use crate::error::CoversError;
 use super::distance::Distance;
 use super::evidence::Evident;
 use super::grouping::Grouping;
-use super::oracle::{Labels, Oracle, unlabelled};
-use super::single::Single;
+use super::oracle::{Labels, Oracle, Single, unlabelled};
 
-/// Which policy a rollout belongs to.
+/// Choice of a grouping: which policy a rollout belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
@@ -24,7 +23,7 @@ pub enum GroupingSettings {
         /// Largest distance within a group (`d_epsilon`), in the features' unit.
         threshold: f64,
     },
-    /// What no policy owns: pictures, motion and earnings of whole episodes, in one permutation
+    /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
     /// test.
     Evidence(RecogniserSettings),
     /// One policy for everything.

@@ -1,10 +1,10 @@
-//! Where policies learn.
+//! Devices on which policies learn.
 
 use clap::ValueEnum;
 
 use crate::error::CoversError;
 
-/// Where the updates of policies run.
+/// Device that the updates of policies run on.
 ///
 /// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance
 /// names the GPU. Sums are rounded in another way there, so the same bits come only where nothing
@@ -20,7 +20,7 @@ pub enum LearningDevice {
 }
 
 impl LearningDevice {
-    /// The GPU's name, if it is one.
+    /// Returns the GPU's name, if it is one.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Processor => None,
@@ -30,7 +30,7 @@ impl LearningDevice {
     }
 }
 
-/// Where policies shall learn.
+/// Choice of the device that policies learn on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum DeviceChoice {
     /// On the processor.
@@ -44,7 +44,7 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// Opens what was chosen, for a learner whose updates can run on a GPU.
+    /// Opens the chosen device, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for a GPU where the program was built without the feature `wgpu`;
@@ -74,7 +74,7 @@ fn first_gpu() -> Result<LearningDevice, CoversError> {
     })
 }
 
-/// Whether the first adapter is a GPU.
+/// Tests whether the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::adapters();

@@ -1,8 +1,9 @@
-//! What every learner can do.
+//! The trait of all learners, and the reports that they give.
 
+use std::fmt;
 use std::path::Path;
 
-use cluster::Evidence;
+use cluster::{Evidence, PermutationTest};
 use rand_chacha::ChaCha8Rng;
 use rl::{Activity, Answers, Observations, PlainPolicy, RolloutStats, VectorEnv};
 
@@ -10,15 +11,13 @@ use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
 use crate::groupings::Recognised;
 
-use super::metrics::Metrics;
-
 /// Learns from a stream of tasks. No method has a place for a task's label.
 pub trait Learner: Send {
-    /// One turn: collects experience in `env` and learns from it. Episodes begin anew.
+    /// Collects experience in `env`, whose episodes begin anew, and learns from it.
     ///
     /// # Errors
-    /// What the environment, a policy or a grouping says.
-    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Turn, CoversError>;
+    /// Those of the environment, a policy or a grouping.
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, CoversError>;
 
     /// Finds the policy for what `env` runs from the first frames of this many episodes, or,
     /// without a number, of as many as it needs; learns nothing.
@@ -26,7 +25,7 @@ pub trait Learner: Send {
     /// All draws come from `rng`, so that looking does not change what is learnt next.
     ///
     /// # Errors
-    /// What the environment, a policy or a grouping says.
+    /// Those of the environment, a policy or a grouping.
     fn recognise(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -38,7 +37,7 @@ pub trait Learner: Send {
     /// nothing.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a policy that does not exist, or what the environment says.
+    /// [`CoversError::Setting`] for a policy that does not exist, or an error of the environment.
     fn perform(
         &mut self,
         index: usize,
@@ -46,13 +45,13 @@ pub trait Learner: Send {
         rounds: usize,
     ) -> Result<Performance, CoversError>;
 
-    /// All numbers of policy `index` that [`Learner::perform`] depends on, so that a policy which
-    /// is the same need not perform the same again. None where a learner does not say.
+    /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one which
+    /// has not changed need not perform again. None where a learner does not say.
     fn parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
 
-    /// Policy `index` in ordinary layers, and what it says of `observations`.
+    /// Returns policy `index` in ordinary layers, and its answers to `observations`.
     ///
     /// # Errors
     /// [`CoversError::Setting`] for a policy that does not exist, [`rl::RlError::NotPlain`] for one
@@ -66,10 +65,10 @@ pub trait Learner: Send {
         Err(CoversError::Unexportable)
     }
 
-    /// The number of policies, at least 1.
+    /// Returns the number of policies, at least 1.
     fn policies(&self) -> usize;
 
-    /// The bytes of a file that holds the learner and a note of the caller's; equal learners give
+    /// Returns the bytes of a file that holds the learner and a note of the caller's; equal learners give
     /// equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
@@ -87,22 +86,22 @@ pub trait Learner: Send {
     }
 }
 
-/// What one call of [`Learner::perform`] showed.
+/// Report of one call of [`Learner::perform`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Performance {
     /// Returns and successes of the episodes.
     pub stats: RolloutStats,
-    /// What the units of the policy's network put out along the way; none seen where a learner has
-    /// no such units.
+    /// Outputs of the units of the policy's network along the way; none seen where a learner has no
+    /// such units.
     pub activity: Activity,
 }
 
-/// What one call of [`Learner::learn`] did.
-#[derive(Clone, Debug)]
-pub struct Turn {
+/// Report of one call of [`Learner::learn`].
+#[derive(Clone, Debug, Default)]
+pub struct Iteration {
     /// Index of the policy that learnt.
     pub policy: usize,
-    /// Whether that policy was created in this turn.
+    /// Whether that policy was created in this iteration.
     pub created: bool,
     /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
     /// groupings that compare nothing.
@@ -112,18 +111,18 @@ pub struct Turn {
     pub first_look: Option<Vec<Evidence>>,
     /// For each policy the one that acts for its group since the two were merged; empty for
     /// learners and groupings that merge no policies.
-    pub heirs: Vec<Option<usize>>,
+    pub merged_into: Vec<Option<usize>>,
     /// Decisions taken, discarded ones included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was learnt from.
     pub rollout: RolloutStats,
-    /// What the learner logs, by name; the same names in every turn.
+    /// Values that the learner logs, by name; the same names in every iteration.
     pub metrics: Metrics,
-    /// Where the time went.
+    /// Time that each part took.
     pub seconds: Seconds,
 }
 
-/// Wall-clock seconds of the parts of a turn.
+/// Wall-clock seconds of the parts of an iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seconds {
     /// Rollouts: the environments and the policy's decisions.
@@ -134,15 +133,130 @@ pub struct Seconds {
     pub update: f64,
 }
 
-/// How much of a learner is saved.
+/// Part of a learner that is saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
     /// All of it: the copy learns on to the same bits.
     Everything,
-    /// What acting and recognising take: policies, and the first frames of at most this many
+    /// Enough to act and to recognise: policies, and the first frames of at most this many
     /// episodes each. A copy that learns on starts with fresh optimisers.
     Policies {
         /// Episodes a policy, at least as many as the grouping needs to recognise a group.
         episodes: usize,
     },
+}
+
+/// One logged value.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Metric {
+    /// A number.
+    Number(f64),
+    /// One number for each policy, in their order; none where there was nothing to measure.
+    PerPolicy(Vec<Option<f64>>),
+}
+
+impl fmt::Display for Metric {
+    /// The cell of a table: the shortest decimal that reads back to the same bits; numbers of
+    /// several policies are joined by semicolons, and one that was not measured is empty.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(value) => write!(f, "{value}"),
+            Self::PerPolicy(values) => {
+                let cell = |value: &Option<f64>| value.map_or_else(String::new, |v| v.to_string());
+                let cells: Vec<String> = values.iter().map(cell).collect();
+                f.write_str(&cells.join(";"))
+            }
+        }
+    }
+}
+
+/// Named values, in the order in which they are logged.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Metrics(Vec<(String, Metric)>);
+
+impl Metrics {
+    /// Adds a number.
+    pub fn number(&mut self, name: impl Into<String>, value: f64) {
+        self.0.push((name.into(), Metric::Number(value)));
+    }
+
+    /// Adds one number for each policy.
+    pub fn per_policy(
+        &mut self,
+        name: impl Into<String>,
+        values: impl IntoIterator<Item = Option<f64>>,
+    ) {
+        let values = Metric::PerPolicy(values.into_iter().collect());
+        self.0.push((name.into(), values));
+    }
+
+    /// Returns the value of this name.
+    pub fn get(&self, name: &str) -> Option<&Metric> {
+        self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
+    }
+
+    /// Returns names and values in their order.
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &Metric)> {
+        self.0.iter().map(|(name, value)| (name.as_str(), value))
+    }
+}
+
+const DISTANCES: &str = "distances";
+const HEIRS: &str = "heirs";
+
+/// Column of one number for each policy, and how the number is read from a test.
+type TestColumn = (&'static str, fn(&PermutationTest) -> f64);
+
+const TEST_COLUMNS: [TestColumn; 5] = [
+    ("null_means", |test| test.null.mean),
+    ("null_maxima", |test| test.null.max),
+    ("scores", |test| test.score),
+    ("p_values", |test| test.p_value),
+    ("tail_p_values", |test| test.tail_p_value),
+];
+
+/// Returns the names of columns with one number for each policy, also while there is one policy
+/// only.
+pub(crate) fn per_policy_columns() -> impl Iterator<Item = &'static str> {
+    let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
+    [DISTANCES, HEIRS].into_iter().chain(tests)
+}
+
+impl Iteration {
+    /// Logs the evidence of the grouping, the policy that each one was merged into where policies
+    /// are merged, and the update.
+    pub(super) fn log(&mut self, update: Vec<(String, f64)>) {
+        let looks = 1 + u8::from(self.first_look.is_some());
+        let (metrics, evidence) = (&mut self.metrics, &self.evidence);
+        metrics.number("looks", f64::from(looks));
+        metrics.per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
+        for (name, number) in TEST_COLUMNS {
+            metrics.per_policy(name, evidence.iter().map(|e| e.test().map(number)));
+        }
+        if !self.merged_into.is_empty() {
+            let heirs = self.merged_into.iter();
+            metrics.per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
+        }
+        for (name, value) in update {
+            metrics.number(name, value);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_read_back_to_the_same_bits_and_gaps_are_empty() {
+        let mut metrics = Metrics::default();
+        metrics.number("loss", 0.1 + 0.2);
+        metrics.per_policy("distances", [Some(1.5), None, Some(-2.0)]);
+        let loss = metrics.get("loss").unwrap().to_string();
+        assert_eq!(loss.parse::<f64>().unwrap(), 0.1 + 0.2);
+        assert_eq!(metrics.get("distances").unwrap().to_string(), "1.5;;-2");
+        assert_eq!(metrics.get("lost"), None);
+        let names: Vec<&str> = metrics.iter().map(|(name, _)| name).collect();
+        assert_eq!(names, ["loss", "distances"]);
+    }
 }

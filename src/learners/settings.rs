@@ -9,7 +9,7 @@ use symmetry::Group;
 use crate::error::CoversError;
 use crate::groupings::{GroupingSettings, Labels};
 
-use super::collection::{Collection, CollectionSettings};
+use super::collection::{Collection, CollectionSettings, CommonSettings};
 use super::covers::CoversSettings;
 use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
@@ -28,7 +28,7 @@ macro_rules! each {
     };
 }
 
-/// What learns.
+/// Choice of a learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LearnerSettings {
@@ -46,12 +46,16 @@ impl Default for LearnerSettings {
 }
 
 impl LearnerSettings {
-    /// A fresh learner. A grouping that needs labels reads `labels`, which only a run writes.
+    /// Makes a fresh learner. A grouping that needs labels reads `labels`, which only a run writes.
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
     pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, CoversError> {
-        each!(self, settings => start(settings, spec, labels))
+        each!(self, settings => {
+            let grouping = settings.grouping.build_with(labels)?;
+            let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
+            Ok(Box::new(learner))
+        })
     }
 
     /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
@@ -63,22 +67,29 @@ impl LearnerSettings {
         self.read(path, spec, labels, false)
     }
 
-    /// As [`LearnerSettings::load`], for a copy that learns on to the same bits.
+    /// Reads the same file for a copy that learns on to the same bits.
     ///
     /// # Errors
-    /// As there, and [`CoversError::PoliciesOnly`] for a file of
+    /// Those of [`LearnerSettings::load`], and [`CoversError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
     pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
     fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
-        each!(self, settings => read(settings, (path, spec, labels), whole))
+        each!(self, settings => {
+            let (learner, note) = Collection::read(path, spec, settings, labels, whole)?;
+            Ok((Box::new(learner), note))
+        })
     }
 
-    /// Seed of everything that the learner draws.
+    fn common(&self) -> CommonSettings {
+        each!(self, settings => settings.common())
+    }
+
+    /// Returns the seed of everything that the learner draws.
     pub fn seed(&self) -> u64 {
-        each!(self, settings => settings.seed)
+        self.common().seed
     }
 
     /// Changes the seed.
@@ -118,7 +129,7 @@ impl LearnerSettings {
         }
     }
 
-    /// The GPU that policies learn on, if they do.
+    /// Returns the GPU that policies learn on, if they do.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Covers(settings) => settings.device.gpu(),
@@ -126,57 +137,38 @@ impl LearnerSettings {
         }
     }
 
-    /// Whether it may keep more than one policy.
+    /// Tests whether it may keep more than one policy.
     pub fn tells_groups_apart(&self) -> bool {
-        each!(self, settings => settings.grouping != GroupingSettings::Single)
+        self.common().grouping != GroupingSettings::Single
     }
 
-    /// Why it makes no sense to ask it which policy a group belongs to, where that makes none.
+    /// Returns why it makes no sense to ask it which policy a group belongs to, where that makes
+    /// none.
     pub(crate) fn cannot_be_asked(&self) -> Option<&'static str> {
-        match each!(self, settings => settings.grouping) {
+        match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
             GroupingSettings::Oracle => Some("the learner is told the group"),
             _ => None,
         }
     }
 
-    /// The distance above which a rollout is of another group, where the grouping has one for good.
+    /// Returns the distance above which a rollout is of another group, where the grouping has one for good.
     pub(crate) fn fixed_threshold(&self) -> Option<f64> {
-        match each!(self, settings => settings.grouping) {
+        match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),
             _ => None,
         }
     }
 
-    /// Whether the distances of a rollout are of one unit with those of its permutations.
+    /// Tests whether the distances of a rollout are of one unit with those of its permutations.
     pub(crate) fn permutes_distances(&self) -> bool {
-        let grouping = each!(self, settings => settings.grouping);
-        !matches!(grouping, GroupingSettings::Evidence(_))
+        !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
-    /// Decisions of one rollout, all environments together.
+    /// Returns the decisions of one rollout, all environments together.
     pub fn rollout_steps(&self) -> usize {
-        each!(self, settings => settings.rollout_steps)
+        self.common().rollout_steps
     }
-}
-
-fn start<S: CollectionSettings>(
-    settings: &S,
-    spec: &EnvSpec,
-    labels: &Labels,
-) -> Result<Box<dyn Learner>, CoversError> {
-    let grouping = settings.grouping().build_with(labels)?;
-    let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
-    Ok(Box::new(learner))
-}
-
-fn read<S: CollectionSettings>(
-    settings: &S,
-    (path, spec, labels): (&Path, &EnvSpec, &Labels),
-    whole: bool,
-) -> Loaded {
-    let (learner, note) = Collection::read(path, spec, settings, labels, whole)?;
-    Ok((Box::new(learner), note))
 }
 
 #[cfg(test)]

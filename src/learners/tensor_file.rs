@@ -42,7 +42,7 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// An array of numbers.
+    /// Makes an array of numbers.
     pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         Self {
             name,
@@ -52,7 +52,7 @@ impl Tensor {
         }
     }
 
-    /// An array of whole numbers.
+    /// Makes an array of whole numbers.
     pub fn integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
         Self {
             name,
@@ -80,7 +80,7 @@ impl Tensor {
         }
     }
 
-    /// An array of bytes.
+    /// Makes an array of bytes.
     pub fn bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
         Self {
             name,
@@ -91,7 +91,7 @@ impl Tensor {
     }
 }
 
-/// The bytes of a file with a header and arrays. Equal contents give equal bytes.
+/// Returns the bytes of a file with a header and arrays. Equal contents give equal bytes.
 ///
 /// # Errors
 /// [`CoversError::NotFinite`], [`CoversError::Write`] for the file at `path`, which is not touched.
@@ -133,7 +133,7 @@ fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
     Ok(bytes)
 }
 
-/// Where the checksum stands in a file with a header of this length.
+/// Returns the place of the checksum in a file with a header of this length.
 fn checksum_range(length: usize, metadata: &Metadata) -> Option<Range<usize>> {
     let (from, to) = metadata.info(CHECKSUM)?.data_offsets;
     let start = length + LENGTH_BYTES;
@@ -212,12 +212,12 @@ impl<'a> TensorFile<'a> {
         Ok((header, Self { path, file }))
     }
 
-    /// The error of a file whose contents do not fit together.
+    /// Returns the error of a file whose contents do not fit together.
     pub fn damaged(&self, problem: String) -> CoversError {
         CoversError::damaged(self.path, problem)
     }
 
-    /// Shape and values of an array of numbers, all of them finite.
+    /// Returns shape and values of an array of numbers, all of them finite.
     pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), CoversError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();
@@ -229,20 +229,20 @@ impl<'a> TensorFile<'a> {
         Ok((tensor.shape().to_vec(), values))
     }
 
-    /// Values of an array of whole numbers.
+    /// Returns the values of an array of whole numbers.
     pub fn integers(&self, name: &str) -> Result<Vec<u64>, CoversError> {
         let tensor = self.tensor(name, Dtype::U64)?;
         let (numbers, _) = tensor.data().as_chunks::<8>();
         Ok(numbers.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// Shape and values of an array of bytes.
+    /// Returns shape and values of an array of bytes.
     pub fn bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), CoversError> {
         let tensor = self.tensor(name, Dtype::U8)?;
         Ok((tensor.shape().to_vec(), tensor.data().to_vec()))
     }
 
-    /// An array of bytes as text.
+    /// Returns an array of bytes as text.
     pub fn text(&self, name: &str) -> Result<String, CoversError> {
         let text = String::from_utf8(self.bytes(name)?.1);
         text.map_err(|error| self.damaged(format!("`{name}` is no text: {error}")))

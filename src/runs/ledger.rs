@@ -19,7 +19,7 @@ pub struct Ledger {
     /// The group that each policy was opened for: that of its first rollout of one group alone.
     pub opened_for: Vec<Option<String>>,
     /// For each policy the one that acts for its group since the two were merged, after the last
-    /// turn ([`crate::Turn::heirs`]). The counts below follow them: a policy counts as its heir.
+    /// turn ([`crate::Iteration::merged_into`]). The counts below follow them: a policy counts as its heir.
     #[serde(default)]
     pub heirs: Vec<Option<usize>>,
     /// Rollouts of one group, by group and by the policy that served it. A checkpoint leaves them

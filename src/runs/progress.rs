@@ -4,7 +4,7 @@ use envs::TaskGroup;
 use rl::RewardWarning;
 
 use crate::evaluation::Findings;
-use crate::learners::Turn;
+use crate::learners::Iteration;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
 /// it.
@@ -20,8 +20,8 @@ pub struct Progress {
     pub last_group: TaskGroup,
     /// Whether the group changed within the turn.
     pub straddles: bool,
-    /// What the learner did.
-    pub turn: Turn,
+    /// Report of the learner.
+    pub turn: Iteration,
     /// Rewards too large or too small to be learnt from: once after a start, where they first were.
     pub warning: Option<RewardWarning>,
     /// Factor from a return to the paper's scale, on which a perfect episode earns 500.

@@ -13,7 +13,7 @@ use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
 use crate::glimpse::Glimpse;
-use crate::learners::{DeviceChoice, Extent, Learner, Turn};
+use crate::learners::{DeviceChoice, Extent, Iteration, Learner};
 use crate::world::World;
 
 use super::checkpoints;
@@ -280,7 +280,7 @@ impl Run {
         let (learner, world) = (&mut self.learner, &mut self.world);
         world.begin(rollout, index)?;
         let (failures, spent) = (world.stream().failures(), world.stream().seconds());
-        let turn: Turn = guarded(&self.pool, || learner.learn(world))?;
+        let turn: Iteration = guarded(&self.pool, || learner.learn(world))?;
         let seconds = clock.elapsed().as_secs_f64();
         let ledger = &mut self.ledger;
         if world.straddles() {
@@ -288,7 +288,7 @@ impl Run {
         } else {
             ledger.record(group.name(), returns, turn.policy);
         }
-        ledger.record_heirs(&turn.heirs);
+        ledger.record_heirs(&turn.merged_into);
         ledger.decisions = world.now();
         ledger.failures += world.stream().failures() - failures;
         ledger.seconds += seconds;

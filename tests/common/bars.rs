@@ -1,6 +1,6 @@
 //! A toy environment whose hidden group changes, and what learners do in it.
 
-use covers::{Learner, Metric, Turn};
+use covers::{Iteration, Learner, Metric};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Transition, VectorEnv};
@@ -39,7 +39,7 @@ impl Bars {
     }
 
     /// Lets `learner` take a turn in each of these groups.
-    pub fn teach(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Turn> {
+    pub fn teach(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Iteration> {
         let turns = groups.iter().map(|&group| {
             self.group = group;
             learner.learn(self).unwrap()
@@ -91,7 +91,7 @@ pub fn network(critic: Critic) -> NetworkSettings {
 }
 
 /// A metric of a turn that is one number.
-pub fn number(turn: &Turn, name: &str) -> f64 {
+pub fn number(turn: &Iteration, name: &str) -> f64 {
     match turn.metrics.get(name) {
         Some(Metric::Number(value)) => *value,
         other => panic!("{name} is {other:?}"),

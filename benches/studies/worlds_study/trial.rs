@@ -227,7 +227,7 @@ impl Trial {
     /// Lets a policy act that may serve the same group as the current one; if it does, one goes.
     fn look_for_twin(&mut self, finding: &Finding) -> Answer<()> {
         let policy = self.current;
-        let Some(twin) = self.recogniser.twin(policy, finding) else {
+        let Some(twin) = self.recogniser.twin(policy, &finding.accepted()) else {
             return Ok(());
         };
         self.current = twin;

@@ -1,4 +1,4 @@
-//! The learner as one file: everything that its next rollout depends on.
+//! The learner as one file: everything that its next rollout depends on, and a note of the caller's.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use cluster::Reservoir;
 use rl::{AlgorithmState, EnvSpec, Observations};
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -16,14 +16,30 @@ use crate::learners::learner::Extent;
 use crate::learners::tensor_file::{Tensor, TensorFile, encode};
 use crate::overrides::same;
 
-use super::first_frames::FirstFrames;
-use super::member::{Generators, Member};
-use super::note;
-use super::policies::Collection;
-use super::settings::{CollectionSettings, buffer_capacity, steps_per_env};
-use super::training::Training;
+use super::episodes::FirstFrames;
+use super::settings::{CollectionSettings, Training};
+use super::{Collection, Generators, PolicyEntry};
 
-/// What is not an array.
+/// The array of the note. The header of a safetensors file has at most 100 MB, and a note grows
+/// with its run.
+const NOTE: &str = "note";
+
+fn note_tensor(note: &str) -> Tensor {
+    let bytes = note.as_bytes().to_vec();
+    Tensor::bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
+}
+
+/// Reads the note of the file at `path`, whatever learner wrote it.
+///
+/// # Errors
+/// [`CoversError::Read`], [`CoversError::NewerFormat`].
+pub fn read_note(path: &Path) -> Result<String, CoversError> {
+    let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+    let (_, file): (IgnoredAny, _) = TensorFile::open(path, &bytes)?;
+    file.text(NOTE)
+}
+
+/// Everything that is not an array.
 #[derive(Serialize, Deserialize)]
 #[serde(
     deny_unknown_fields,
@@ -37,12 +53,12 @@ struct Header<'a, S: Clone> {
     grouping: Value,
     current: usize,
     generators: Cow<'a, Generators>,
-    members: Vec<MemberHeader>,
+    members: Vec<EntryHeader>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct MemberHeader {
+struct EntryHeader {
     /// Counters of the policy update by name; none where its state was left out.
     counters: Option<BTreeMap<String, u64>>,
     /// Episodes offered to the buffer so far.
@@ -50,7 +66,7 @@ struct MemberHeader {
 }
 
 impl<S: CollectionSettings> Collection<S> {
-    /// The bytes of the learner's file, with a note of the caller's.
+    /// Returns the bytes of the learner's file, with a note of the caller's.
     pub(super) fn to_bytes(
         &self,
         path: &Path,
@@ -62,21 +78,21 @@ impl<S: CollectionSettings> Collection<S> {
             grouping: self.grouping.state(),
             current: self.current,
             generators: Cow::Borrowed(&self.generators),
-            members: self.members.iter().map(|m| m.header(extent)).collect(),
+            members: self.policies.iter().map(|p| p.header(extent)).collect(),
         };
         self.check_extent(extent)?;
-        let members = self.members.iter().enumerate();
-        let mut tensors: Vec<Tensor> = members
-            .flat_map(|(index, member)| member.tensors(index, &self.spec, extent))
+        let entries = self.policies.iter().enumerate();
+        let mut tensors: Vec<Tensor> = entries
+            .flat_map(|(index, entry)| entry.tensors(index, &self.spec, extent))
             .collect();
-        tensors.push(note::tensor(note));
+        tensors.push(note_tensor(note));
         encode(path, &header, &tensors)
     }
 
     /// Refuses to keep so few frames that a copy could not recognise anything.
     fn check_extent(&self, extent: Extent) -> Result<(), CoversError> {
         match extent {
-            Extent::Policies { episodes } if episodes < self.grouping.min_episodes() => {
+            Extent::Policies { episodes } if episodes < self.grouping.needs().episodes => {
                 Err(CoversError::Setting {
                     name: "episodes",
                     value: episodes.to_string(),
@@ -94,23 +110,24 @@ impl<S: CollectionSettings> Collection<S> {
     /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments;
     /// a grouping that needs labels, or one that does not take the saved state of another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
-        Checkpoint::read(path)?.open(spec, true, |settings: &S| settings.grouping().build())
+        let grouping = |settings: &S| settings.common().grouping.build();
+        Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
-    /// As [`Collection::load`], with a grouping of the caller's.
+    /// Reads such a file with a grouping of the caller's.
     ///
     /// # Errors
-    /// As there.
+    /// Those of [`Collection::load`].
     pub fn load_with_grouping(
         path: &Path,
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
     ) -> Result<(Self, String), CoversError> {
-        Checkpoint::read(path)?.open(spec, true, |_| Ok(grouping))
+        Checkpoint::read(path)?.open(None, spec, true, |_| Ok(grouping))
     }
 
-    /// As [`Collection::load`], in a run of these settings that writes `labels`. A `whole` learner
-    /// learns on to the same bits: a file of [`Extent::Policies`] is refused. Another one acts and
+    /// Reads such a file in a run of these settings that writes `labels`. A `whole` learner learns
+    /// on to the same bits: a file of [`Extent::Policies`] is refused. Another one acts and
     /// recognises, and has a fresh training.
     pub(in crate::learners) fn read(
         path: &Path,
@@ -126,8 +143,8 @@ impl<S: CollectionSettings> Collection<S> {
             let path = path.to_owned();
             return Err(CoversError::PoliciesOnly { path });
         }
-        let grouping = |settings: &S| settings.grouping().build_with(labels);
-        checkpoint.open_as(Some(settings), spec, whole, grouping)
+        let grouping = |settings: &S| settings.common().grouping.build_with(labels);
+        checkpoint.open(Some(settings), spec, whole, grouping)
     }
 }
 
@@ -147,20 +164,10 @@ impl<'a> Checkpoint<'a> {
         Ok(TensorFile::open(self.path, &self.bytes)?.0)
     }
 
-    /// The learner and the note, with the state of its training where it is wanted and there. What
-    /// does not fit is an error that names the file.
+    /// Makes the learner and the note, with the state of its training where it is wanted and there.
+    /// `settings` equal those of the file, and say more where a file does not hold a field. Contents
+    /// that do not fit are an error that names the file.
     fn open<S: CollectionSettings>(
-        self,
-        spec: &EnvSpec,
-        training: bool,
-        grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, CoversError>,
-    ) -> Result<(Collection<S>, String), CoversError> {
-        self.open_as(None, spec, training, grouping)
-    }
-
-    /// The same with these settings, which say more than the file's where they are equal to them in
-    /// a file.
-    fn open_as<S: CollectionSettings>(
         self,
         settings: Option<&S>,
         spec: &EnvSpec,
@@ -173,39 +180,42 @@ impl<'a> Checkpoint<'a> {
         }
         let mut grouping = grouping(&header.settings)?;
         // sizes are read by what the settings say, so those come first
-        let checked = steps_per_env(&*header.settings, spec, grouping.min_episodes());
-        checked.map_err(|error| error.in_file(self.path))?;
+        let common = header.settings.common();
+        common
+            .steps_per_env(spec, grouping.needs().episodes)
+            .map_err(|error| error.in_file(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
         if !training {
             header.members.iter_mut().for_each(|m| m.counters = None);
         }
-        let note = note::of(&file)?;
+        let note = file.text(NOTE)?;
         let arrays = Arrays {
             file,
             spec,
             settings: &*header.settings,
         };
-        let members = arrays.members(&header);
-        let members = members.map_err(|error| error.in_file(self.path))?;
-        let settings = header.settings.into_owned();
-        let collection = Collection::with_grouping(settings, spec, grouping);
-        let mut collection = collection.map_err(|error| error.in_file(self.path))?;
-        collection.members = members;
+        let policies = arrays
+            .policies(&header)
+            .map_err(|error| error.in_file(self.path))?;
+        let mut collection =
+            Collection::with_grouping(header.settings.into_owned(), spec, grouping)
+                .map_err(|error| error.in_file(self.path))?;
+        collection.policies = policies;
         collection.current = header.current;
         collection.generators = header.generators.into_owned();
         Ok((collection, note))
     }
 }
 
-impl<S: CollectionSettings> Member<S> {
-    fn header(&self, extent: Extent) -> MemberHeader {
+impl<S: CollectionSettings> PolicyEntry<S> {
+    fn header(&self, extent: Extent) -> EntryHeader {
         match extent {
-            Extent::Everything => MemberHeader {
+            Extent::Everything => EntryHeader {
                 counters: Some(self.counters()),
                 seen: self.buffer.seen(),
             },
-            Extent::Policies { .. } => MemberHeader {
+            Extent::Policies { .. } => EntryHeader {
                 counters: None,
                 seen: self.kept(extent).len() as u64,
             },
@@ -213,13 +223,12 @@ impl<S: CollectionSettings> Member<S> {
     }
 
     fn counters(&self) -> BTreeMap<String, u64> {
-        let counters = self.training.state().counters.into_iter();
-        counters
-            .map(|(name, count)| (name.to_owned(), count))
-            .collect()
+        let counters = self.training.state().counters;
+        let owned = |(name, count): (&str, u64)| (name.to_owned(), count);
+        counters.into_iter().map(owned).collect()
     }
 
-    /// The episodes that are saved.
+    /// Returns the episodes that are saved.
     fn kept(&self, extent: Extent) -> &[FirstFrames] {
         let all = self.buffer.episodes();
         match extent {
@@ -252,7 +261,7 @@ impl<S: CollectionSettings> Member<S> {
     }
 }
 
-/// The arrays of an open file, and what they must fit.
+/// The arrays of an open file, and the sizes that they must fit.
 struct Arrays<'a, S> {
     file: TensorFile<'a>,
     spec: &'a EnvSpec,
@@ -260,18 +269,19 @@ struct Arrays<'a, S> {
 }
 
 impl<S: CollectionSettings> Arrays<'_, S> {
-    fn members(&self, header: &Header<'_, S>) -> Result<Vec<Member<S>>, CoversError> {
-        let members = header.members.iter().enumerate();
-        let members = members.map(|(index, member)| self.member(index, member));
-        let members: Vec<_> = members.collect::<Result<_, _>>()?;
-        if header.current < members.len() {
-            return Ok(members);
+    fn policies(&self, header: &Header<'_, S>) -> Result<Vec<PolicyEntry<S>>, CoversError> {
+        let entries = header.members.iter().enumerate();
+        let policies: Vec<_> = entries
+            .map(|(index, entry)| self.policy(index, entry))
+            .collect::<Result<_, _>>()?;
+        if header.current < policies.len() {
+            return Ok(policies);
         }
-        let problem = format!("policy {} of {}", header.current, members.len());
+        let problem = format!("policy {} of {}", header.current, policies.len());
         Err(self.file.damaged(problem))
     }
 
-    fn member(&self, index: usize, header: &MemberHeader) -> Result<Member<S>, CoversError> {
+    fn policy(&self, index: usize, header: &EntryHeader) -> Result<PolicyEntry<S>, CoversError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
         let policy = self.settings.with_params(self.spec, params)?;
@@ -280,9 +290,9 @@ impl<S: CollectionSettings> Arrays<'_, S> {
             self.restore_training(&name, counters, &mut training)?;
         }
         let episodes = self.episodes(&name("images"), &name("vectors"))?;
-        let capacity = buffer_capacity(self.settings);
+        let capacity = self.settings.common().buffer_capacity();
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
-        Ok(Member {
+        Ok(PolicyEntry {
             policy,
             training,
             buffer,
@@ -313,9 +323,9 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         training.recall(&self.file, &name(""))
     }
 
-    /// The frames that a policy keeps.
+    /// Reads the frames that a policy keeps.
     fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
-        let (spec, k) = (self.spec, self.settings.first_frames());
+        let (spec, k) = (self.spec, self.settings.common().first_frames);
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
         let frames = if count == 0 { 0 } else { k };
@@ -346,5 +356,22 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         }
         let problem = format!("`{name}` is {got:?}, expected {expected:?}");
         Err(self.file.damaged(problem))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_note_may_be_longer_than_any_header() {
+        let path = std::env::temp_dir().join(format!("covers-note-{}", std::process::id()));
+        let note = "row\n".repeat(30_000_000);
+        let header = serde_json::json!({ "settings": 1 });
+        let bytes = encode(&path, &header, &[note_tensor(&note)]).unwrap();
+        std::fs::write(&path, bytes).unwrap();
+        let again = read_note(&path).unwrap();
+        std::fs::remove_file(path).unwrap();
+        assert!(again == note, "{} of {} bytes", again.len(), note.len());
     }
 }

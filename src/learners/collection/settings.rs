@@ -1,86 +1,173 @@
-//! What the settings of every collection of policies say and make.
+//! Settings of every collection of policies, and the seam to the training of one policy.
 
-use rl::{EnvSpec, RlError};
+use rand_chacha::ChaCha8Rng;
+use rl::{AlgorithmState, EnvSpec, Experience, Features, Plain, RlError, Units};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::groupings::GroupingSettings;
+use crate::learners::tensor_file::{Tensor, TensorFile};
 
-use super::training::Training;
+use super::episodes::Rollout;
 
 /// Settings of a learner that is a collection of policies.
 pub trait CollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
-    /// How the policies are trained.
+    /// Training of the policies.
     type Training: Training;
 
-    /// Which policy a rollout belongs to.
-    fn grouping(&self) -> GroupingSettings;
+    /// Returns the settings that do not depend on the training.
+    fn common(&self) -> CommonSettings;
 
-    /// Frames at the start of each episode that assignment looks at.
-    fn first_frames(&self) -> usize;
-
-    /// Decisions of one rollout.
-    fn rollout_steps(&self) -> usize;
-
-    /// Episodes of first frames kept per policy; without a number all of them.
-    fn buffer_episodes(&self) -> Option<usize>;
-
-    /// What becomes of a rollout that changes hands.
-    fn handover(&self) -> Handover;
-
-    /// Where a new policy starts.
-    fn new_policy(&self) -> NewPolicy;
-
-    /// Seed of everything that the learner draws.
-    fn seed(&self) -> u64;
-
-    /// A random policy.
+    /// Makes a random policy.
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
 
-    /// The policy of these parameters.
+    /// Makes the policy of these parameters.
     ///
     /// # Errors
     /// As [`CollectionSettings::policy`], and parameters that are not the network's.
     fn with_params(&self, spec: &EnvSpec, params: Vec<f32>) -> Result<PolicyOf<Self>, RlError>;
 
-    /// All parameters of a policy.
+    /// Returns all parameters of a policy.
     fn params(policy: &PolicyOf<Self>) -> &[f32];
 
-    /// Room for rollouts of `steps` steps of every environment.
+    /// Makes room for rollouts of `steps` steps of every environment.
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
     fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
 
-    /// Fresh training of `policy`.
+    /// Makes a fresh training of `policy`.
     ///
     /// # Errors
     /// A setting out of range.
     fn training(&self, spec: &EnvSpec, policy: &PolicyOf<Self>) -> Result<Self::Training, RlError>;
 }
 
-/// Implements the methods of [`CollectionSettings`] that return the field of their name.
-macro_rules! shared_settings {
-    ($($name:ident: $kind:ty),+) => {
-        $(fn $name(&self) -> $kind { self.$name })+
-    };
-}
-
-pub(in crate::learners) use shared_settings;
-
-/// The policies of a collection of these settings.
+/// Policies of a collection of these settings.
 pub type PolicyOf<S> = <<S as CollectionSettings>::Training as Training>::Policy;
-/// What their rollouts are kept in.
+/// Rollouts of a collection of these settings.
 pub type RolloutOf<S> = <<S as CollectionSettings>::Training as Training>::Rollout;
 
-/// What becomes of a rollout that another policy is assigned to than the one that collected it. The
-/// paper's Algorithm 1 updates the assigned policy with it and does not say how.
+/// Training of one policy of a collection: an algorithm with its state.
+pub trait Training: Sized + Send + 'static {
+    /// The policy that is trained.
+    type Policy: Units + Features + Plain + Clone + Send;
+    /// Room for a rollout until it is known whose it is.
+    type Rollout: Experience<Self::Policy> + Rollout + Send;
+
+    /// Prepares `rollout` for being collected with this policy.
+    fn prepare(&self, _rollout: &mut Self::Rollout) {}
+
+    /// Lets `policy` take a rollout that another one collected.
+    ///
+    /// # Errors
+    /// Those of the policy.
+    fn take_over(policy: &mut Self::Policy, rollout: &mut Self::Rollout) -> Result<(), RlError>;
+
+    /// Improves `policy` by the rollouts since the last call; returns what is logged.
+    ///
+    /// # Errors
+    /// Those of the algorithm.
+    fn learn(
+        &mut self,
+        policy: &mut Self::Policy,
+        rollout: &mut Self::Rollout,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Vec<(String, f64)>, RlError>;
+
+    /// Returns the state of the algorithm.
+    fn state(&self) -> AlgorithmState<'_>;
+
+    /// Goes on from a state that [`Training::state`] gave.
+    ///
+    /// # Errors
+    /// A state of another algorithm or network.
+    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
+
+    /// Returns everything else that the next update depends on, under names that begin with
+    /// `prefix`.
+    fn memory(&self, _prefix: &str) -> Vec<Tensor> {
+        Vec::new()
+    }
+
+    /// Takes back the arrays that [`Training::memory`] gave.
+    ///
+    /// # Errors
+    /// Arrays that are missing or do not fit.
+    fn recall(&mut self, _file: &TensorFile<'_>, _prefix: &str) -> Result<(), CoversError> {
+        Ok(())
+    }
+}
+
+/// Settings that every collection of policies has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommonSettings {
+    /// Choice of the policy that a rollout belongs to.
+    pub grouping: GroupingSettings,
+    /// Frames at the start of each episode that assignment looks at.
+    pub first_frames: usize,
+    /// Decisions of one rollout.
+    pub rollout_steps: usize,
+    /// Episodes of first frames kept per policy; without a number all of them.
+    pub buffer_episodes: Option<usize>,
+    /// Use of a rollout that changes hands.
+    pub handover: Handover,
+    /// Start of a new policy.
+    pub new_policy: NewPolicy,
+    /// Seed of everything that the learner draws.
+    pub seed: u64,
+}
+
+impl CommonSettings {
+    /// Returns the episodes that a buffer holds at most.
+    pub(super) fn buffer_capacity(&self) -> usize {
+        self.buffer_episodes.unwrap_or(usize::MAX)
+    }
+
+    /// Returns the decisions of each environment in a rollout, once the settings are found to fit
+    /// the environments and each other. A policy must keep `min_episodes` for the grouping.
+    pub(super) fn steps_per_env(
+        &self,
+        spec: &EnvSpec,
+        min_episodes: usize,
+    ) -> Result<usize, CoversError> {
+        let refuse = |name, value: usize, expected| {
+            Err(CoversError::Setting {
+                name,
+                value: value.to_string(),
+                expected,
+            })
+        };
+        if self.first_frames == 0 {
+            return refuse("first_frames", 0, "at least 1 frame");
+        }
+        if let Some(episodes) = self.buffer_episodes
+            && episodes < min_episodes
+        {
+            let expected = "at least the min_episodes of the grouping";
+            return refuse("buffer_episodes", episodes, expected);
+        }
+        if spec.num_envs == 0 || !self.rollout_steps.is_multiple_of(spec.num_envs) {
+            let expected = "a multiple of the number of environments";
+            return refuse("rollout_steps", self.rollout_steps, expected);
+        }
+        let steps = self.rollout_steps / spec.num_envs;
+        if steps < self.first_frames {
+            let expected = "at least first_frames decisions in every environment";
+            return refuse("rollout_steps", self.rollout_steps, expected);
+        }
+        Ok(steps)
+    }
+}
+
+/// Use of a rollout that another policy is assigned to than the one that collected it. The paper's
+/// Algorithm 1 updates the assigned policy with it and does not say how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
@@ -93,7 +180,7 @@ pub enum Handover {
     Reuse,
 }
 
-/// Where a new policy starts; its optimiser is fresh in any case.
+/// Start of a new policy; its optimiser is fresh in any case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NewPolicy {
@@ -102,43 +189,4 @@ pub enum NewPolicy {
     Random,
     /// From the parameters of the nearest policy, its exploration included.
     Copy,
-}
-
-/// Episodes that a buffer holds at most.
-pub(super) fn buffer_capacity<S: CollectionSettings>(settings: &S) -> usize {
-    settings.buffer_episodes().unwrap_or(usize::MAX)
-}
-
-/// Decisions of each environment in a rollout, once the settings are found to fit the environments
-/// and each other. A policy must keep `min_episodes` for the grouping.
-pub(super) fn steps_per_env<S: CollectionSettings>(
-    settings: &S,
-    spec: &EnvSpec,
-    min_episodes: usize,
-) -> Result<usize, CoversError> {
-    let setting = |name, value: usize, expected| CoversError::Setting {
-        name,
-        value: value.to_string(),
-        expected,
-    };
-    let (first_frames, rollout_steps) = (settings.first_frames(), settings.rollout_steps());
-    if first_frames == 0 {
-        return Err(setting("first_frames", 0, "at least 1 frame"));
-    }
-    if let Some(episodes) = settings.buffer_episodes()
-        && episodes < min_episodes
-    {
-        let expected = "at least the min_episodes of the grouping";
-        return Err(setting("buffer_episodes", episodes, expected));
-    }
-    if spec.num_envs == 0 || !rollout_steps.is_multiple_of(spec.num_envs) {
-        let expected = "a multiple of the number of environments";
-        return Err(setting("rollout_steps", rollout_steps, expected));
-    }
-    let steps = rollout_steps / spec.num_envs;
-    if steps < first_frames {
-        let expected = "at least first_frames decisions in every environment";
-        return Err(setting("rollout_steps", rollout_steps, expected));
-    }
-    Ok(steps)
 }

@@ -5,7 +5,7 @@ use rl::{EpisodeState, Outcome, Replay, ReplayState};
 use crate::error::CoversError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
-use super::pictures::Frames;
+use super::frame_codec::Frames;
 
 /// Stands for an environment without a running episode.
 const NONE: u64 = u64::MAX;
@@ -28,13 +28,8 @@ pub fn tensors(replay: &Replay, prefix: &str) -> Vec<Tensor> {
     };
     let running = state.running.iter();
     let running: Vec<u64> = running.map(|n| n.map_or(NONE, u64::from)).collect();
-    let order: Vec<u64> = state
-        .order
-        .iter()
-        .flatten()
-        .copied()
-        .map(u64::from)
-        .collect();
+    let order = state.order.iter().flatten();
+    let order: Vec<u64> = order.copied().map(u64::from).collect();
     let episodes: Vec<u64> = state.episodes.iter().flat_map(numbers).collect();
     let pictures = pack(replay, &state);
     vec![
@@ -143,7 +138,7 @@ struct Episodes<'a> {
     rewards: Vec<f32>,
 }
 
-/// What is not in the arrays of an episode.
+/// Scalars of an episode, which its arrays do not hold.
 struct Row {
     steps: usize,
     removed: u32,

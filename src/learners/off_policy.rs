@@ -1,19 +1,33 @@
-//! Settings of off-policy learners, and the methods that they make.
+//! Off-policy learners: collections of policies that are trained by soft actor-critic from replays.
+//!
+//! With one policy for everything this is CLEAR, with a context 3RL; with COVERS's grouping every
+//! group of tasks has a policy and a replay of its own.
 
+mod frame_codec;
+mod replay_checkpoint;
+mod staged_rollout;
+
+use rand_chacha::ChaCha8Rng;
 use rl::{
-    ContextSettings, EnvSpec, NetworkSettings, PpoSettings, Replay, ReplaySettings, RlError, Sac,
-    SacPolicy, SacSettings,
+    Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
+    Replay, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
+use crate::error::CoversError;
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
 
-use super::recording::Recording;
-use super::training::SacTraining;
+use super::collection::{
+    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+};
+use super::tensor_file::{Tensor, TensorFile};
+use staged_rollout::StagedRollout;
 
-/// Settings of [`OffPolicy`](crate::OffPolicy). [`OffPolicySettings::clear`] is the default.
+/// A growing collection of policies, or a single one, trained by soft actor-critic.
+pub type OffPolicy = Collection<OffPolicySettings>;
+
+/// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,15 +43,15 @@ pub struct OffPolicySettings {
     pub capacity: usize,
     /// Decisions of each policy whose actions are drawn uniformly, until its replay holds as many.
     pub warm_up: u64,
-    /// How many channels, the last ones of a picture, stand still during an episode. The replay
-    /// stores them once for each episode.
+    /// Number of channels, the last ones of a picture, that stand still during an episode. The
+    /// replay stores them once for each episode.
     pub still_channels: usize,
     /// The newest experience is that of the last so many steps of a replay;
     /// [`SacSettings::newest_share`] of every minibatch is drawn from it. No boundary of a task is
     /// needed.
     pub newest_steps: u64,
-    /// Which policy a rollout belongs to. Whichever policy collected it, it is good enough for the
-    /// replay of the one that it belongs to, unless it shows two groups.
+    /// Choice of the policy that a rollout belongs to. Whichever policy collected it, it is good
+    /// enough for the replay of the one that it belongs to, unless it shows two groups.
     pub grouping: GroupingSettings,
     /// Frames at the start of each episode that assignment looks at.
     pub first_frames: usize,
@@ -45,14 +59,14 @@ pub struct OffPolicySettings {
     pub rollout_steps: usize,
     /// Episodes of first frames kept per policy, a uniform sample; without a number all of them.
     pub buffer_episodes: Option<usize>,
-    /// Where a new policy starts; its replay is empty.
+    /// Start of a new policy; its replay is empty.
     pub new_policy: NewPolicy,
     /// Seed of everything that the learner draws.
     pub seed: u64,
 }
 
 impl OffPolicySettings {
-    /// CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
+    /// Returns CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix): one ordinary policy and
     /// one replay of 200,000 steps, the newest of which are drawn more often. The paper does not
     /// say which those are, nor how often.
     pub fn clear() -> Self {
@@ -81,14 +95,14 @@ impl OffPolicySettings {
         }
     }
 
-    /// CLEAR with cloning of the actions in the replay.
+    /// Returns CLEAR with cloning of the actions in the replay.
     pub fn clear_bc() -> Self {
         let mut settings = Self::clear();
         settings.sac.cloning_weight = 0.1;
         settings
     }
 
-    /// 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows are
+    /// Returns 3RL as COVERS compares with it: CLEAR with a context of the last five steps. Windows are
     /// longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
@@ -102,7 +116,7 @@ impl OffPolicySettings {
         }
     }
 
-    /// Equivariant policies under COVERS's grouping, each with a replay of its own that is moved by
+    /// Returns equivariant policies under COVERS's grouping, each with a replay of its own that is moved by
     /// random group elements.
     pub fn equi_sac() -> Self {
         let clear = Self::clear();
@@ -123,12 +137,12 @@ impl OffPolicySettings {
         }
     }
 
-    /// The replay of one policy in environments of `spec`.
+    /// Returns the settings of one policy's replay in environments of `spec`.
     fn replay(&self, spec: &EnvSpec) -> ReplaySettings {
         ReplaySettings {
             capacity: self.capacity,
             steps: self.rollout_steps / spec.num_envs.max(1),
-            // a recording warms up, before it is known whose it is
+            // a staged rollout warms up, before it is known whose it is
             warm_up: 0,
             still_channels: self.still_channels,
         }
@@ -144,13 +158,16 @@ impl Default for OffPolicySettings {
 impl CollectionSettings for OffPolicySettings {
     type Training = SacTraining;
 
-    shared_settings!(
-        grouping: GroupingSettings, first_frames: usize, rollout_steps: usize,
-        buffer_episodes: Option<usize>, new_policy: NewPolicy, seed: u64
-    );
-
-    fn handover(&self) -> Handover {
-        Handover::Reuse
+    fn common(&self) -> CommonSettings {
+        CommonSettings {
+            grouping: self.grouping,
+            first_frames: self.first_frames,
+            rollout_steps: self.rollout_steps,
+            buffer_episodes: self.buffer_episodes,
+            handover: Handover::Reuse,
+            new_policy: self.new_policy,
+            seed: self.seed,
+        }
     }
 
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<SacPolicy, RlError> {
@@ -165,9 +182,9 @@ impl CollectionSettings for OffPolicySettings {
         policy.params()
     }
 
-    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<Recording, RlError> {
+    fn rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
         spec.check_rollout(steps)?;
-        Ok(Recording::new(spec, steps))
+        Ok(StagedRollout::new(spec, steps))
     }
 
     fn training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
@@ -177,5 +194,58 @@ impl CollectionSettings for OffPolicySettings {
             warm_up: self.warm_up,
             newest_steps: self.newest_steps,
         })
+    }
+}
+
+/// Keeps the latest steps of one policy's rollouts in a replay and learns from those.
+pub struct SacTraining {
+    sac: Sac,
+    replay: Replay,
+    /// [`OffPolicySettings::warm_up`].
+    warm_up: u64,
+    /// [`OffPolicySettings::newest_steps`].
+    newest_steps: u64,
+}
+
+impl Training for SacTraining {
+    type Policy = SacPolicy;
+    type Rollout = StagedRollout;
+
+    fn prepare(&self, rollout: &mut StagedRollout) {
+        let recorded = self.replay.recorded();
+        rollout.warm_up(self.warm_up.saturating_sub(recorded));
+    }
+
+    /// A replay takes steps of any policy as they are.
+    fn take_over(_: &mut SacPolicy, _: &mut StagedRollout) -> Result<(), RlError> {
+        Ok(())
+    }
+
+    fn learn(
+        &mut self,
+        policy: &mut SacPolicy,
+        rollout: &mut StagedRollout,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Vec<(String, f64)>, RlError> {
+        rollout.commit_to(&mut self.replay)?;
+        self.replay.mark_newest(self.newest_steps);
+        Ok(self.sac.update(policy, &self.replay, rng)?.metrics())
+    }
+
+    fn state(&self) -> AlgorithmState<'_> {
+        self.sac.save()
+    }
+
+    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+        self.sac.restore(state)
+    }
+
+    fn memory(&self, prefix: &str) -> Vec<Tensor> {
+        replay_checkpoint::tensors(&self.replay, prefix)
+    }
+
+    fn recall(&mut self, file: &TensorFile<'_>, prefix: &str) -> Result<(), CoversError> {
+        self.replay = replay_checkpoint::read(file, prefix, &self.replay)?;
+        Ok(())
     }
 }

@@ -1,13 +1,11 @@
 //! A rollout that waits for the replay it belongs to.
 
-use rl::{
-    Actor, EnvSpec, Experience, Observations, Outcome, Replay, RlError, SacPolicy, Transition,
-};
+use rl::{Actor, EnvSpec, Experience, Observations, Replay, RlError, SacPolicy, Transition};
 
-use crate::learners::collection::Rollout;
+use crate::learners::collection::{Rollout, StepView};
 
-/// The collections since the last [`Recording::pour`], each of which begins with a reset.
-pub struct Recording {
+/// The collections since the last [`StagedRollout::commit_to`], each of which begins with a reset.
+pub struct StagedRollout {
     spec: EnvSpec,
     steps: usize,
     /// Decisions at the beginning whose actions are drawn uniformly.
@@ -24,8 +22,8 @@ struct Step {
     transition: Transition,
 }
 
-impl Recording {
-    /// Collections of `steps` steps of every environment.
+impl StagedRollout {
+    /// Makes room for collections of `steps` steps of every environment.
     pub fn new(spec: &EnvSpec, steps: usize) -> Self {
         Self {
             spec: spec.clone(),
@@ -42,7 +40,7 @@ impl Recording {
     }
 
     /// Hands everything over to `replay`.
-    pub fn pour(&mut self, replay: &mut Replay) -> Result<(), RlError> {
+    pub fn commit_to(&mut self, replay: &mut Replay) -> Result<(), RlError> {
         for steps in self.collections.drain(..) {
             replay.cut();
             Experience::<SacPolicy>::begin(replay, &self.spec)?;
@@ -53,13 +51,13 @@ impl Recording {
         Ok(())
     }
 
-    /// The last collection.
+    /// Returns the last collection.
     fn last(&self) -> &[Step] {
         self.collections.last().map_or(&[], Vec::as_slice)
     }
 }
 
-impl<A: Actor> Experience<A> for Recording {
+impl<A: Actor> Experience<A> for StagedRollout {
     fn steps(&self) -> usize {
         self.steps
     }
@@ -90,7 +88,7 @@ impl<A: Actor> Experience<A> for Recording {
     }
 }
 
-impl Rollout for Recording {
+impl Rollout for StagedRollout {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -99,21 +97,16 @@ impl Rollout for Recording {
         self.last().len()
     }
 
-    fn outcome(&self, step: usize, env: usize) -> Outcome {
-        self.last()[step].transition.outcomes[env]
-    }
-
-    fn observation(&self, step: usize, env: usize) -> (&[u8], &[f32]) {
-        self.last()[step].observations.sample(&self.spec, env)
-    }
-
-    fn action(&self, step: usize, env: usize) -> &[f32] {
-        let len = self.spec.action.len();
-        &self.last()[step].actions[env * len..(env + 1) * len]
-    }
-
-    fn reward(&self, step: usize, env: usize) -> f32 {
-        self.last()[step].transition.rewards[env]
+    fn step(&self, step: usize, env: usize) -> StepView<'_> {
+        let (step, len) = (&self.last()[step], self.spec.action.len());
+        let (image, vector) = step.observations.sample(&self.spec, env);
+        StepView {
+            image,
+            vector,
+            action: &step.actions[env * len..(env + 1) * len],
+            reward: step.transition.rewards[env],
+            outcome: step.transition.outcomes[env],
+        }
     }
 
     fn truncate(&mut self, steps: usize) -> Result<(), RlError> {

@@ -1,17 +1,28 @@
-//! Settings of the learner. Where the paper leaves a gap or this project departs from it, the
-//! paper's reading is a value, too.
+//! COVERS: a collection of policies that are trained by PPO.
+//!
+//! With other networks and groupings the same learner is each of the paper's PPO baselines. Where
+//! the paper leaves a gap or this project departs from it, the paper's reading is a value of a
+//! setting, too.
 
-use rl::{ActorCriticPolicy, EnvSpec, NetworkSettings, Ppo, PpoSettings, RlError, RolloutBuffer};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Metrics, NetworkSettings, Ppo,
+    PpoSettings, RlError, RolloutBuffer,
+};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::groupings::GroupingSettings;
-use crate::learners::collection::{CollectionSettings, Handover, NewPolicy, shared_settings};
-use crate::learners::device::LearningDevice;
 
-use super::training::PpoTraining;
+use super::collection::{
+    Collection, CollectionSettings, CommonSettings, Handover, NewPolicy, Training,
+};
+use super::device::LearningDevice;
 
-/// Settings of [`Covers`](crate::Covers).
+/// The learner of the paper: a growing collection of policies, trained by PPO.
+pub type Covers = Collection<CoversSettings>;
+
+/// Settings of [`Covers`].
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,7 +32,7 @@ pub struct CoversSettings {
     pub network: NetworkSettings,
     /// The policy update.
     pub ppo: PpoSettings,
-    /// Which policy a rollout belongs to.
+    /// Choice of the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
     /// Frames at the start of each episode that assignment looks at: the paper's `k`. It is 4
     /// there; here a decision holds ten control steps, and only the very first frame does not
@@ -29,15 +40,15 @@ pub struct CoversSettings {
     pub first_frames: usize,
     /// Decisions of one rollout: the paper's `N_s`, and its `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// How much of the noise of an action goes on in the next action, in [0, 1): the correlation of
+    /// Share of the noise of an action that goes on in the next action, in [0, 1): the correlation of
     /// the two ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
     /// Episodes of first frames kept per policy, a uniform sample; without a number all of them, as
     /// the paper's `B`, at the price of memory and of transport problems that grow with the stream.
     pub buffer_episodes: Option<usize>,
-    /// What becomes of a rollout that another policy is assigned to than the one that collected it.
+    /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
-    /// Where a new policy starts.
+    /// Start of a new policy.
     pub new_policy: NewPolicy,
     /// Before an update, every decision of the rollout is moved by a random element of this group:
     /// picture, vector and action. The policy says anew how probable it was and what it is worth
@@ -45,7 +56,7 @@ pub struct CoversSettings {
     pub augmentation: Group,
     /// Seed of everything that the learner draws.
     pub seed: u64,
-    /// Where policies learn: not in a file.
+    /// Device on which policies learn: not in a file.
     #[serde(skip)]
     pub device: LearningDevice,
 }
@@ -70,7 +81,7 @@ impl Default for CoversSettings {
 }
 
 impl CoversSettings {
-    /// The paper's method and hyper-parameters, read literally (section 4, Algorithm 1 and
+    /// Returns the paper's method and hyper-parameters, read literally (section 4, Algorithm 1 and
     /// appendix). Its network takes pictures of 128 x 128 pixels: set the camera's size, too, or
     /// put another network.
     pub fn paper() -> Self {
@@ -80,17 +91,14 @@ impl CoversSettings {
             grouping: GroupingSettings::PAPER,
             first_frames: 4,
             rollout_steps: 1000,
-            noise_correlation: 0.0,
             buffer_episodes: None,
             handover: Handover::Reuse,
             new_policy: NewPolicy::Random,
-            augmentation: Group::C1,
-            seed: 0,
-            device: LearningDevice::default(),
+            ..Self::default()
         }
     }
 
-    /// The update of `policy` where policies learn.
+    /// Makes the update of `policy` on the device where policies learn.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
             LearningDevice::Processor => Ppo::new(self.ppo.clone(), policy),
@@ -103,11 +111,17 @@ impl CoversSettings {
 impl CollectionSettings for CoversSettings {
     type Training = PpoTraining;
 
-    shared_settings!(
-        grouping: GroupingSettings, first_frames: usize, rollout_steps: usize,
-        buffer_episodes: Option<usize>, handover: Handover, new_policy: NewPolicy,
-        seed: u64
-    );
+    fn common(&self) -> CommonSettings {
+        CommonSettings {
+            grouping: self.grouping,
+            first_frames: self.first_frames,
+            rollout_steps: self.rollout_steps,
+            buffer_episodes: self.buffer_episodes,
+            handover: self.handover,
+            new_policy: self.new_policy,
+            seed: self.seed,
+        }
+    }
 
     fn policy(&self, spec: &EnvSpec, seed: u64) -> Result<ActorCriticPolicy, RlError> {
         ActorCriticPolicy::new(&self.network, spec, seed)
@@ -130,5 +144,44 @@ impl CollectionSettings for CoversSettings {
             ppo: self.ppo(policy)?,
             augmentation: self.augmentation,
         })
+    }
+}
+
+/// Learns from one rollout after the other and keeps none.
+pub struct PpoTraining {
+    ppo: Ppo,
+    augmentation: Group,
+}
+
+impl Training for PpoTraining {
+    type Policy = ActorCriticPolicy;
+    type Rollout = RolloutBuffer;
+
+    fn take_over(
+        policy: &mut ActorCriticPolicy,
+        rollout: &mut RolloutBuffer,
+    ) -> Result<(), RlError> {
+        rollout.revalue(policy)
+    }
+
+    fn learn(
+        &mut self,
+        policy: &mut ActorCriticPolicy,
+        rollout: &mut RolloutBuffer,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Vec<(String, f64)>, RlError> {
+        if self.augmentation != Group::C1 {
+            rollout.augment(self.augmentation, rng)?;
+            rollout.revalue(policy)?;
+        }
+        Ok(self.ppo.update(policy, rollout, rng)?.metrics())
+    }
+
+    fn state(&self) -> AlgorithmState<'_> {
+        self.ppo.save()
+    }
+
+    fn restore(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError> {
+        self.ppo.restore(state)
     }
 }

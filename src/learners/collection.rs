@@ -1,0 +1,234 @@
+//! A collection of policies, one for each group of symmetric tasks: the part that COVERS and its
+//! variants share, whatever trains the policies.
+
+mod algorithm;
+mod checkpoint;
+mod episodes;
+mod extensions;
+mod settings;
+
+pub use checkpoint::read_note;
+pub use episodes::{Rollout, StepView};
+pub use settings::{CollectionSettings, CommonSettings, Handover, NewPolicy, Training};
+
+use std::time::Instant;
+
+use cluster::{Candidate, Contest, Reservoir};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
+use serde::{Deserialize, Serialize};
+
+use crate::error::CoversError;
+use crate::groupings::{Candidates, Episodes, Grouping};
+
+use super::learner::Iteration;
+use episodes::{FirstFrames, Observed, embed};
+use settings::{PolicyOf, RolloutOf};
+
+/// The learner: a growing collection of policies. It has no place for a task label.
+pub struct Collection<S: CollectionSettings> {
+    settings: S,
+    spec: EnvSpec,
+    grouping: Box<dyn Grouping>,
+    /// The paper's collection of pairs of a policy and its `B`.
+    policies: Vec<PolicyEntry<S>>,
+    /// Index of the policy that acts.
+    current: usize,
+    /// The paper's online rollout buffer `D`.
+    rollout: RolloutOf<S>,
+    generators: Generators,
+}
+
+/// A policy, its training, and the first frames of the group that it oversees.
+struct PolicyEntry<S: CollectionSettings> {
+    policy: PolicyOf<S>,
+    training: S::Training,
+    buffer: Reservoir<FirstFrames>,
+}
+
+impl<S: CollectionSettings> Collection<S> {
+    /// Makes a learner with one random policy, no frames, and the grouping that the settings name.
+    ///
+    /// # Errors
+    /// A setting out of range, a grouping that needs labels, or an image size that the network
+    /// cannot keep exactly symmetric.
+    pub fn new(settings: S, spec: &EnvSpec) -> Result<Self, CoversError> {
+        let grouping = settings.common().grouping.build()?;
+        Self::with_grouping(settings, spec, grouping)
+    }
+
+    /// Makes such a learner with a grouping of the caller's.
+    ///
+    /// # Errors
+    /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
+    pub fn with_grouping(
+        settings: S,
+        spec: &EnvSpec,
+        grouping: Box<dyn Grouping>,
+    ) -> Result<Self, CoversError> {
+        let common = settings.common();
+        let steps = common.steps_per_env(spec, grouping.needs().episodes)?;
+        let mut collection = Self {
+            spec: spec.clone(),
+            grouping,
+            policies: Vec::new(),
+            current: 0,
+            rollout: settings.rollout(spec, steps)?,
+            generators: Generators::new(common.seed),
+            settings,
+        };
+        collection.open_policy(None)?;
+        Ok(collection)
+    }
+
+    /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
+    /// index.
+    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, CoversError> {
+        let policy = match parent {
+            Some(parent) => self.policies[parent].policy.clone(),
+            None => {
+                let seed = self.generators.initialisation.random();
+                self.settings.policy(&self.spec, seed)?
+            }
+        };
+        let training = self.settings.training(&self.spec, &policy)?;
+        let buffer = Reservoir::new(self.settings.common().buffer_capacity())?;
+        self.policies.push(PolicyEntry {
+            policy,
+            training,
+            buffer,
+        });
+        Ok(self.policies.len() - 1)
+    }
+
+    /// Refuses a policy that does not exist.
+    fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
+        if index < self.policies.len() {
+            return Ok(index);
+        }
+        Err(CoversError::Setting {
+            name: "policy",
+            value: index.to_string(),
+            expected: "the index of a policy that was created",
+        })
+    }
+
+    /// Returns the number of episodes whose first frames policy `index` keeps, the size of its `B`;
+    /// `None` for a policy that does not exist.
+    pub fn buffered_episodes(&self, index: usize) -> Option<usize> {
+        let entry = self.policies.get(index)?;
+        Some(entry.buffer.episodes().len())
+    }
+}
+
+impl<S: CollectionSettings> PolicyEntry<S> {
+    /// Fills `rollout` with fresh episodes of this policy and books them in `iteration`.
+    fn act(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        rollout: &mut RolloutOf<S>,
+        rng: &mut ChaCha8Rng,
+        iteration: &mut Iteration,
+    ) -> Result<RolloutStats, RlError> {
+        let clock = Instant::now();
+        self.training.prepare(rollout);
+        let mut state = RolloutState::reset(env, &self.policy)?;
+        let stats = rl::collect(env, &mut self.policy, rollout, &mut state, rng)?;
+        iteration.decisions += stats.decisions;
+        iteration.seconds.collection += clock.elapsed().as_secs_f64();
+        Ok(stats)
+    }
+}
+
+/// The policies beside the first frames of a rollout.
+struct CandidateClouds<'a, S: CollectionSettings> {
+    policies: &'a mut [PolicyEntry<S>],
+    frames: &'a [FirstFrames],
+    episodes: Episodes<'a>,
+}
+
+impl<'a, S: CollectionSettings> CandidateClouds<'a, S> {
+    fn new(
+        policies: &'a mut [PolicyEntry<S>],
+        collector: usize,
+        spec: &'a EnvSpec,
+        observed: &'a Observed,
+    ) -> Self {
+        Self {
+            policies,
+            frames: &observed.frames,
+            episodes: Episodes {
+                spec,
+                collector,
+                courses: &observed.courses,
+            },
+        }
+    }
+}
+
+impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
+    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+        let clouds = self.policies.iter_mut().map(|entry| {
+            Ok(Candidate {
+                buffer: embed(&mut entry.policy, entry.buffer.episodes())?,
+                rollout: embed(&mut entry.policy, self.frames)?,
+            })
+        });
+        clouds.collect()
+    }
+
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError> {
+        let (mut policies, buffers): (Vec<_>, Vec<_>) = self
+            .policies
+            .iter_mut()
+            .map(|entry| {
+                let kept = entry.buffer.episodes();
+                (&mut entry.policy, &kept[..kept.len().min(most)])
+            })
+            .unzip();
+        let mut contest = |policy: usize| -> Result<Contest, CoversError> {
+            let policy = &mut *policies[policy];
+            let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
+            Ok(Contest {
+                rollout: embed(policy, self.frames)?,
+                rivals: [first?, second?],
+            })
+        };
+        let [first, second] = rivals.map(&mut contest);
+        Ok([first?, second?])
+    }
+
+    fn began(&self) -> Vec<usize> {
+        self.frames.iter().map(FirstFrames::began).collect()
+    }
+
+    fn episodes(&self) -> Episodes<'_> {
+        self.episodes
+    }
+}
+
+/// Random generators of the learner; each purpose has its own, so that none shifts another.
+#[derive(Clone, Serialize, Deserialize)]
+struct Generators {
+    actions: ChaCha8Rng,
+    updates: ChaCha8Rng,
+    assignment: ChaCha8Rng,
+    initialisation: ChaCha8Rng,
+}
+
+impl Generators {
+    fn new(seed: u64) -> Self {
+        let stream = |index| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(index);
+            rng
+        };
+        Self {
+            actions: stream(0),
+            updates: stream(1),
+            assignment: stream(2),
+            initialisation: stream(3),
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! Episodes of a rollout: their first frames, which assignment looks at since later ones depend on
+//! the policy, and whole ones for groupings that ask for them.
+
+use std::ops::Range;
+
+use cluster::Frames;
+use evidence::Course;
+use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
+
+use crate::error::CoversError;
+
+/// The first observations of one episode.
+pub(super) struct FirstFrames {
+    /// Decisions of all environments before it, since the look began that it is of.
+    began: usize,
+    count: usize,
+    observations: Observations,
+}
+
+impl FirstFrames {
+    /// Takes the first `count` observations of an episode.
+    pub(super) fn new(count: usize, observations: Observations) -> Self {
+        Self {
+            began: 0,
+            count,
+            observations,
+        }
+    }
+
+    /// Returns the decisions of all environments before it, since the look began that it is of.
+    pub(super) fn began(&self) -> usize {
+        self.began
+    }
+
+    /// Returns the number of observations.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Returns the observations.
+    pub(super) fn observations(&self) -> &Observations {
+        &self.observations
+    }
+}
+
+/// Experience of one look at a task.
+#[derive(Default)]
+pub(super) struct Observed {
+    /// The first frames of its episodes: the paper's `O`.
+    pub frames: Vec<FirstFrames>,
+    /// The episodes as they ran; none where the grouping does not need whole ones.
+    pub courses: Vec<Course>,
+}
+
+impl Observed {
+    /// Adds a later part of the same look.
+    pub fn extend(&mut self, later: Self) {
+        self.frames.extend(later.frames);
+        self.courses.extend(later.courses);
+    }
+
+    /// Leaves out frames of episodes that began before a cut, which are of the group before. All
+    /// stay where no later one showed enough observations.
+    pub fn keep_later(&mut self, cut: Option<usize>) {
+        let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
+        if self.frames.iter().any(is_later) {
+            self.frames.retain(is_later);
+        }
+    }
+}
+
+/// Experience of one collection, which begins with a reset.
+pub trait Rollout {
+    /// Returns the environments' sizes.
+    fn spec(&self) -> &EnvSpec;
+
+    /// Returns T, the steps of every environment that were collected.
+    fn shown(&self) -> usize;
+
+    /// Returns step `step` of environment `env`.
+    fn step(&self, step: usize, env: usize) -> StepView<'_>;
+
+    /// Forgets all steps of the last collection but the first `steps`, at least 1.
+    ///
+    /// # Errors
+    /// A collection that is not finished.
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
+
+    /// Keeps the latest `collections` of those since an algorithm learnt last. One that holds a
+    /// single collection forgets it when the next one begins.
+    fn keep(&mut self, _collections: usize) {}
+}
+
+/// One step of one environment.
+pub struct StepView<'a> {
+    /// The picture `[H, W, C]` that was acted on.
+    pub image: &'a [u8],
+    /// The vector `[D]` that was acted on.
+    pub vector: &'a [f32],
+    /// The action `[A]`.
+    pub action: &'a [f32],
+    /// The reward of that action.
+    pub reward: f32,
+    /// State of the episode after the step.
+    pub outcome: Outcome,
+}
+
+impl Rollout for RolloutBuffer {
+    fn spec(&self) -> &EnvSpec {
+        self.spec()
+    }
+
+    fn shown(&self) -> usize {
+        self.steps()
+    }
+
+    fn step(&self, step: usize, env: usize) -> StepView<'_> {
+        let (row, len) = (step * self.spec().num_envs + env, self.spec().action.len());
+        let (image, vector) = self.observations().sample(self.spec(), row);
+        StepView {
+            image,
+            vector,
+            action: &self.decisions().actions[row * len..(row + 1) * len],
+            reward: self.rewards()[row],
+            outcome: self.outcomes()[row],
+        }
+    }
+
+    fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
+        self.truncate(steps)
+    }
+}
+
+/// Steps of one episode in a rollout.
+struct Span {
+    env: usize,
+    steps: Range<usize>,
+    is_whole: bool,
+}
+
+/// Returns the spans of all episodes, one environment after the other.
+fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
+    let mut spans = Vec::new();
+    for env in 0..rollout.spec().num_envs {
+        let mut start = 0;
+        while start < rollout.shown() {
+            let end = (start..rollout.shown()).find(|&t| rollout.step(t, env).outcome.ended());
+            let stop = end.map_or(rollout.shown(), |last| last + 1);
+            spans.push(Span {
+                env,
+                steps: start..stop,
+                is_whole: end.is_some(),
+            });
+            start = stop;
+        }
+    }
+    spans
+}
+
+/// Takes the first `k` observations of every episode that shows as many; `before` decisions came
+/// before the rollout.
+pub(super) fn first_frames<R: Rollout>(rollout: &R, before: usize, k: usize) -> Vec<FirstFrames> {
+    let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
+    for Span { env, steps, .. } in spans(rollout) {
+        if steps.len() < k {
+            continue;
+        }
+        let mut frames = Observations {
+            images: Vec::with_capacity(k * rollout.spec().image_len()),
+            vectors: Vec::with_capacity(k * rollout.spec().vector.len()),
+        };
+        for step in steps.start..steps.start + k {
+            let StepView { image, vector, .. } = rollout.step(step, env);
+            frames.images.extend(image);
+            frames.vectors.extend(vector);
+        }
+        episodes.push(FirstFrames {
+            began: before + steps.start * envs,
+            ..FirstFrames::new(k, frames)
+        });
+    }
+    episodes
+}
+
+/// Takes every episode of the rollout, which `before` decisions came before.
+pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
+    let (envs, mut courses) = (rollout.spec().num_envs, Vec::new());
+    for span in spans(rollout) {
+        let mut course = Course {
+            began: before + span.steps.start * envs,
+            is_whole: span.is_whole,
+            image: rollout.step(span.steps.start, span.env).image.to_vec(),
+            ..Course::default()
+        };
+        for step in span.steps {
+            let step = rollout.step(step, span.env);
+            course.vectors.extend(step.vector);
+            course.actions.extend(step.action);
+            course.rewards.push(step.reward);
+        }
+        courses.push(course);
+    }
+    courses
+}
+
+/// Returns the invariant features of episodes, as `policy` sees them now: features drift while a policy
+/// learns, so frames are embedded afresh.
+pub(super) fn embed<P: Features>(
+    policy: &mut P,
+    episodes: &[FirstFrames],
+) -> Result<Frames, CoversError> {
+    let dim = policy.feature_dim();
+    let per_episode = episodes.first().map_or(0, |episode| episode.count);
+    let mut all = Observations {
+        images: Vec::new(),
+        vectors: Vec::new(),
+    };
+    for episode in episodes {
+        all.images.extend(&episode.observations.images);
+        all.vectors.extend(&episode.observations.vectors);
+    }
+    let mut features = vec![0.0; episodes.len() * per_episode * dim];
+    policy.features(&all, &mut features)?;
+    Ok(Frames::new(features, per_episode, dim)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rl::{Decisions, Transition};
+    use symmetry::Irrep;
+
+    /// Five steps of two environments; pixels and vectors carry `10 env + step`. `ends` lists (env,
+    /// step) after which an episode ends.
+    fn rollout(ends: &[(usize, usize)]) -> RolloutBuffer {
+        let spec = EnvSpec {
+            num_envs: 2,
+            image: [1, 1, 1],
+            vector: vec![Irrep::X],
+            action: vec![Irrep::X],
+        };
+        let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
+        for step in 0..5 {
+            let marks = [step as u8, 10 + step as u8];
+            let observations = Observations {
+                images: marks.to_vec(),
+                vectors: marks.map(f32::from).to_vec(),
+            };
+            let mut transition = Transition::new(&spec);
+            for (env, outcome) in transition.outcomes.iter_mut().enumerate() {
+                if ends.contains(&(env, step)) {
+                    *outcome = Outcome::Truncated;
+                }
+            }
+            let decisions = Decisions::new(&spec);
+            buffer
+                .push(&observations, &decisions, &transition, &[0.0; 2])
+                .unwrap();
+        }
+        buffer
+    }
+
+    fn images(rollout: &RolloutBuffer, k: usize) -> Vec<Vec<u8>> {
+        let episodes = first_frames(rollout, 0, k).into_iter();
+        episodes
+            .map(|episode| episode.observations.images)
+            .collect()
+    }
+
+    #[test]
+    fn every_episode_gives_its_first_frames() {
+        let rollout = rollout(&[(0, 2), (1, 4)]);
+        assert_eq!(images(&rollout, 2), [vec![0, 1], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 1), [vec![0], vec![3], vec![10]]);
+    }
+
+    #[test]
+    fn episodes_that_are_too_short_give_nothing() {
+        // environment 0: steps 0 | 1, 2 | 3, 4 (still running); environment 1: one long episode
+        let rollout = rollout(&[(0, 0), (0, 2)]);
+        assert_eq!(images(&rollout, 2), [vec![1, 2], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&rollout, 3), [vec![10, 11, 12]]);
+    }
+}

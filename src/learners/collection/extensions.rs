@@ -1,0 +1,199 @@
+//! Steps of the learner that the paper's Algorithm 1 does not have: second rollouts, policies that
+//! prove themselves before they learn, rollouts of two groups, and policies that are merged.
+
+use std::time::Instant;
+
+use cluster::Decision;
+use evidence::Course;
+use rl::{Experience as _, VectorEnv};
+
+use crate::error::CoversError;
+use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
+use crate::learners::learner::{Iteration, Seconds};
+
+use super::Collection;
+use super::episodes::{Observed, Rollout};
+use super::settings::{CollectionSettings, Handover, RolloutOf, Training};
+
+impl<S: CollectionSettings> Collection<S> {
+    /// Collects one more rollout after `first` left the grouping undecided, and decides on both:
+    /// the paper opens a policy on a single rollout.
+    pub(super) fn collect_second_rollout(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        first: GroupingDecision,
+        observed: &mut Observed,
+        iteration: &mut Iteration,
+    ) -> Result<GroupingDecision, CoversError> {
+        self.keep_if_cut(&first, 0);
+        let before = iteration.decisions;
+        self.roll_out(env, iteration)?;
+        observed.extend(self.observe(before)?);
+        iteration.first_look = Some(first.evidence);
+        let decision = self.assign(Query::TwoRollouts, observed, &mut iteration.seconds)?;
+        self.keep_if_cut(&decision, 1);
+        Ok(decision)
+    }
+
+    /// Leaves the latest `collections` for a replay, which would take all of them, where a decision
+    /// found two groups in them.
+    fn keep_if_cut(&mut self, decision: &GroupingDecision, collections: usize) {
+        if decision.cut.is_some() {
+            self.rollout.keep(collections);
+        }
+    }
+
+    /// Sees to it that the current policy, which `decision` named, may learn from the rollout of
+    /// `collector`, or collects one with it: the paper does not say that a rollout of another
+    /// policy is off-policy. Returns the policy that collected the rollout.
+    ///
+    /// Where the decision demands a trial, the grouping judges each rollout and may name other
+    /// policies, which then collect theirs.
+    pub(super) fn hand_over(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        collector: usize,
+        decision: &mut GroupingDecision,
+        iteration: &mut Iteration,
+    ) -> Result<usize, CoversError> {
+        if self.current == collector {
+            return Ok(collector);
+        }
+        if self.may_reuse(decision) {
+            let policy = &mut self.policies[self.current].policy;
+            S::Training::take_over(policy, &mut self.rollout)?;
+            return Ok(collector);
+        }
+        loop {
+            self.keep_if_cut(decision, 0);
+            if decision.trial == Trial::Episodes
+                && !iteration.created
+                && let Some(probe) = self.probe(env, iteration)?
+            {
+                let observed = self.observe_in(&probe, 0);
+                if !self.passes_trial(observed, decision, iteration)? {
+                    continue;
+                }
+            }
+            self.roll_out(env, iteration)?;
+            if iteration.created
+                || decision.trial == Trial::None
+                || self.passes_trial(self.observe(0)?, decision, iteration)?
+            {
+                return Ok(self.current);
+            }
+        }
+    }
+
+    /// Tests whether the policy that was named may learn from a rollout of another one: a rollout
+    /// of two groups is nobody's, and a provisional policy must act before it learns.
+    fn may_reuse(&self, decision: &GroupingDecision) -> bool {
+        self.settings.common().handover == Handover::Reuse
+            && decision.cut.is_none()
+            && !decision.provisional
+    }
+
+    /// Asks the grouping whether the current policy, which `decision` named, stays after it acted.
+    /// Otherwise the policy that it names instead becomes current, and its decision the last one.
+    fn passes_trial(
+        &mut self,
+        observed: Observed,
+        decision: &mut GroupingDecision,
+        iteration: &mut Iteration,
+    ) -> Result<bool, CoversError> {
+        let query = Query::Trial(decision);
+        let judged = self.assign(query, &observed, &mut iteration.seconds)?;
+        if judged.policy == Decision::Existing(self.current) {
+            decision.accepted = judged.accepted;
+            return Ok(true);
+        }
+        iteration.created = self.adopt(&judged, observed.frames)?;
+        *decision = judged;
+        Ok(false)
+    }
+
+    /// Lets the current policy act for as many episodes as the grouping needs, at least one in each
+    /// environment. None where that takes no less than a rollout, or nobody knows how long.
+    fn probe(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        iteration: &mut Iteration,
+    ) -> Result<Option<RolloutOf<S>>, CoversError> {
+        let episodes = self.grouping.needs().episodes.div_ceil(self.spec.num_envs);
+        let steps = env
+            .horizon()
+            .and_then(|horizon| horizon.checked_mul(episodes.max(1)))
+            .filter(|&steps| steps < self.rollout.steps());
+        let Some(steps) = steps else {
+            return Ok(None);
+        };
+        let mut rollout = self.settings.rollout(env.spec(), steps)?;
+        let rng = &mut self.generators.actions;
+        self.policies[self.current].act(env, &mut rollout, rng, iteration)?;
+        Ok(Some(rollout))
+    }
+
+    /// Shows the grouping the rollout of `collector`, which the current policy is about to learn
+    /// from, and forgets what shows another group at its end.
+    pub(super) fn teach_grouping(
+        &mut self,
+        collector: usize,
+        decision: &GroupingDecision,
+        seconds: &mut Seconds,
+    ) -> Result<Learned, CoversError> {
+        let clock = Instant::now();
+        let courses = self.courses_in(&self.rollout, 0);
+        let lesson = Lesson::Rollout {
+            policy: self.current,
+            accepted: &decision.accepted,
+            episodes: Episodes {
+                spec: &self.spec,
+                collector,
+                courses: &courses,
+            },
+        };
+        let rng = &mut self.generators.assignment;
+        let learned = self.grouping.learn(lesson, rng)?;
+        if let Some(end) = learned.end {
+            self.rollout.truncate(end / self.spec.num_envs)?;
+        }
+        seconds.assignment += clock.elapsed().as_secs_f64();
+        Ok(learned)
+    }
+
+    /// Lets policies act that may serve the group of the current one, too, until the grouping knows
+    /// whether to merge them. One of two goes on for both, with its parameters, its optimiser and
+    /// its number.
+    pub(super) fn merge_duplicates(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        mut learned: Learned,
+        iteration: &mut Iteration,
+    ) -> Result<(), CoversError> {
+        let policy = self.current;
+        let mut acted: Vec<(usize, Vec<Course>)> = Vec::new();
+        while let Some(next) = learned.probe {
+            self.current = self.check_policy(next)?;
+            let Some(probe) = self.probe(env, iteration)? else {
+                break;
+            };
+            acted.push((next, self.courses_in(&probe, 0)));
+            let probes = acted.iter().map(|(collector, courses)| Episodes {
+                spec: &self.spec,
+                collector: *collector,
+                courses,
+            });
+            let probes: Vec<Episodes<'_>> = probes.collect();
+            let rng = &mut self.generators.assignment;
+            let lesson = Lesson::Probes {
+                policy,
+                probes: &probes,
+            };
+            learned = self.grouping.learn(lesson, rng)?;
+        }
+        let heir = learned.merged_into.get(policy).copied().flatten();
+        self.current = heir.unwrap_or(policy);
+        iteration.merged_into = learned.merged_into;
+        Ok(())
+    }
+}
