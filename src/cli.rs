@@ -3,18 +3,18 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use clap::builder::RangedI64ValueParser;
+use clap::builder::{PossibleValuesParser, RangedI64ValueParser, TypedValueParser};
 use clap::{Args, Parser};
 use envs::{Embodiment, MAX_THREADS};
 use symmetry::Group;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::learners::DeviceChoice;
-use crate::overrides::{self, Override};
 use crate::presets::{Budget, Method};
 use crate::printable::printable_lines;
 use crate::runs::RunFolder;
+use learner::DeviceChoice;
+use learner::overrides::{self, Override};
 
 /// What a number of threads may be.
 pub(crate) fn thread_count() -> RangedI64ValueParser<u16> {
@@ -74,7 +74,7 @@ impl Changes {
     /// The experiment with these changes.
     ///
     /// # Errors
-    /// [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
     pub fn apply(&self, mut experiment: Experiment) -> Result<Experiment, CoversError> {
         if let Some(seed) = self.seed {
             experiment = experiment.with_seed(seed);
@@ -86,7 +86,7 @@ impl Changes {
             experiment = experiment.with_group(group);
         }
         let experiment = experiment.with_threads(self.threads.count());
-        overrides::apply(&self.set, experiment)
+        Ok(overrides::apply(&self.set, experiment)?)
     }
 }
 
@@ -165,7 +165,7 @@ pub struct TrainOptions {
     #[arg(long)]
     pub config: Option<PathBuf>,
     /// Where policies learn; an update is the same but for rounding, and runs drift apart.
-    #[arg(long, value_enum, default_value = "cpu")]
+    #[arg(long, value_parser = device(), default_value = "cpu")]
     pub device: DeviceChoice,
     /// Draw curves, groups and policies, distances and the newest picture on the terminal; `q` ends
     /// the run with a checkpoint.
@@ -215,4 +215,10 @@ pub fn run_name(stem: &str, experiment: &Experiment) -> String {
 pub(crate) fn say(out: &mut impl Write, line: &str) -> Result<(), CoversError> {
     let line = printable_lines(line);
     writeln!(out, "{line}").map_err(|error| CoversError::write(Path::new("standard output"), error))
+}
+
+/// Parser of `--device`.
+pub(crate) fn device() -> impl TypedValueParser<Value = DeviceChoice> {
+    PossibleValuesParser::new(DeviceChoice::ALL.map(DeviceChoice::name))
+        .try_map(|name| name.parse::<DeviceChoice>())
 }

@@ -6,17 +6,17 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
-use crate::cli::{TrainOptions, Work, say, thread_count};
+use crate::cli::{TrainOptions, Work, device, say, thread_count};
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
-use crate::groupings::Labels;
-use crate::learners::{DeviceChoice, Extent};
 use crate::memory;
 use crate::report::ReportOptions;
 use crate::runs::{Event, Run, RunFolder, Stop, thread_pool};
 use crate::stream::Stream;
 use crate::sweep::{self, ArrayJob, Ended, Plan};
 use crate::tables::{event_text, score_table, summary_table};
+use learner::Labels;
+use learner::{DeviceChoice, Extent};
 
 /// What `covers` does with learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -44,7 +44,7 @@ pub struct ResumeOptions {
     /// The run's folder.
     pub run: PathBuf,
     /// Where policies learn from here on, which may be elsewhere than before.
-    #[arg(long, value_enum, default_value = "cpu")]
+    #[arg(long, value_parser = device(), default_value = "cpu")]
     pub device: DeviceChoice,
     #[command(flatten)]
     #[allow(missing_docs)]

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use learner::LearnerError;
 use rl::BoxError;
 
 /// Error of the learner, its stream, or the files of a run.
@@ -19,25 +20,15 @@ pub enum CoversError {
         /// What would be accepted.
         expected: &'static str,
     },
-    /// A rollout that shows too few episodes to be assigned to a policy.
-    #[error(
-        "the rollout shows the first {first_frames} frames of {got} episodes, expected at least {needed}: \
-         use more environments, longer rollouts, or fewer first frames"
-    )]
-    TooFewEpisodes {
-        /// Episodes that showed all of their first frames.
-        got: usize,
-        /// Episodes that the assigner needs.
-        needed: usize,
-        /// Frames looked at in each.
-        first_frames: usize,
-    },
     /// The environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
     /// Policies and their updates.
     #[error(transparent)]
     Rl(#[from] rl::RlError),
+    /// Learners, their settings and their checkpoints.
+    #[error(transparent)]
+    Learner(LearnerError),
     /// Distances and assignment.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
@@ -135,74 +126,6 @@ pub enum CoversError {
         /// The reason.
         source: BoxError,
     },
-    /// A checkpoint of [`Extent::Policies`](crate::Extent::Policies), which leaves out what
-    /// learning on takes.
-    #[error(
-        "{} holds policies only, as `covers pack` leaves them, and cannot be resumed: \
-         resume the run's own folder; `covers eval` takes either", path.display()
-    )]
-    PoliciesOnly {
-        /// The checkpoint.
-        path: PathBuf,
-    },
-    /// A checkpoint of a newer version of this crate.
-    #[error(
-        "{} has format {format}, this version of covers reads {known}: resume it with the version \
-         that wrote it", path.display()
-    )]
-    NewerFormat {
-        /// The checkpoint.
-        path: PathBuf,
-        /// Its format.
-        format: u32,
-        /// The newest format that this version reads.
-        known: u32,
-    },
-    /// A number that is not finite, on its way into a checkpoint.
-    #[error(
-        "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
-         Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \
-         or `--set off_policy.sac.learning_rate=...`)",
-        path.display()
-    )]
-    NotFinite {
-        /// The checkpoint.
-        path: PathBuf,
-        /// The array.
-        tensor: String,
-        /// The number's place in it.
-        index: usize,
-        /// The value.
-        value: f32,
-    },
-    /// A setting that does not exist.
-    #[error("there is no setting `{name}`{}", hint(nearest))]
-    UnknownSetting {
-        /// Its path.
-        name: String,
-        /// The setting that is most like it.
-        nearest: Option<String>,
-    },
-    /// Settings that are no JSON.
-    #[error("the settings are no JSON: {source}")]
-    NotJson {
-        /// Where and why.
-        source: serde_json::Error,
-    },
-    /// A setting of the wrong type.
-    #[error("setting `{path}`: {problem}")]
-    WrongSetting {
-        /// Its path.
-        path: String,
-        /// What does not fit.
-        problem: String,
-    },
-    /// An override without a value.
-    #[error("`{text}` sets nothing: expected PATH=VALUE, as covers.ppo.gamma=0.97")]
-    NotAnOverride {
-        /// What was given.
-        text: String,
-    },
     /// A folder that another process writes to.
     #[error(
         "{} is being written to by {holder}: wait until it has ended, or stop it", folder.display()
@@ -245,17 +168,6 @@ pub enum CoversError {
         folder: PathBuf,
         /// What is wrong with each.
         problems: String,
-    },
-    /// A checkpoint of other settings than those asked for.
-    #[error(
-        "{} was written with other settings than those asked for ({differences}): put them back, or \
-         begin a new run with the settings that you want", path.display()
-    )]
-    OtherSettings {
-        /// The checkpoint.
-        path: PathBuf,
-        /// What differs: the value asked for and the checkpoint's.
-        differences: String,
     },
     /// Table that was changed after its run had ended.
     #[error(
@@ -355,9 +267,6 @@ pub enum CoversError {
          with `covers watch`"
     )]
     NoTerminal,
-    /// A learner that has no policies for other programs.
-    #[error("this learner's policies cannot be written for other programs")]
-    Unexportable,
     /// A file whose name does not say what can be written.
     #[error("{} cannot be written: expected a name with the ending {expected}", path.display())]
     Ending {
@@ -397,6 +306,29 @@ pub enum CoversError {
     },
 }
 
+/// Errors that the learner shares with the rest of the program keep one form.
+impl From<LearnerError> for CoversError {
+    fn from(error: LearnerError) -> Self {
+        match error {
+            LearnerError::Setting {
+                name,
+                value,
+                expected,
+            } => Self::Setting {
+                name,
+                value,
+                expected,
+            },
+            LearnerError::Rl(error) => Self::Rl(error),
+            LearnerError::Cluster(error) => Self::Cluster(error),
+            LearnerError::Evidence(error) => Self::Evidence(error),
+            LearnerError::Read { path, source } => Self::Read { path, source },
+            LearnerError::Write { path, source } => Self::write(&path, source),
+            other => Self::Learner(other),
+        }
+    }
+}
+
 impl CoversError {
     /// Wraps what went wrong with reading `path`.
     pub(crate) fn read(path: &Path, source: impl Into<BoxError>) -> Self {
@@ -409,14 +341,6 @@ impl CoversError {
         Self::read(path, Damaged(problem))
     }
 
-    /// This error of a file's contents; those of files and environments stay as they are.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
-        match self {
-            Self::Rl(_) | Self::Cluster(_) | Self::Setting { .. } => Self::read(path, self),
-            other => other,
-        }
-    }
-
     /// Wraps what went wrong with writing `path`.
     pub(crate) fn write(path: &Path, source: impl Into<BoxError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
@@ -426,13 +350,6 @@ impl CoversError {
             Some(taken_over) => Self::TakenOver(taken_over.clone()),
             None => Self::Write { path, source },
         }
-    }
-}
-
-fn hint(nearest: &Option<String>) -> String {
-    match nearest {
-        Some(nearest) => format!(": did you mean `{nearest}`?"),
-        None => String::new(),
     }
 }
 

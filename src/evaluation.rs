@@ -14,10 +14,10 @@ use symmetry::D2;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
-use crate::learners::{Learner, Performance};
 use crate::schedule::Schedule;
 use crate::stream::Stream;
+use learner::Labels;
+use learner::{Learner, Performance};
 
 use dormancy::Activities;
 use played::Played;
@@ -201,7 +201,7 @@ impl Evaluator {
         stream.reseed(self.seed)?;
         let what = (variant, rounds);
         self.played.recall(what, learner, policy, |learner| {
-            learner.perform(policy, stream, rounds)
+            Ok(learner.perform(policy, stream, rounds)?)
         })
     }
 

@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::CoversError;
-use crate::groupings::Labels;
-use crate::learners::{DeviceChoice, LearnerSettings};
-use crate::overrides::{parse, read};
 use crate::schedule::{Clock, Schedule};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
+use learner::Labels;
+use learner::overrides::{parse, read};
+use learner::{DeviceChoice, LearnerSettings};
 
 /// Random streams of the experiment, counted from the top: the learner's are counted from 0 under
 /// the same seed.
@@ -109,15 +109,15 @@ impl Experiment {
     /// [`CoversError::Read`] names the file and what is wrong in it: for an unknown field the
     /// nearest known one, too.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
-        read(path)
+        Ok(read(path)?)
     }
 
     /// Reads settings from JSON.
     ///
     /// # Errors
-    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, CoversError> {
-        parse(text)
+        Ok(parse(text)?)
     }
 
     /// The same run with another seed.
@@ -188,7 +188,8 @@ impl Experiment {
         self.check_visits()?;
         self.check_still_channels()?;
         let spec = Stream::spec_of(&self.envs);
-        self.learner.start(&spec, &Labels::default()).map(|_| ())
+        self.learner.start(&spec, &Labels::default())?;
+        Ok(())
     }
 
     /// Refuses rollouts that end before an episode does: every rollout begins with a reset.
@@ -307,8 +308,8 @@ impl Seeds {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learners::CoversSettings;
     use crate::presets::{Budget, Method};
+    use learner::CoversSettings;
 
     fn smoke() -> Experiment {
         Budget::Smoke.experiment(Method::Covers)

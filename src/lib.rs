@@ -30,7 +30,6 @@ pub mod colours;
 pub mod commands;
 mod completions;
 pub mod deploy;
-mod disk;
 mod distinct;
 pub mod doctor;
 mod error;
@@ -39,13 +38,10 @@ mod events;
 mod experiment;
 pub mod export;
 mod glimpse;
-mod groupings;
 mod helper;
-mod learners;
 mod manual;
 mod memory;
 mod new_file;
-mod overrides;
 pub mod preset_list;
 pub mod presets;
 mod printable;
@@ -63,19 +59,17 @@ mod timetable;
 pub mod watch;
 mod world;
 
-pub use disk::{Disk, LocalDisk};
 pub use error::CoversError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use glimpse::Glimpse;
-pub use groupings::{
-    Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
-    Learned, Lesson, Needs, Query, Recognised, Single, Trial,
+pub use learner::disk::{Disk, LocalDisk};
+pub use learner::overrides::{Override, apply as apply_overrides};
+pub use learner::{
+    Candidates, Collection, CollectionSettings, CommonSettings, Covers, CoversSettings,
+    DeviceChoice, Distance, Episodes, Evident, Extent, Grouping, GroupingDecision,
+    GroupingSettings, Handover, Iteration, Labels, Learned, Learner, LearnerError, LearnerSettings,
+    LearningDevice, Lesson, Metric, Metrics, Needs, NewPolicy, OffPolicy, OffPolicySettings,
+    Performance, Query, Recognised, Seconds, Single, Trial,
 };
-pub use learners::{
-    Collection, CollectionSettings, CommonSettings, Covers, CoversSettings, DeviceChoice, Extent,
-    Handover, Iteration, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy,
-    OffPolicy, OffPolicySettings, Performance, Seconds,
-};
-pub use overrides::{Override, apply as apply_overrides};
 pub use runs::{Evaluation, Event, Ledger, Progress, Provenance, Run, RunFolder, Stop, Summary};
 pub use stream::Stream;

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::groupings::GroupingSettings;
-use crate::learners::LearnerSettings;
 use crate::stream::Stream;
+use learner::GroupingSettings;
+use learner::LearnerSettings;
 
 const MEBIBYTE: u64 = 1 << 20;
 /// Resident memory of a small run, measured as 0.44 GiB.

@@ -4,8 +4,8 @@ use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use crate::disk::{LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
+use learner::disk::{LocalDisk, PARTIAL, folder_of, replace};
 
 /// A file that does not exist yet.
 pub(crate) struct NewFile {
@@ -47,7 +47,7 @@ impl NewFile {
     /// # Errors
     /// [`CoversError::Write`].
     pub fn write(&self, bytes: &[u8]) -> Result<(), CoversError> {
-        replace(&LocalDisk, &self.path, bytes)
+        Ok(replace(&LocalDisk, &self.path, bytes)?)
     }
 
     /// Where it will be.

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
 use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-use crate::groupings::GroupingSettings;
-use crate::learners::{CoversSettings, LearnerSettings, OffPolicySettings};
 use crate::schedule::Schedule;
+use learner::GroupingSettings;
+use learner::{CoversSettings, LearnerSettings, OffPolicySettings};
 
 /// Environments of every method: a rollout of 500 decisions is an episode of each.
 const NUM_ENVS: usize = 10;

@@ -6,10 +6,10 @@ use rl::{BoxError, EnvSpec, Observations, Outcome, Transition, VectorEnv};
 use crate::error::CoversError;
 use crate::experiment::{Experiment, Seeds};
 use crate::glimpse::Glimpse;
-use crate::groupings::Labels;
 use crate::schedule::{Clock, Visit};
 use crate::stream::Stream;
 use crate::timetable::Timetable;
+use learner::Labels;
 
 /// The stream of one experiment.
 ///

@@ -2,8 +2,8 @@
 
 use cluster::{Decision, Evidence, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingDecision,
-    GroupingSettings, Handover, Iteration, Learned, Learner, Lesson, Needs, NewPolicy, Query,
+    Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, GroupingSettings,
+    Handover, Iteration, Learned, Learner, LearnerError, Lesson, Needs, NewPolicy, Query,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -32,7 +32,7 @@ fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) 
 }
 
 /// What cannot be is said, in words with this part.
-fn assert_refused<T>(result: Result<T, CoversError>, part: &str) {
+fn assert_refused<T>(result: Result<T, LearnerError>, part: &str) {
     let message = result.err().unwrap().to_string();
     assert!(message.contains(part), "{message}");
 }
@@ -253,13 +253,13 @@ impl Grouping for Scripted {
         _: Query<'_>,
         candidates: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         assert!(!candidates.clouds()?.is_empty());
         let decision = self.decisions[(self.asked - 1) % self.decisions.len()];
         Ok(GroupingDecision::of(decision))
     }
 
-    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         self.asked += 1;
         Ok(Learned::default())
     }

@@ -16,6 +16,7 @@ mod learner;
 mod learns;
 mod modules;
 mod off_policy;
+mod overrides;
 mod pages;
 mod parity;
 mod ppo_table;

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
 use covers::{
-    Candidates, Covers, CoversError, CoversSettings, Extent, Grouping, GroupingDecision, Learned,
-    Learner, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
+    Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, Learned, Learner,
+    LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
@@ -56,7 +56,7 @@ impl Grouping for Script {
         query: Query<'_>,
         candidates: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         self.courses.lock().unwrap().push(episodes.courses.len());
@@ -99,7 +99,7 @@ impl Grouping for Script {
         })
     }
 
-    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let mut learned = Learned::default();
         match lesson {
             Lesson::Rollout {

@@ -9,10 +9,10 @@ use envs::carriers::Arm;
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::cli::say;
-use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
 use crate::render::gif;
 use crate::runs::RunFolder;
+use learner::disk::{LocalDisk, replace};
 
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultSweep};
@@ -302,6 +302,6 @@ impl DeployOptions {
                 png.map_err(|error| CoversError::write(&path, error))?
             }
         };
-        replace(&LocalDisk, &path, &bytes)
+        Ok(replace(&LocalDisk, &path, &bytes)?)
     }
 }

@@ -17,10 +17,10 @@ use symmetry::D2;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::groupings::{Labels, Recognised};
-use crate::learners::{Learner, LearnerSettings};
 use crate::runs::RunFolder;
 use crate::stream::Stream;
+use learner::{Labels, Recognised};
+use learner::{Learner, LearnerSettings};
 
 use super::dry_run::{DryRun, Rehearsal};
 use super::pilot::Pilot;

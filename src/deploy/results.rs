@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use envs::TaskGroup;
 
-use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
+use learner::disk::{LocalDisk, replace};
 
 use super::faults::Fault;
 use super::sweep::{Swept, figure, swept_rows};
@@ -47,7 +47,7 @@ impl Results {
             replace(&LocalDisk, &self.folder.join(name), text.as_bytes())
         };
         write("trials.csv", trial_rows(scores))?;
-        write("table.md", deployment_markdown(scores))
+        Ok(write("table.md", deployment_markdown(scores))?)
     }
 
     /// Writes what is known so far of a sweep.
@@ -63,7 +63,7 @@ impl Results {
         let write =
             |ending, text: String| replace(&LocalDisk, &self.of(fault, ending), text.as_bytes());
         write("csv", swept_rows(fault, swept))?;
-        write("svg", figure(fault, groups, swept))
+        Ok(write("svg", figure(fault, groups, swept))?)
     }
 
     fn of(&self, fault: Fault, ending: &str) -> PathBuf {

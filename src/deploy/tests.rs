@@ -25,8 +25,8 @@ use super::{
 };
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::learners::{LearnerSettings, OffPolicySettings};
 use crate::runs::RunFolder;
+use learner::{LearnerSettings, OffPolicySettings};
 
 const TRIAL: Trial = Trial {
     variant: TaskVariant {

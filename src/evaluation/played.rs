@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use envs::TaskVariant;
 
-use crate::learners::{Learner, Performance};
+use learner::{Learner, Performance};
 
 /// What policies did in the episodes of an evaluation, which are the same every time: a policy that
 /// has not changed since would do the same again, to the bit.

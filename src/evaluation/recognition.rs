@@ -9,7 +9,7 @@ use serde::Serialize;
 use symmetry::D2;
 
 use crate::error::CoversError;
-use crate::learners::Learner;
+use learner::Learner;
 
 use super::Evaluator;
 

@@ -5,9 +5,9 @@ use rand::Rng;
 use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
-use crate::groupings::Recognised;
-use crate::learners::{Extent, Iteration};
 use crate::presets::{Budget, Method};
+use learner::Recognised;
+use learner::{Extent, Iteration, LearnerError};
 
 /// Does the same whatever it sees, and keeps what it sees at the beginning of every episode.
 #[derive(Default)]
@@ -42,7 +42,7 @@ impl Spy {
 }
 
 impl Learner for Spy {
-    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Iteration, CoversError> {
+    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
         panic!("evaluations teach nothing")
     }
 
@@ -51,7 +51,7 @@ impl Learner for Spy {
         env: &mut dyn VectorEnv,
         _: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError> {
+    ) -> Result<Recognised, LearnerError> {
         self.watch(env, 1);
         (0..self.draws).for_each(|_| _ = rng.next_u32());
         Ok(Recognised {
@@ -65,7 +65,7 @@ impl Learner for Spy {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, CoversError> {
+    ) -> Result<Performance, LearnerError> {
         self.watch(env, rounds);
         self.played.push(index);
         // policy 1 alone succeeds
@@ -89,7 +89,7 @@ impl Learner for Spy {
         1
     }
 
-    fn encode(&self, _: &Path, _: Extent, _: &str) -> Result<Vec<u8>, CoversError> {
+    fn encode(&self, _: &Path, _: Extent, _: &str) -> Result<Vec<u8>, LearnerError> {
         Ok(Vec::new())
     }
 }

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 
 use csv::{ReaderBuilder, StringRecord};
 
-use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
-use crate::learners::per_policy_columns;
 use crate::runs::RunFolder;
+use learner::disk::{LocalDisk, replace};
+use learner::per_policy_columns;
 
 use super::summary::{EventFile, Moment};
 

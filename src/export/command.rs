@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::cli::say;
-use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
-use crate::groupings::Labels;
 use crate::runs::RunFolder;
 use crate::stream::Stream;
+use learner::Labels;
+use learner::disk::{LocalDisk, replace};
 
 use super::description::description;
 use super::examples::observations;

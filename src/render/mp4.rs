@@ -5,9 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::disk::PARTIAL;
 use crate::error::CoversError;
 use crate::helper;
+use learner::disk::PARTIAL;
 
 use super::film::{DELAY, Film, HOLD};
 

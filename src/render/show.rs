@@ -8,10 +8,10 @@ use crate::colours::rgb;
 use crate::error::CoversError;
 use crate::evaluation::Evaluator;
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
-use crate::learners::Learner;
 use crate::runs::RunFolder;
 use crate::stream::Stream;
+use learner::Labels;
+use learner::Learner;
 
 use super::mosaic::{Cell, Row};
 use super::studio::{Studio, View};

@@ -4,8 +4,8 @@ use clap::ValueEnum;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::differences;
 use crate::presets::{Budget, Method};
+use learner::overrides::differences;
 
 /// What the settings of a run say of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,7 +74,7 @@ fn remark(named: Option<Method>, run: &Experiment) -> Result<String, CoversError
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learners::LearnerSettings;
+    use learner::LearnerSettings;
 
     fn identity(name: &str, run: &Experiment) -> Identity {
         Identity::of(name, run).unwrap()

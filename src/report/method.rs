@@ -4,8 +4,8 @@ use envs::{Camera, VecEnvSettings};
 
 use crate::error::CoversError;
 use crate::experiment::{CheckpointPlan, Experiment};
-use crate::learners::LearnerSettings;
-use crate::overrides::differences;
+use learner::LearnerSettings;
+use learner::overrides::differences;
 
 use super::figures::{Figures, GroupFigures};
 use super::identity::Identity;

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::disk::{Disk, replace};
 use crate::error::CoversError;
+use learner::disk::{Disk, replace};
 
 /// Digits of the number of rollouts in a file's name: enough for the longest run.
 const DIGITS: usize = 6;

@@ -10,13 +10,13 @@ use std::sync::Arc;
 use rl::EnvSpec;
 use serde::Deserialize;
 
-use crate::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
 use crate::error::CoversError;
 use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
-use crate::learners::{Extent, Learner, LearnerSettings};
 use crate::sheet::Picture;
+use learner::Labels;
+use learner::disk::{Disk, LocalDisk, PARTIAL, folder_of, replace};
+use learner::{Extent, Learner, LearnerSettings};
 
 use super::checkpoints;
 use super::lock::Lock;
@@ -247,7 +247,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// [`CoversError::NoRun`], [`CoversError::Read`], [`CoversError::NoCheckpoint`],
-    /// [`CoversError::NewerFormat`].
+    /// [`learner::LearnerError::NewerFormat`].
     pub fn experiment(&self) -> Result<Experiment, CoversError> {
         if self.holds_settings() {
             return Experiment::read(&self.file(EXPERIMENT));
@@ -353,7 +353,7 @@ impl RunFolder {
 
     /// Writes a file; it appears whole or not at all.
     pub(crate) fn replace(&self, name: &str, bytes: &[u8]) -> Result<(), CoversError> {
-        replace(self.disk(), &self.file(name), bytes)
+        Ok(replace(self.disk(), &self.file(name), bytes)?)
     }
 
     /// Adds a line to a file. It comes to the disk with the next checkpoint.

@@ -5,8 +5,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::disk::{Disk, random_number};
 use crate::error::{CoversError, TakenOver};
+use learner::disk::{Disk, random_number};
 
 /// File of a run's folder that its writer locks. Nobody reads it: some file servers let no other
 /// handle read a locked file.

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::learners::read_note;
 use crate::schedule::MAX_DECISIONS;
+use learner::read_note;
 
 use super::checkpoints::rollouts_of;
 use super::ledger::Ledger;
@@ -50,7 +50,7 @@ impl Signed {
     /// Reads the note of the checkpoint at `path`.
     ///
     /// # Errors
-    /// [`CoversError::Read`], [`CoversError::NewerFormat`].
+    /// [`CoversError::Read`], [`learner::LearnerError::NewerFormat`].
     pub fn read(path: &Path) -> Result<Self, CoversError> {
         Self::parse(path, &read_note(path)?)
     }

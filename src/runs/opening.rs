@@ -6,12 +6,12 @@ use envs::TaskRegistry;
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::groupings::Labels;
-use crate::learners::{DeviceChoice, Learner};
 use crate::memory;
-use crate::overrides::same;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
+use learner::Labels;
+use learner::overrides::same;
+use learner::{DeviceChoice, Learner};
 
 use super::checkpoints::newest;
 use super::folder::RunFolder;

@@ -4,7 +4,7 @@ use envs::TaskGroup;
 use rl::RewardWarning;
 
 use crate::evaluation::Findings;
-use crate::learners::Iteration;
+use learner::Iteration;
 
 /// One rollout as it is logged. The true group is the stream's knowledge; the learner never sees
 /// it.

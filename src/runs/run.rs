@@ -13,8 +13,8 @@ use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Score, by_group};
 use crate::experiment::Experiment;
 use crate::glimpse::Glimpse;
-use crate::learners::{DeviceChoice, Extent, Iteration, Learner};
 use crate::world::World;
+use learner::{DeviceChoice, Extent, Iteration, Learner};
 
 use super::checkpoints;
 use super::folder::RunFolder;
@@ -84,9 +84,9 @@ impl Run {
     /// [`Run::notice`] says which it was.
     ///
     /// # Errors
-    /// [`CoversError::NoRun`], [`CoversError::NoCheckpoint`], [`CoversError::NewerFormat`],
-    /// [`CoversError::OtherSettings`], [`CoversError::Locked`];
-    /// [`CoversError::PoliciesOnly`] where it is a packed one; what the environments say.
+    /// [`CoversError::NoRun`], [`CoversError::NoCheckpoint`], [`learner::LearnerError::NewerFormat`],
+    /// [`learner::LearnerError::OtherSettings`], [`CoversError::Locked`];
+    /// [`learner::LearnerError::PoliciesOnly`] where it is a packed one; what the environments say.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, CoversError> {
         let (folder, tasks) = (RunFolder::open(folder), TaskRegistry::standard());
         Self::resume_with(folder, threads, DeviceChoice::Cpu, tasks)
@@ -280,7 +280,7 @@ impl Run {
         let (learner, world) = (&mut self.learner, &mut self.world);
         world.begin(rollout, index)?;
         let (failures, spent) = (world.stream().failures(), world.stream().seconds());
-        let turn: Iteration = guarded(&self.pool, || learner.learn(world))?;
+        let turn: Iteration = guarded(&self.pool, || Ok(learner.learn(world)?))?;
         let seconds = clock.elapsed().as_secs_f64();
         let ledger = &mut self.ledger;
         if world.straddles() {
@@ -355,7 +355,7 @@ impl Run {
     /// Writes a checkpoint, unless the newest is of this very moment.
     ///
     /// # Errors
-    /// [`CoversError::Broken`], [`CoversError::NotFinite`], [`CoversError::Write`]; older
+    /// [`CoversError::Broken`], [`learner::LearnerError::NotFinite`], [`CoversError::Write`]; older
     /// checkpoints are then still there.
     pub fn save(&mut self) -> Result<(), CoversError> {
         if self.broken {

@@ -6,7 +6,7 @@ use rayon::ThreadPool;
 use crate::error::CoversError;
 use crate::evaluation::{Evaluator, Findings, OwnPolicies};
 use crate::experiment::Experiment;
-use crate::learners::Learner;
+use learner::Learner;
 
 use super::stop::Stop;
 use super::workers::guarded;

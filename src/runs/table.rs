@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::disk::{Disk, replace};
 use crate::error::CoversError;
+use learner::disk::{Disk, replace};
 
 /// A CSV file and its contents.
 #[derive(Debug)]
@@ -123,7 +123,7 @@ impl Table {
     }
 
     fn rewrite(&self) -> Result<(), CoversError> {
-        replace(&*self.disk, &self.path, &self.text)
+        Ok(replace(&*self.disk, &self.path, &self.text)?)
     }
 
     fn refuse(&self, problem: String) -> CoversError {
@@ -162,7 +162,7 @@ fn header(text: &[u8]) -> Result<Vec<String>, csv::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::disk::LocalDisk;
+    use learner::disk::LocalDisk;
 
     fn cells(row: &[(&str, &str)]) -> Vec<(String, String)> {
         let row = row.iter();

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::{self, Override, parse, read};
 use crate::presets::{Budget, Method};
+use learner::overrides::{self, Override, parse, read};
 
 /// Methods times variants times seeds, as a JSON file holds them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -57,15 +57,15 @@ impl Plan {
     /// # Errors
     /// [`CoversError::Read`] names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, CoversError> {
-        read(path)
+        Ok(read(path)?)
     }
 
     /// Reads a plan from JSON.
     ///
     /// # Errors
-    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
     pub fn parse(text: &str) -> Result<Self, CoversError> {
-        parse(text)
+        Ok(parse(text)?)
     }
 
     /// The jobs, all of them checked: no sweep fails after days for want of a check.
@@ -216,7 +216,7 @@ fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::learners::LearnerSettings;
+    use learner::LearnerSettings;
 
     const TEXT: &str = r#"{"methods": ["covers", "covers-gt"], "seeds": [20, 21],
         "budget": "smoke", "set": ["covers.ppo.gamma=0.9"]}"#;

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use crate::error::CoversError;
 use crate::experiment::Experiment;
-use crate::overrides::same;
 use crate::runs::{Event, Run, RunFolder, Stop};
+use learner::overrides::same;
 
 use super::plan::Job;
 
@@ -213,7 +213,7 @@ fn claim(job: &Job, folder: &RunFolder, threads: usize) -> Result<Run, CoversErr
 
 fn refuse_others(job: &Job, folder: &RunFolder, there: &Experiment) -> Result<(), CoversError> {
     let [asked, there] = [&job.experiment, there].map(|it| it.clone().with_threads(1));
-    same(folder.path(), &asked, &there)
+    Ok(same(folder.path(), &asked, &there)?)
 }
 
 #[cfg(test)]
@@ -221,6 +221,8 @@ mod tests {
     use std::fs::File;
     use std::path::PathBuf;
     use std::thread;
+
+    use learner::LearnerError;
 
     use super::*;
     use crate::presets::{Budget, Method};
@@ -337,7 +339,10 @@ mod tests {
         folder.write_experiment(&other).unwrap();
         let error = claim(job, &folder, 2).err().unwrap();
         assert!(
-            matches!(error, CoversError::OtherSettings { .. }),
+            matches!(
+                error,
+                CoversError::Learner(LearnerError::OtherSettings { .. })
+            ),
             "{error}"
         );
         sweep.take(job);

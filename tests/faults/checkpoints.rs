@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{CoversError, Experiment, Labels, Run, RunFolder, Stream};
+use covers::{CoversError, Experiment, Labels, LearnerError, Run, RunFolder, Stream};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -132,7 +132,10 @@ fn a_checkpoint_of_another_run_is_refused_with_what_differs() {
     fs::copy(newest(&other), newest(&folder)).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(error, CoversError::OtherSettings { .. }),
+        matches!(
+            error,
+            CoversError::Learner(LearnerError::OtherSettings { .. })
+        ),
         "{error}"
     );
     assert!(error.to_string().contains("`seed` 0 and 5"), "{error}");
@@ -146,7 +149,10 @@ fn a_checkpoint_of_a_newer_version_is_refused_and_kept() {
     fs::write(&path, &newer).unwrap();
     let error = resume(&folder).err().unwrap();
     assert!(
-        matches!(error, CoversError::NewerFormat { format: 5, .. }),
+        matches!(
+            error,
+            CoversError::Learner(LearnerError::NewerFormat { format: 5, .. })
+        ),
         "{error}"
     );
     assert_eq!(fs::read(&path).unwrap(), newer);

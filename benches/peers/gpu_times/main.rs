@@ -13,10 +13,10 @@
 //!   observations, which go to the device and come back.
 //!
 //! The first argument is a part of the adapter's name. Networks are those of
-//! `equivariant/examples/layer_times.rs`. Passes start without waiting for one another, and the wait
+//! `benches/peers/layer_times.rs`. Passes start without waiting for one another, and the wait
 //! for the last is counted.
 
-#[path = "../../../equivariant/examples/networks/mod.rs"]
+#[path = "../networks.rs"]
 mod networks;
 #[path = "../../noise.rs"]
 mod noise;

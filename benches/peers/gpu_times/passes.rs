@@ -31,7 +31,7 @@ impl Bench {
             "wide" => (64, &[16, 32, 64, 64], false),
             _ => return Err(format!("got the network `{name}`").into()),
         };
-        let network = network(size, fields, pooled, None)?;
+        let network = network(size, fields, pooled)?;
         let mut plan = Plan::new();
         let x = plan.input(network.in_shape());
         let y = plan.layer(&network, x)?;

@@ -12,8 +12,8 @@ use inpainting::{Ball, Calibration, Focal, Offset, Uncertainty};
 use serde_json::{Value, json};
 
 use crate::cli::say;
-use crate::disk::{LocalDisk, try_out};
 use crate::error::CoversError;
+use learner::disk::{LocalDisk, try_out};
 
 use super::super::faults::Fault;
 use super::super::options::{RigOptions, RobotKind};

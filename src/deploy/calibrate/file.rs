@@ -6,9 +6,9 @@ use glam::DMat3;
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use serde::{Deserialize, Serialize};
 
-use crate::disk::{LocalDisk, replace};
 use crate::error::CoversError;
-use crate::overrides::{parse, read};
+use learner::disk::{LocalDisk, replace};
+use learner::overrides::{parse, read};
 
 /// A camera that is farther from the table's middle (metres) was measured in millimetres.
 const FARTHEST: f64 = 100.0;
@@ -48,7 +48,7 @@ impl CalibrationFile {
     /// Reads a calibration from JSON.
     ///
     /// # Errors
-    /// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`];
+    /// [`learner::LearnerError::NotJson`], [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`];
     /// [`CoversError::Setting`] for a position in millimetres, [`CoversError::Inpainting`] for
     /// numbers that are no camera's.
     pub fn parse(text: &str) -> Result<Calibration, CoversError> {
@@ -63,7 +63,7 @@ impl CalibrationFile {
     pub fn write(calibration: &Calibration, path: &Path) -> Result<(), CoversError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration));
         let text = text.map_err(|error| CoversError::write(path, error))? + "\n";
-        replace(&LocalDisk, path, text.as_bytes())
+        Ok(replace(&LocalDisk, path, text.as_bytes())?)
     }
 
     fn calibration(self) -> Result<Calibration, CoversError> {

@@ -8,8 +8,8 @@ use envs::carriers::Arm;
 use serde_json::{Value, json};
 
 use crate::cli::say;
-use crate::disk::{LocalDisk, replace, try_out};
 use crate::error::CoversError;
+use learner::disk::{LocalDisk, replace, try_out};
 
 use super::super::deployment::Deployment;
 use super::super::options::{RobotKind, SiteOptions};
@@ -90,7 +90,7 @@ impl MaskOptions {
 /// Makes the folder, where there is none, and sees whether it can be written to.
 fn prepare(folder: &Path) -> Result<(), CoversError> {
     std::fs::create_dir_all(folder).map_err(|error| CoversError::write(folder, error))?;
-    try_out(&LocalDisk, &picture(folder, 1))
+    Ok(try_out(&LocalDisk, &picture(folder, 1))?)
 }
 
 /// The file of a pose.

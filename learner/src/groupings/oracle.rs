@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Needs, Query};
 
@@ -26,7 +26,7 @@ impl Grouping for Single {
         _: Query<'_>,
         _: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         Ok(GroupingDecision::of(Decision::Existing(0)))
     }
 }
@@ -38,7 +38,7 @@ pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
     /// Says which group runs from here on.
-    pub(crate) fn set(&self, group: &str) {
+    pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
 
@@ -80,7 +80,7 @@ impl Grouping for Oracle {
         query: Query<'_>,
         _: &mut dyn Candidates,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
         // labels may change before the new policy learns: what it is opened for is known now
@@ -92,7 +92,7 @@ impl Grouping for Oracle {
     }
 
     /// Takes the label of the first rollout of all, about which nobody was asked.
-    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         if self.known.is_empty() {
             self.known.push(self.labels.get().unwrap_or_default());
         }
@@ -115,8 +115,8 @@ impl Grouping for Oracle {
 }
 
 /// The error of an oracle that nobody told a label.
-pub(super) fn unlabelled() -> CoversError {
-    CoversError::Setting {
+pub(super) fn unlabelled() -> LearnerError {
+    LearnerError::Setting {
         name: "grouping",
         value: "oracle".to_owned(),
         expected: "a grouping without labels, or a learner that a run trains: only runs and their \
@@ -137,11 +137,11 @@ mod tests {
     struct Blind;
 
     impl Candidates for Blind {
-        fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+        fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
             panic!("an oracle does not compare")
         }
 
-        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -154,7 +154,7 @@ mod tests {
         }
     }
 
-    fn ask(oracle: &mut Oracle, query: Query<'_>) -> Result<Decision, CoversError> {
+    fn ask(oracle: &mut Oracle, query: Query<'_>) -> Result<Decision, LearnerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         Ok(oracle.assign(query, &mut Blind, &mut rng)?.policy)
     }

@@ -1,10 +1,11 @@
-//! Devices on which policies learn.
+//! Where policies learn.
 
-use clap::ValueEnum;
+use std::fmt;
+use std::str::FromStr;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
-/// Device that the updates of policies run on.
+/// Where the updates of policies run.
 ///
 /// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance
 /// names the GPU. Sums are rounded in another way there, so the same bits come only where nothing
@@ -20,7 +21,7 @@ pub enum LearningDevice {
 }
 
 impl LearningDevice {
-    /// Returns the GPU's name, if it is one.
+    /// The GPU's name, if it is one.
     pub fn gpu(&self) -> Option<&str> {
         match self {
             Self::Processor => None,
@@ -30,8 +31,8 @@ impl LearningDevice {
     }
 }
 
-/// Choice of the device that policies learn on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+/// Where policies shall learn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// On the processor.
     #[default]
@@ -44,12 +45,24 @@ pub enum DeviceChoice {
 }
 
 impl DeviceChoice {
-    /// Opens the chosen device, for a learner whose updates can run on a GPU.
+    /// All choices.
+    pub const ALL: [Self; 3] = [Self::Cpu, Self::Gpu, Self::Auto];
+
+    /// Name of the choice, as in `--device gpu`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+            Self::Auto => "auto",
+        }
+    }
+
+    /// Opens what was chosen, for a learner whose updates can run on a GPU.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a GPU where the program was built without the feature `wgpu`;
+    /// [`LearnerError::Setting`] for a GPU where the program was built without the feature `wgpu`;
     /// [`RlError::Gpu`](rl::RlError) where there is none.
-    pub fn open(self) -> Result<LearningDevice, CoversError> {
+    pub fn open(self) -> Result<LearningDevice, LearnerError> {
         match self {
             Self::Cpu => Ok(LearningDevice::Processor),
             Self::Gpu => first_gpu(),
@@ -59,22 +72,41 @@ impl DeviceChoice {
     }
 }
 
+impl fmt::Display for DeviceChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for DeviceChoice {
+    type Err = LearnerError;
+
+    fn from_str(name: &str) -> Result<Self, LearnerError> {
+        let found = Self::ALL.into_iter().find(|choice| choice.name() == name);
+        found.ok_or_else(|| LearnerError::Setting {
+            name: "device",
+            value: name.to_owned(),
+            expected: "cpu, gpu or auto",
+        })
+    }
+}
+
 #[cfg(feature = "wgpu")]
-fn first_gpu() -> Result<LearningDevice, CoversError> {
+fn first_gpu() -> Result<LearningDevice, LearnerError> {
     let device = rl::gpu::Device::open(None).map_err(rl::RlError::from)?;
     Ok(LearningDevice::Gpu(device))
 }
 
 #[cfg(not(feature = "wgpu"))]
-fn first_gpu() -> Result<LearningDevice, CoversError> {
-    Err(CoversError::Setting {
+fn first_gpu() -> Result<LearningDevice, LearnerError> {
+    Err(LearnerError::Setting {
         name: "device",
         value: "gpu".to_owned(),
         expected: "`cpu` or `auto`: this program was built without `--features wgpu`",
     })
 }
 
-/// Tests whether the first adapter is a GPU.
+/// Whether the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::adapters();

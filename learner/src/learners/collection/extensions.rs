@@ -7,7 +7,7 @@ use cluster::Decision;
 use evidence::Course;
 use rl::{Experience as _, VectorEnv};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
 use crate::learners::learner::{Iteration, Seconds};
 
@@ -24,7 +24,7 @@ impl<S: CollectionSettings> Collection<S> {
         first: GroupingDecision,
         observed: &mut Observed,
         iteration: &mut Iteration,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         self.keep_if_cut(&first, 0);
         let before = iteration.decisions;
         self.roll_out(env, iteration)?;
@@ -55,7 +55,7 @@ impl<S: CollectionSettings> Collection<S> {
         collector: usize,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
-    ) -> Result<usize, CoversError> {
+    ) -> Result<usize, LearnerError> {
         if self.current == collector {
             return Ok(collector);
         }
@@ -100,7 +100,7 @@ impl<S: CollectionSettings> Collection<S> {
         observed: Observed,
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
-    ) -> Result<bool, CoversError> {
+    ) -> Result<bool, LearnerError> {
         let query = Query::Trial(decision);
         let judged = self.assign(query, &observed, &mut iteration.seconds)?;
         if judged.policy == Decision::Existing(self.current) {
@@ -118,7 +118,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         env: &mut dyn VectorEnv,
         iteration: &mut Iteration,
-    ) -> Result<Option<RolloutOf<S>>, CoversError> {
+    ) -> Result<Option<RolloutOf<S>>, LearnerError> {
         let episodes = self.grouping.needs().episodes.div_ceil(self.spec.num_envs);
         let steps = env
             .horizon()
@@ -140,7 +140,7 @@ impl<S: CollectionSettings> Collection<S> {
         collector: usize,
         decision: &GroupingDecision,
         seconds: &mut Seconds,
-    ) -> Result<Learned, CoversError> {
+    ) -> Result<Learned, LearnerError> {
         let clock = Instant::now();
         let courses = self.courses_in(&self.rollout, 0);
         let lesson = Lesson::Rollout {
@@ -169,7 +169,7 @@ impl<S: CollectionSettings> Collection<S> {
         env: &mut dyn VectorEnv,
         mut learned: Learned,
         iteration: &mut Iteration,
-    ) -> Result<(), CoversError> {
+    ) -> Result<(), LearnerError> {
         let policy = self.current;
         let mut acted: Vec<(usize, Vec<Course>)> = Vec::new();
         while let Some(next) = learned.probe {

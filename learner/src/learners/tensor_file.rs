@@ -8,7 +8,7 @@ use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorView};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 /// The format of files, counted up with every change that older versions could not read.
 pub(super) const FORMAT: u32 = 4;
@@ -63,7 +63,7 @@ impl Tensor {
     }
 
     /// Refuses numbers that are not finite.
-    fn check(&self, path: &Path) -> Result<(), CoversError> {
+    fn check(&self, path: &Path) -> Result<(), LearnerError> {
         if self.dtype != Dtype::F32 {
             return Ok(());
         }
@@ -71,7 +71,7 @@ impl Tensor {
         let mut values = numbers.iter().map(|b| f32::from_le_bytes(*b)).enumerate();
         match values.find(|(_, value)| !value.is_finite()) {
             None => Ok(()),
-            Some((index, value)) => Err(CoversError::NotFinite {
+            Some((index, value)) => Err(LearnerError::NotFinite {
                 path: path.to_owned(),
                 tensor: self.name.clone(),
                 index,
@@ -94,20 +94,20 @@ impl Tensor {
 /// Returns the bytes of a file with a header and arrays. Equal contents give equal bytes.
 ///
 /// # Errors
-/// [`CoversError::NotFinite`], [`CoversError::Write`] for the file at `path`, which is not touched.
+/// [`LearnerError::NotFinite`], [`LearnerError::Write`] for the file at `path`, which is not touched.
 pub(super) fn encode(
     path: &Path,
     header: &impl Serialize,
     tensors: &[Tensor],
-) -> Result<Vec<u8>, CoversError> {
+) -> Result<Vec<u8>, LearnerError> {
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
     let envelope = Envelope {
         format: FORMAT,
         header,
     };
-    let header = serde_json::to_string(&envelope).map_err(|e| CoversError::write(path, e))?;
-    let bytes = serialize(tensors, header).map_err(|error| CoversError::write(path, error))?;
-    seal(bytes).map_err(|error| CoversError::write(path, error))
+    let header = serde_json::to_string(&envelope).map_err(|e| LearnerError::write(path, e))?;
+    let bytes = serialize(tensors, header).map_err(|error| LearnerError::write(path, error))?;
+    seal(bytes).map_err(|error| LearnerError::write(path, error))
 }
 
 /// There is one key of metadata, since the order of several could vary.
@@ -155,8 +155,8 @@ fn check_checksum(
     bytes: &[u8],
     length: usize,
     metadata: &Metadata,
-) -> Result<(), CoversError> {
-    let damaged = |problem| Err(CoversError::damaged(path, problem));
+) -> Result<(), LearnerError> {
+    let damaged = |problem| Err(LearnerError::damaged(path, problem));
     let Some(place) = checksum_range(length, metadata) else {
         return damaged(format!(
             "it holds no `{CHECKSUM}`: this is no checkpoint of covers"
@@ -170,17 +170,17 @@ fn check_checksum(
     }
 }
 
-fn check_format(path: &Path, format: u32) -> Result<(), CoversError> {
+fn check_format(path: &Path, format: u32) -> Result<(), LearnerError> {
     match format {
         FORMAT => Ok(()),
-        newer if newer > FORMAT => Err(CoversError::NewerFormat {
+        newer if newer > FORMAT => Err(LearnerError::NewerFormat {
             path: path.to_owned(),
             format: newer,
             known: FORMAT,
         }),
         older => {
             let problem = format!("its format is {older}, expected {FORMAT}");
-            Err(CoversError::damaged(path, problem))
+            Err(LearnerError::damaged(path, problem))
         }
     }
 }
@@ -197,14 +197,14 @@ impl<'a> TensorFile<'a> {
     pub fn open<H: DeserializeOwned>(
         path: &'a Path,
         bytes: &'a [u8],
-    ) -> Result<(H, Self), CoversError> {
-        let read = |error: SafeTensorError| CoversError::read(path, error);
+    ) -> Result<(H, Self), LearnerError> {
+        let read = |error: SafeTensorError| LearnerError::read(path, error);
         let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(read)?;
         check_checksum(path, bytes, length, &metadata)?;
         let header = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
         let header = header
-            .ok_or_else(|| CoversError::damaged(path, format!("there is no metadata `{KEY}`")))?;
-        let read_json = |error| CoversError::read(path, error);
+            .ok_or_else(|| LearnerError::damaged(path, format!("there is no metadata `{KEY}`")))?;
+        let read_json = |error| LearnerError::read(path, error);
         let Format { format } = serde_json::from_str(header).map_err(read_json)?;
         check_format(path, format)?;
         let Envelope { header, .. } = serde_json::from_str(header).map_err(read_json)?;
@@ -213,12 +213,12 @@ impl<'a> TensorFile<'a> {
     }
 
     /// Returns the error of a file whose contents do not fit together.
-    pub fn damaged(&self, problem: String) -> CoversError {
-        CoversError::damaged(self.path, problem)
+    pub fn damaged(&self, problem: String) -> LearnerError {
+        LearnerError::damaged(self.path, problem)
     }
 
     /// Returns shape and values of an array of numbers, all of them finite.
-    pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), CoversError> {
+    pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();
         let values: Vec<f32> = numbers.iter().map(|b| f32::from_le_bytes(*b)).collect();
@@ -230,27 +230,27 @@ impl<'a> TensorFile<'a> {
     }
 
     /// Returns the values of an array of whole numbers.
-    pub fn integers(&self, name: &str) -> Result<Vec<u64>, CoversError> {
+    pub fn integers(&self, name: &str) -> Result<Vec<u64>, LearnerError> {
         let tensor = self.tensor(name, Dtype::U64)?;
         let (numbers, _) = tensor.data().as_chunks::<8>();
         Ok(numbers.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
     /// Returns shape and values of an array of bytes.
-    pub fn bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), CoversError> {
+    pub fn bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), LearnerError> {
         let tensor = self.tensor(name, Dtype::U8)?;
         Ok((tensor.shape().to_vec(), tensor.data().to_vec()))
     }
 
     /// Returns an array of bytes as text.
-    pub fn text(&self, name: &str) -> Result<String, CoversError> {
+    pub fn text(&self, name: &str) -> Result<String, LearnerError> {
         let text = String::from_utf8(self.bytes(name)?.1);
         text.map_err(|error| self.damaged(format!("`{name}` is no text: {error}")))
     }
 
-    fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, CoversError> {
+    fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, LearnerError> {
         let tensor = self.file.tensor(name);
-        let tensor = tensor.map_err(|error| CoversError::read(self.path, error))?;
+        let tensor = tensor.map_err(|error| LearnerError::read(self.path, error))?;
         if tensor.dtype() == dtype {
             return Ok(tensor);
         }
@@ -271,7 +271,7 @@ mod tests {
         encode(Path::new("file"), &"a note", &tensors).unwrap()
     }
 
-    fn open(bytes: &[u8]) -> Result<String, CoversError> {
+    fn open(bytes: &[u8]) -> Result<String, LearnerError> {
         TensorFile::open(Path::new("file"), bytes).map(|(header, _)| header)
     }
 

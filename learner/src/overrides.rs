@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 /// Where a path is looked up when the experiment itself has no such field.
 const LEARNER: &str = "learner";
@@ -27,12 +27,12 @@ pub struct Override {
 }
 
 impl FromStr for Override {
-    type Err = CoversError;
+    type Err = LearnerError;
 
-    fn from_str(text: &str) -> Result<Self, CoversError> {
+    fn from_str(text: &str) -> Result<Self, LearnerError> {
         let (path, value) = text
             .split_once('=')
-            .ok_or_else(|| CoversError::NotAnOverride {
+            .ok_or_else(|| LearnerError::NotAnOverride {
                 text: text.to_owned(),
             })?;
         let word = || Value::String(value.to_owned());
@@ -46,12 +46,12 @@ impl FromStr for Override {
 /// An experiment, or other settings, with these fields set, the last one last.
 ///
 /// # Errors
-/// [`CoversError::UnknownSetting`] for a path that leads nowhere, [`CoversError::WrongSetting`] for
+/// [`LearnerError::UnknownSetting`] for a path that leads nowhere, [`LearnerError::WrongSetting`] for
 /// a value of another type.
 pub fn apply<T: Serialize + DeserializeOwned>(
     overrides: &[Override],
     settings: T,
-) -> Result<T, CoversError> {
+) -> Result<T, LearnerError> {
     if overrides.is_empty() {
         return Ok(settings);
     }
@@ -67,10 +67,10 @@ pub fn apply<T: Serialize + DeserializeOwned>(
 }
 
 /// The path of a setting as the tree has it.
-fn find(tree: &Value, path: &str) -> Result<String, CoversError> {
+fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
     let ways = [path.to_owned(), format!("{LEARNER}.{path}")];
     let found = ways.into_iter().find(|way| lookup(tree, way).is_some());
-    found.ok_or_else(|| CoversError::UnknownSetting {
+    found.ok_or_else(|| LearnerError::UnknownSetting {
         name: path.to_owned(),
         nearest: nearest_path(tree, path),
     })
@@ -79,20 +79,20 @@ fn find(tree: &Value, path: &str) -> Result<String, CoversError> {
 /// Refuses a checkpoint that was written with other settings than those that are asked for.
 ///
 /// # Errors
-/// [`CoversError::OtherSettings`] names the fields that differ.
-pub(crate) fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), CoversError> {
+/// [`LearnerError::OtherSettings`] names the fields that differ.
+pub fn same<T: Serialize>(path: &Path, asked: &T, written: &T) -> Result<(), LearnerError> {
     let differences = differences(asked, written)?;
     if differences.is_empty() {
         return Ok(());
     }
-    Err(CoversError::OtherSettings {
+    Err(LearnerError::OtherSettings {
         path: path.to_owned(),
         differences,
     })
 }
 
 /// The fields in which two values differ, each with the value in one and in the other.
-pub(crate) fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, CoversError> {
+pub fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
     Ok(differing.join("; "))
@@ -116,18 +116,18 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
 /// Reads settings from a file of JSON.
 ///
 /// # Errors
-/// [`CoversError::Read`] names the file and what is wrong in it, see [`parse`].
-pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, CoversError> {
-    let text = std::fs::read_to_string(path).map_err(|error| CoversError::read(path, error))?;
-    parse(&text).map_err(|error| CoversError::read(path, error))
+/// [`LearnerError::Read`] names the file and what is wrong in it, see [`parse`].
+pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
+    let text = std::fs::read_to_string(path).map_err(|error| LearnerError::read(path, error))?;
+    parse(&text).map_err(|error| LearnerError::read(path, error))
 }
 
 /// Reads settings from JSON.
 ///
 /// # Errors
-/// [`CoversError::NotJson`], [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
-pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, CoversError> {
-    let not_json = |source| CoversError::NotJson { source };
+/// [`LearnerError::NotJson`], [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
+pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
+    let not_json = |source| LearnerError::NotJson { source };
     serde_json::from_str(text).or_else(|error| {
         // a tree names paths; what it would forgive, a field that is there twice, stays an error
         typed::<T>(serde_json::from_str(text).map_err(not_json)?)?;
@@ -138,28 +138,28 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> Result<T, CoversError> {
 /// Reads a value; what does not fit is named with its path and the nearest name that fits.
 ///
 /// # Errors
-/// [`CoversError::UnknownSetting`], [`CoversError::WrongSetting`].
-pub(crate) fn typed<T: DeserializeOwned>(tree: Value) -> Result<T, CoversError> {
+/// [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
+pub fn typed<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerError> {
     serde_path_to_error::deserialize(tree).map_err(|error| {
         let path = error.path().to_string();
         let problem = error.inner().to_string();
         // serde lists what it expected between backquotes, the unknown name first
         let mut quoted = problem.split('`').skip(1).step_by(2);
         match (problem.starts_with("unknown field"), quoted.next()) {
-            (true, Some(name)) => CoversError::UnknownSetting {
+            (true, Some(name)) => LearnerError::UnknownSetting {
                 name: path,
                 nearest: nearest(quoted, name).map(str::to_owned),
             },
-            _ => CoversError::WrongSetting { path, problem },
+            _ => LearnerError::WrongSetting { path, problem },
         }
     })
 }
 
-fn tree(settings: &impl Serialize) -> Result<Value, CoversError> {
+fn tree(settings: &impl Serialize) -> Result<Value, LearnerError> {
     // by way of text, in which an f32 has as few digits as it needs
     let text = serde_json::to_string(settings);
     let tree = text.and_then(|text| serde_json::from_str(&text));
-    tree.map_err(|error| CoversError::WrongSetting {
+    tree.map_err(|error| LearnerError::WrongSetting {
         path: "settings".to_owned(),
         problem: error.to_string(),
     })
@@ -245,66 +245,6 @@ fn join(path: &str, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Experiment;
-    use crate::learners::LearnerSettings;
-    use crate::presets::{Budget, Method};
-
-    fn smoke() -> Experiment {
-        Budget::Smoke.experiment(Method::Covers)
-    }
-
-    fn set(texts: &[&str]) -> Result<Experiment, CoversError> {
-        let overrides: Result<Vec<Override>, _> = texts.iter().map(|text| text.parse()).collect();
-        apply(&overrides?, smoke())
-    }
-
-    #[test]
-    fn any_field_can_be_set() {
-        let changed = set(&[
-            "covers.ppo.gamma=0.97",
-            "learner.covers.seed=7",
-            "evaluation.every=5",
-            "evaluation.visit_rounds=1",
-            "schedule.groups.0.decisions=9",
-            "covers.grouping=oracle",
-        ])
-        .unwrap();
-        let LearnerSettings::Covers(covers) = &changed.learner else {
-            panic!("{:?}", changed.learner);
-        };
-        assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
-        assert_eq!(changed.evaluation.every, Some(5));
-        assert_eq!(changed.schedule.groups[0].decisions, 9);
-        let list = differences(&smoke(), &changed).unwrap();
-        assert!(
-            list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"),
-            "{list}"
-        );
-        assert_eq!(list.split("; ").count(), 6, "{list}");
-    }
-
-    #[test]
-    fn unknown_fields_name_the_nearest_known_one() {
-        for (text, nearest) in [
-            ("covers.ppo.gama=0.9", "covers.ppo.gamma"),
-            ("gamma=0.9", "covers.ppo.gamma"),
-            ("seed=5", "covers.seed"),
-            ("evaluation.round=2", "evaluation.rounds"),
-            (
-                "schedule.groups.9.decisions=9",
-                "schedule.groups.0.decisions",
-            ),
-        ] {
-            let message = set(&[text]).unwrap_err().to_string();
-            let asked = format!("did you mean `{nearest}`?");
-            assert!(message.contains(&asked), "{message}");
-        }
-        let text = serde_json::to_string(&smoke()).unwrap();
-        let wrong = serde_json::from_str(&text.replace("\"gamma\"", "\"gama\"")).unwrap();
-        let message = typed::<Experiment>(wrong).unwrap_err().to_string();
-        assert!(message.contains("learner.covers.ppo.gama"), "{message}");
-        assert!(message.contains("did you mean `gamma`?"), "{message}");
-    }
 
     #[test]
     fn the_nearest_name_is_that_of_the_fewest_edits_and_the_first_of_equals() {
@@ -324,19 +264,5 @@ mod tests {
         for wanted in ["nothing of that", &"seed".repeat(100)] {
             assert_eq!(nearest(names.into_iter(), wanted), None, "{wanted}");
         }
-    }
-
-    #[test]
-    fn the_last_value_of_a_setting_counts() {
-        let changed = set(&["covers.seed=much", "covers.seed=3"]).unwrap();
-        assert_eq!(changed.learner.seed(), 3);
-    }
-
-    #[test]
-    fn values_of_other_types_are_refused_with_their_path() {
-        let message = set(&["covers.ppo.gamma=much"]).unwrap_err().to_string();
-        assert!(message.contains("learner.covers.ppo.gamma"), "{message}");
-        let message = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
-        assert!(message.contains("PATH=VALUE"), "{message}");
     }
 }

@@ -10,7 +10,7 @@ use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::{Grouping, Labels};
 use crate::learners::learner::Extent;
 use crate::learners::tensor_file::{Tensor, TensorFile, encode};
@@ -32,9 +32,9 @@ fn note_tensor(note: &str) -> Tensor {
 /// Reads the note of the file at `path`, whatever learner wrote it.
 ///
 /// # Errors
-/// [`CoversError::Read`], [`CoversError::NewerFormat`].
-pub fn read_note(path: &Path) -> Result<String, CoversError> {
-    let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+/// [`LearnerError::Read`], [`LearnerError::NewerFormat`].
+pub fn read_note(path: &Path) -> Result<String, LearnerError> {
+    let bytes = std::fs::read(path).map_err(|error| LearnerError::read(path, error))?;
     let (_, file): (IgnoredAny, _) = TensorFile::open(path, &bytes)?;
     file.text(NOTE)
 }
@@ -72,7 +72,7 @@ impl<S: CollectionSettings> Collection<S> {
         path: &Path,
         extent: Extent,
         note: &str,
-    ) -> Result<Vec<u8>, CoversError> {
+    ) -> Result<Vec<u8>, LearnerError> {
         let header = Header {
             settings: Cow::Borrowed(&self.settings),
             grouping: self.grouping.state(),
@@ -90,10 +90,10 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Refuses to keep so few frames that a copy could not recognise anything.
-    fn check_extent(&self, extent: Extent) -> Result<(), CoversError> {
+    fn check_extent(&self, extent: Extent) -> Result<(), LearnerError> {
         match extent {
             Extent::Policies { episodes } if episodes < self.grouping.needs().episodes => {
-                Err(CoversError::Setting {
+                Err(LearnerError::Setting {
                     name: "episodes",
                     value: episodes.to_string(),
                     expected: "at least the min_episodes of the grouping (8 by default)",
@@ -107,9 +107,9 @@ impl<S: CollectionSettings> Collection<S> {
     /// learnt in, with the grouping that the settings name; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, or belongs to other environments;
+    /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other environments;
     /// a grouping that needs labels, or one that does not take the saved state of another.
-    pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), CoversError> {
+    pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), LearnerError> {
         let grouping = |settings: &S| settings.common().grouping.build();
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
@@ -122,7 +122,7 @@ impl<S: CollectionSettings> Collection<S> {
         path: &Path,
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
-    ) -> Result<(Self, String), CoversError> {
+    ) -> Result<(Self, String), LearnerError> {
         Checkpoint::read(path)?.open(None, spec, true, |_| Ok(grouping))
     }
 
@@ -135,13 +135,13 @@ impl<S: CollectionSettings> Collection<S> {
         settings: &S,
         labels: &Labels,
         whole: bool,
-    ) -> Result<(Self, String), CoversError> {
+    ) -> Result<(Self, String), LearnerError> {
         let checkpoint = Checkpoint::read(path)?;
         let header: Header<'static, S> = checkpoint.header()?;
         same(path, settings, &*header.settings)?;
         if whole && header.members.iter().any(|m| m.counters.is_none()) {
             let path = path.to_owned();
-            return Err(CoversError::PoliciesOnly { path });
+            return Err(LearnerError::PoliciesOnly { path });
         }
         let grouping = |settings: &S| settings.common().grouping.build_with(labels);
         checkpoint.open(Some(settings), spec, whole, grouping)
@@ -155,12 +155,12 @@ struct Checkpoint<'a> {
 }
 
 impl<'a> Checkpoint<'a> {
-    fn read(path: &'a Path) -> Result<Self, CoversError> {
-        let bytes = std::fs::read(path).map_err(|error| CoversError::read(path, error))?;
+    fn read(path: &'a Path) -> Result<Self, LearnerError> {
+        let bytes = std::fs::read(path).map_err(|error| LearnerError::read(path, error))?;
         Ok(Self { path, bytes })
     }
 
-    fn header<S: Clone + DeserializeOwned>(&self) -> Result<Header<'static, S>, CoversError> {
+    fn header<S: Clone + DeserializeOwned>(&self) -> Result<Header<'static, S>, LearnerError> {
         Ok(TensorFile::open(self.path, &self.bytes)?.0)
     }
 
@@ -172,8 +172,8 @@ impl<'a> Checkpoint<'a> {
         settings: Option<&S>,
         spec: &EnvSpec,
         training: bool,
-        grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, CoversError>,
-    ) -> Result<(Collection<S>, String), CoversError> {
+        grouping: impl FnOnce(&S) -> Result<Box<dyn Grouping>, LearnerError>,
+    ) -> Result<(Collection<S>, String), LearnerError> {
         let (mut header, file): (Header<'static, S>, _) = TensorFile::open(self.path, &self.bytes)?;
         if let Some(settings) = settings {
             header.settings = Cow::Owned(settings.clone());
@@ -269,7 +269,7 @@ struct Arrays<'a, S> {
 }
 
 impl<S: CollectionSettings> Arrays<'_, S> {
-    fn policies(&self, header: &Header<'_, S>) -> Result<Vec<PolicyEntry<S>>, CoversError> {
+    fn policies(&self, header: &Header<'_, S>) -> Result<Vec<PolicyEntry<S>>, LearnerError> {
         let entries = header.members.iter().enumerate();
         let policies: Vec<_> = entries
             .map(|(index, entry)| self.policy(index, entry))
@@ -281,7 +281,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         Err(self.file.damaged(problem))
     }
 
-    fn policy(&self, index: usize, header: &EntryHeader) -> Result<PolicyEntry<S>, CoversError> {
+    fn policy(&self, index: usize, header: &EntryHeader) -> Result<PolicyEntry<S>, LearnerError> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let (_, params) = self.file.floats(&name("params"))?;
         let policy = self.settings.with_params(self.spec, params)?;
@@ -304,10 +304,10 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         name: &impl Fn(&str) -> String,
         counters: &BTreeMap<String, u64>,
         training: &mut S::Training,
-    ) -> Result<(), CoversError> {
+    ) -> Result<(), LearnerError> {
         let fresh = training.state().tensors.into_iter();
         let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
-        let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, CoversError>>()?;
+        let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, LearnerError>>()?;
         let state = AlgorithmState {
             tensors: arrays
                 .iter()
@@ -324,7 +324,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
     }
 
     /// Reads the frames that a policy keeps.
-    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, CoversError> {
+    fn episodes(&self, images: &str, vectors: &str) -> Result<Vec<FirstFrames>, LearnerError> {
         let (spec, k) = (self.spec, self.settings.common().first_frames);
         let (shape, pixels) = self.file.bytes(images)?;
         let count = shape.first().copied().unwrap_or(0);
@@ -350,7 +350,7 @@ impl<S: CollectionSettings> Arrays<'_, S> {
         name: &str,
         got: &[usize],
         expected: &[usize],
-    ) -> Result<(), CoversError> {
+    ) -> Result<(), LearnerError> {
         if got == expected {
             return Ok(());
         }

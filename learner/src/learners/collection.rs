@@ -19,7 +19,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
 use serde::{Deserialize, Serialize};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::{Candidates, Episodes, Grouping};
 
 use super::learner::Iteration;
@@ -53,7 +53,7 @@ impl<S: CollectionSettings> Collection<S> {
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
     /// cannot keep exactly symmetric.
-    pub fn new(settings: S, spec: &EnvSpec) -> Result<Self, CoversError> {
+    pub fn new(settings: S, spec: &EnvSpec) -> Result<Self, LearnerError> {
         let grouping = settings.common().grouping.build()?;
         Self::with_grouping(settings, spec, grouping)
     }
@@ -66,7 +66,7 @@ impl<S: CollectionSettings> Collection<S> {
         settings: S,
         spec: &EnvSpec,
         grouping: Box<dyn Grouping>,
-    ) -> Result<Self, CoversError> {
+    ) -> Result<Self, LearnerError> {
         let common = settings.common();
         let steps = common.steps_per_env(spec, grouping.needs().episodes)?;
         let mut collection = Self {
@@ -84,7 +84,7 @@ impl<S: CollectionSettings> Collection<S> {
 
     /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
     /// index.
-    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, CoversError> {
+    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, LearnerError> {
         let policy = match parent {
             Some(parent) => self.policies[parent].policy.clone(),
             None => {
@@ -103,11 +103,11 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Refuses a policy that does not exist.
-    fn check_policy(&self, index: usize) -> Result<usize, CoversError> {
+    fn check_policy(&self, index: usize) -> Result<usize, LearnerError> {
         if index < self.policies.len() {
             return Ok(index);
         }
-        Err(CoversError::Setting {
+        Err(LearnerError::Setting {
             name: "policy",
             value: index.to_string(),
             expected: "the index of a policy that was created",
@@ -168,7 +168,7 @@ impl<'a, S: CollectionSettings> CandidateClouds<'a, S> {
 }
 
 impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
-    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+    fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
         let clouds = self.policies.iter_mut().map(|entry| {
             Ok(Candidate {
                 buffer: embed(&mut entry.policy, entry.buffer.episodes())?,
@@ -178,7 +178,7 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
         clouds.collect()
     }
 
-    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError> {
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError> {
         let (mut policies, buffers): (Vec<_>, Vec<_>) = self
             .policies
             .iter_mut()
@@ -187,7 +187,7 @@ impl<S: CollectionSettings> Candidates for CandidateClouds<'_, S> {
                 (&mut entry.policy, &kept[..kept.len().min(most)])
             })
             .unzip();
-        let mut contest = |policy: usize| -> Result<Contest, CoversError> {
+        let mut contest = |policy: usize| -> Result<Contest, LearnerError> {
             let policy = &mut *policies[policy];
             let [first, second] = rivals.map(|rival| embed(policy, buffers[rival]));
             Ok(Contest {

@@ -3,7 +3,7 @@
 use cluster::{Assigner, AssignerSettings, Candidate, Decision, Rule, Verdict, lead};
 use rand_chacha::ChaCha8Rng;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 use super::grouping::{Candidates, Grouping, GroupingDecision, Needs, Query};
 
@@ -19,7 +19,7 @@ impl Distance {
     ///
     /// # Errors
     /// A setting of the rule out of range.
-    pub fn new(rule: Rule) -> Result<Self, CoversError> {
+    pub fn new(rule: Rule) -> Result<Self, LearnerError> {
         let assigner = Assigner::new(AssignerSettings { rule })?;
         Ok(Self { assigner })
     }
@@ -35,7 +35,7 @@ impl Distance {
         candidates: &mut dyn Candidates,
         clouds: &[Candidate],
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let assignment = self.assigner.recognise(clouds, rng)?;
         let untested = |policy: usize| assignment.evidence[policy].test().is_none();
         let is_untested = matches!(assignment.decision, Decision::Existing(p) if untested(p));
@@ -76,7 +76,7 @@ impl Grouping for Distance {
         query: Query<'_>,
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let mut clouds = candidates.clouds()?;
         if let Query::Recognition = query {
             return self.recognise(candidates, &clouds, rng);
@@ -129,7 +129,7 @@ mod tests {
     }
 
     impl Candidates for Rounds {
-        fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+        fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
             let rollout = self.around(&self.rounds.clone(), 10);
             let clouds = self.homes.clone().into_iter().map(|home| Candidate {
                 buffer: self.around(&[home], 40),
@@ -138,7 +138,7 @@ mod tests {
             Ok(clouds.collect())
         }
 
-        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
             panic!("nothing is recognised")
         }
 
@@ -204,7 +204,7 @@ mod tests {
     }
 
     impl Candidates for Glance {
-        fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError> {
+        fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
             let clouds = [0, 1].map(|policy| Candidate {
                 buffer: self.frames(policy, &self.home(policy)),
                 rollout: self.frames(policy, &[self.seen]),
@@ -212,7 +212,7 @@ mod tests {
             Ok(clouds.into())
         }
 
-        fn contests(&mut self, rivals: [usize; 2], _: usize) -> Result<[Contest; 2], CoversError> {
+        fn contests(&mut self, rivals: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
             Ok(rivals.map(|policy| Contest {
                 rollout: self.frames(policy, &[self.seen]),
                 rivals: rivals.map(|rival| self.frames(policy, &self.home(rival))),

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 /// Decides which policy a rollout belongs to (lines 8 to 14 of the paper's Algorithm 1).
 ///
@@ -26,13 +26,13 @@ pub trait Grouping: Send {
         query: Query<'_>,
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError>;
+    ) -> Result<GroupingDecision, LearnerError>;
 
     /// Learns which episodes belong to a policy; unless it is said otherwise, nothing is kept.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
-    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         Ok(Learned::default())
     }
 
@@ -92,14 +92,14 @@ pub trait Candidates {
     ///
     /// # Errors
     /// Those of a network.
-    fn clouds(&mut self) -> Result<Vec<Candidate>, CoversError>;
+    fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
     /// Returns two policies' frames, of at most `most` episodes each, and those of the rollout, in
     /// the features of the one and then of the other, as both are now.
     ///
     /// # Errors
     /// Those of a network.
-    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], CoversError>;
+    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError>;
 
     /// Returns when each of the rollout's episodes began whose frames these are: decisions of all
     /// environments before it.

@@ -7,7 +7,7 @@ use cluster::Frames;
 use evidence::Course;
 use rl::{EnvSpec, Features, Observations, Outcome, RlError, RolloutBuffer};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 /// The first observations of one episode.
 pub(super) struct FirstFrames {
@@ -208,7 +208,7 @@ pub(super) fn courses<R: Rollout>(rollout: &R, before: usize) -> Vec<Course> {
 pub(super) fn embed<P: Features>(
     policy: &mut P,
     episodes: &[FirstFrames],
-) -> Result<Frames, CoversError> {
+) -> Result<Frames, LearnerError> {
     let dim = policy.feature_dim();
     let per_episode = episodes.first().map_or(0, |episode| episode.count);
     let mut all = Observations {

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{Activity, Answers, Observations, PlainPolicy, RolloutStats, VectorEnv};
 
 use crate::disk::{LocalDisk, replace};
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::Recognised;
 
 /// Learns from a stream of tasks. No method has a place for a task's label.
@@ -17,7 +17,7 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// Those of the environment, a policy or a grouping.
-    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, CoversError>;
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError>;
 
     /// Finds the policy for what `env` runs from the first frames of this many episodes, or,
     /// without a number, of as many as it needs; learns nothing.
@@ -31,19 +31,19 @@ pub trait Learner: Send {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError>;
+    ) -> Result<Recognised, LearnerError>;
 
     /// Runs `rounds` episodes in every environment with the mean actions of policy `index`; learns
     /// nothing.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a policy that does not exist, or an error of the environment.
+    /// [`LearnerError::Setting`] for a policy that does not exist, or an error of the environment.
     fn perform(
         &mut self,
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, CoversError>;
+    ) -> Result<Performance, LearnerError>;
 
     /// Returns all numbers of policy `index` that [`Learner::perform`] depends on, so that one which
     /// has not changed need not perform again. None where a learner does not say.
@@ -54,15 +54,15 @@ pub trait Learner: Send {
     /// Returns policy `index` in ordinary layers, and its answers to `observations`.
     ///
     /// # Errors
-    /// [`CoversError::Setting`] for a policy that does not exist, [`rl::RlError::NotPlain`] for one
-    /// that other programs have no layers for, [`CoversError::Unexportable`] for learners that
+    /// [`LearnerError::Setting`] for a policy that does not exist, [`rl::RlError::NotPlain`] for one
+    /// that other programs have no layers for, [`LearnerError::Unexportable`] for learners that
     /// write none.
     fn export(
         &mut self,
         _index: usize,
         _observations: &Observations,
-    ) -> Result<(PlainPolicy, Answers), CoversError> {
-        Err(CoversError::Unexportable)
+    ) -> Result<(PlainPolicy, Answers), LearnerError> {
+        Err(LearnerError::Unexportable)
     }
 
     /// Returns the number of policies, at least 1.
@@ -72,16 +72,16 @@ pub trait Learner: Send {
     /// equal bytes. `path` is where they will be written, for errors to name.
     ///
     /// # Errors
-    /// [`CoversError::NotFinite`] for a learner with a number that is not finite;
-    /// [`CoversError::Setting`] for an extent of too few episodes.
-    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError>;
+    /// [`LearnerError::NotFinite`] for a learner with a number that is not finite;
+    /// [`LearnerError::Setting`] for an extent of too few episodes.
+    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError>;
 
     /// Writes that file. It appears whole or not at all, also after a power cut;
     /// [`LearnerSettings::load`](super::LearnerSettings::load) reads it.
     ///
     /// # Errors
-    /// As [`encode`](Learner::encode), and [`CoversError::Write`].
-    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), CoversError> {
+    /// As [`encode`](Learner::encode), and [`LearnerError::Write`].
+    fn save(&self, path: &Path, extent: Extent, note: &str) -> Result<(), LearnerError> {
         replace(&LocalDisk, path, &self.encode(path, extent, note)?)
     }
 }
@@ -217,7 +217,7 @@ const TEST_COLUMNS: [TestColumn; 5] = [
 
 /// Returns the names of columns with one number for each policy, also while there is one policy
 /// only.
-pub(crate) fn per_policy_columns() -> impl Iterator<Item = &'static str> {
+pub fn per_policy_columns() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, HEIRS].into_iter().chain(tests)
 }

@@ -8,7 +8,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 /// The operations by which a run changes its folder.
 ///
@@ -95,13 +95,13 @@ impl Disk for LocalDisk {
 }
 
 /// The ending of files that are not whole yet.
-pub(crate) const PARTIAL: &str = "partial";
+pub const PARTIAL: &str = "partial";
 
 /// Puts a file in the place of `path`: it appears whole or not at all, also after a power cut.
 ///
 /// # Errors
-/// [`CoversError::Write`]; the old file is then still there.
-pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), CoversError> {
+/// [`LearnerError::Write`]; the old file is then still there.
+pub fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     let written = disk
         .write(&partial, bytes)
@@ -112,7 +112,7 @@ pub(crate) fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<(), 
         // a full disk needs the room; that this fails, too, is no news
         let _ = disk.remove(&partial);
     }
-    written.map_err(|error| CoversError::write(path, error))
+    written.map_err(|error| LearnerError::write(path, error))
 }
 
 /// Name of a file that becomes `path` when it is whole. Each process has names of its own, since two
@@ -123,26 +123,26 @@ fn partial_name(path: &Path) -> PathBuf {
 }
 
 /// Random number from the system, not from any seed.
-pub(crate) fn random_number() -> u64 {
+pub fn random_number() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
 /// Sees whether [`replace`] could write `path`, and leaves everything as it is.
 ///
 /// # Errors
-/// [`CoversError::Write`].
-pub(crate) fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), CoversError> {
+/// [`LearnerError::Write`].
+pub fn try_out(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     let tried = match path.is_dir() {
         true => Err(std::io::ErrorKind::IsADirectory.into()),
         false => disk.write(&partial, &[]),
     };
     let tried = tried.and_then(|()| disk.remove(&partial));
-    tried.map_err(|error| CoversError::write(path, error))
+    tried.map_err(|error| LearnerError::write(path, error))
 }
 
 /// The folder that a file or a folder is in.
-pub(crate) fn folder_of(path: &Path) -> &Path {
+pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,
         _ => Path::new("."),

@@ -2,7 +2,7 @@
 
 use rl::{EpisodeState, Outcome, Replay, ReplayState};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
 use super::frame_codec::Frames;
@@ -97,8 +97,8 @@ fn pack(replay: &Replay, state: &ReplayState<'_>) -> Vec<u8> {
 /// Reads what [`tensors`] wrote of a replay with the settings of `fresh`.
 ///
 /// # Errors
-/// [`CoversError::Read`] for arrays that are missing or do not fit.
-pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Replay, CoversError> {
+/// [`LearnerError::Read`] for arrays that are missing or do not fit.
+pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Replay, LearnerError> {
     let name = |what: &str| format!("{prefix}replay.{what}");
     let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
     let counts = file.integers(&name("counts"))?;
@@ -120,8 +120,8 @@ pub fn read(file: &TensorFile<'_>, prefix: &str, fresh: &Replay) -> Result<Repla
     let state = ReplayState {
         recorded,
         marked,
-        running: running.collect::<Result<_, CoversError>>()?,
-        order: order.collect::<Result<_, CoversError>>()?,
+        running: running.collect::<Result<_, LearnerError>>()?,
+        order: order.collect::<Result<_, LearnerError>>()?,
         episodes: episodes.states().ok_or_else(|| damaged("episodes"))?,
     };
     let restored = Replay::restore(fresh.settings().clone(), fresh.spec(), &state);
@@ -199,9 +199,9 @@ impl<'a> Episodes<'a> {
         name: &impl Fn(&str) -> String,
         sizes: &'a Sizes,
         most_frames: usize,
-    ) -> Result<Self, CoversError> {
+    ) -> Result<Self, LearnerError> {
         let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
-        let floats = |what: &str| Ok::<_, CoversError>(file.floats(&name(what))?.1);
+        let floats = |what: &str| Ok::<_, LearnerError>(file.floats(&name(what))?.1);
         let rewards = floats("rewards")?;
         let rows = rows(&file.integers(&name("episodes"))?, rewards.len());
         let rows = rows.ok_or_else(|| damaged("episodes"))?;

@@ -7,7 +7,7 @@ use evidence::{
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 use super::grouping::{
     Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Trial,
@@ -28,7 +28,7 @@ impl Evident {
     ///
     /// # Errors
     /// A setting out of range.
-    pub fn new(settings: RecogniserSettings) -> Result<Self, CoversError> {
+    pub fn new(settings: RecogniserSettings) -> Result<Self, LearnerError> {
         Ok(Self {
             recogniser: Recogniser::new(settings)?,
             album: Album::default(),
@@ -40,7 +40,7 @@ impl Evident {
         &mut self,
         episodes: Episodes<'_>,
         policy: usize,
-    ) -> Result<Vec<Account>, CoversError> {
+    ) -> Result<Vec<Account>, LearnerError> {
         let Episodes { spec, courses, .. } = episodes;
         let filters = self.recogniser.settings().filters;
         let accountant = Accountant::new(spec.image, &spec.vector, &spec.action, filters)?;
@@ -81,7 +81,7 @@ impl Evident {
         &self,
         accounts: &[Account],
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let likeliest = self.recogniser.recognise(accounts, rng)?.likeliest();
         let decision = likeliest.map_or(Decision::Undecided, Decision::Existing);
         Ok(GroupingDecision::of(decision))
@@ -101,7 +101,7 @@ impl Grouping for Evident {
         query: Query<'_>,
         candidates: &mut dyn Candidates,
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         let accounts = self.accounts(episodes, collector)?;
@@ -128,7 +128,7 @@ impl Grouping for Evident {
 
     /// Two policies that seem to serve one group both act there before they are merged: the one
     /// that was not at home there, and if it serves, the other one again.
-    fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, CoversError> {
+    fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let (mut end, mut probe) = (None, None);
         match lesson {
             Lesson::Rollout {

@@ -10,11 +10,11 @@ mod off_policy;
 mod settings;
 mod tensor_file;
 
-pub(crate) use collection::read_note;
+pub use collection::read_note;
 pub use collection::{Collection, CollectionSettings, CommonSettings, Handover, NewPolicy};
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
-pub(crate) use learner::per_policy_columns;
+pub use learner::per_policy_columns;
 pub use learner::{Extent, Iteration, Learner, Metric, Metrics, Performance, Seconds};
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

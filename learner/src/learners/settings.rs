@@ -6,7 +6,7 @@ use rl::EnvSpec;
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::{GroupingSettings, Labels};
 
 use super::collection::{Collection, CollectionSettings, CommonSettings};
@@ -16,7 +16,7 @@ use super::learner::Learner;
 use super::off_policy::OffPolicySettings;
 
 /// A learner from a file, and the file's note.
-type Loaded = Result<(Box<dyn Learner>, String), CoversError>;
+type Loaded = Result<(Box<dyn Learner>, String), LearnerError>;
 
 /// Evaluates an expression for the settings, of whichever learner they are.
 macro_rules! each {
@@ -50,7 +50,7 @@ impl LearnerSettings {
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
-    pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, CoversError> {
+    pub fn start(&self, spec: &EnvSpec, labels: &Labels) -> Result<Box<dyn Learner>, LearnerError> {
         each!(self, settings => {
             let grouping = settings.grouping.build_with(labels)?;
             let learner = Collection::with_grouping(settings.clone(), spec, grouping)?;
@@ -61,7 +61,7 @@ impl LearnerSettings {
     /// Reads what [`Learner::save`] wrote, for acting and recognising; returns the note, too.
     ///
     /// # Errors
-    /// [`CoversError::Read`] for a file that is missing, damaged, of a learner of other settings,
+    /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
     /// or of other environments.
     pub fn load(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, false)
@@ -70,7 +70,7 @@ impl LearnerSettings {
     /// Reads the same file for a copy that learns on to the same bits.
     ///
     /// # Errors
-    /// Those of [`LearnerSettings::load`], and [`CoversError::PoliciesOnly`] for a file of
+    /// Those of [`LearnerSettings::load`], and [`LearnerError::PoliciesOnly`] for a file of
     /// [`Extent::Policies`](super::Extent::Policies).
     pub fn resume(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
         self.read(path, spec, labels, true)
@@ -107,7 +107,7 @@ impl LearnerSettings {
     /// # Errors
     /// Those of [`DeviceChoice::open`], and a GPU for learners whose updates run on the processor
     /// alone: those with replays, and those with a symmetry loss.
-    pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), CoversError> {
+    pub fn set_device(&mut self, choice: DeviceChoice) -> Result<(), LearnerError> {
         let expected = match self {
             Self::Covers(settings) if settings.ppo.symmetry.is_none() => {
                 settings.device = choice.open()?;
@@ -121,7 +121,7 @@ impl LearnerSettings {
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => Err(CoversError::Setting {
+            DeviceChoice::Gpu => Err(LearnerError::Setting {
                 name: "device",
                 value: "gpu".to_owned(),
                 expected,
@@ -144,7 +144,7 @@ impl LearnerSettings {
 
     /// Returns why it makes no sense to ask it which policy a group belongs to, where that makes
     /// none.
-    pub(crate) fn cannot_be_asked(&self) -> Option<&'static str> {
+    pub fn cannot_be_asked(&self) -> Option<&'static str> {
         match self.common().grouping {
             GroupingSettings::Single => Some("there is one policy for everything"),
             GroupingSettings::Oracle => Some("the learner is told the group"),
@@ -153,7 +153,7 @@ impl LearnerSettings {
     }
 
     /// Returns the distance above which a rollout is of another group, where the grouping has one for good.
-    pub(crate) fn fixed_threshold(&self) -> Option<f64> {
+    pub fn fixed_threshold(&self) -> Option<f64> {
         match self.common().grouping {
             GroupingSettings::Threshold { threshold } => Some(threshold),
             _ => None,
@@ -161,7 +161,7 @@ impl LearnerSettings {
     }
 
     /// Tests whether the distances of a rollout are of one unit with those of its permutations.
-    pub(crate) fn permutes_distances(&self) -> bool {
+    pub fn permutes_distances(&self) -> bool {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
@@ -177,7 +177,6 @@ mod tests {
 
     use super::*;
     use crate::learners::NewPolicy;
-    use crate::presets::Method;
 
     fn read<S: DeserializeOwned>(text: &str) -> serde_json::Result<S> {
         serde_json::from_str(text)
@@ -190,8 +189,8 @@ mod tests {
             seed: u64::MAX,
             ..CoversSettings::paper()
         };
-        let all = Method::ALL.map(Method::learner).into_iter();
-        for settings in all.chain([LearnerSettings::Covers(other)]) {
+        let off_policy = LearnerSettings::OffPolicy(OffPolicySettings::clear());
+        for settings in [LearnerSettings::Covers(other), off_policy] {
             let text = serde_json::to_string(&settings).unwrap();
             assert_eq!(read::<LearnerSettings>(&text).unwrap(), settings);
         }

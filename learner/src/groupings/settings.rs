@@ -4,7 +4,7 @@ use cluster::{Calibrated, Rule};
 use evidence::RecogniserSettings;
 use serde::{Deserialize, Serialize};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 
 use super::distance::Distance;
 use super::evidence::Evident;
@@ -46,7 +46,7 @@ impl GroupingSettings {
     ///
     /// # Errors
     /// A setting out of range, and [`GroupingSettings::Oracle`], which has nobody to ask.
-    pub fn build(&self) -> Result<Box<dyn Grouping>, CoversError> {
+    pub fn build(&self) -> Result<Box<dyn Grouping>, LearnerError> {
         match self {
             Self::Oracle => Err(unlabelled()),
             _ => self.build_with(&Labels::default()),
@@ -54,7 +54,7 @@ impl GroupingSettings {
     }
 
     /// The grouping, for a run that writes `labels`.
-    pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, CoversError> {
+    pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
             Self::Calibrated(calibrated) => Box::new(Distance::new(Rule::Calibrated(calibrated))?),
             Self::Threshold { threshold } => Box::new(Distance::new(Rule::Fixed { threshold })?),

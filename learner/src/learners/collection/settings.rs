@@ -5,7 +5,7 @@ use rl::{AlgorithmState, EnvSpec, Experience, Features, Plain, RlError, Units};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
@@ -100,7 +100,7 @@ pub trait Training: Sized + Send + 'static {
     ///
     /// # Errors
     /// Arrays that are missing or do not fit.
-    fn recall(&mut self, _file: &TensorFile<'_>, _prefix: &str) -> Result<(), CoversError> {
+    fn recall(&mut self, _file: &TensorFile<'_>, _prefix: &str) -> Result<(), LearnerError> {
         Ok(())
     }
 }
@@ -136,9 +136,9 @@ impl CommonSettings {
         &self,
         spec: &EnvSpec,
         min_episodes: usize,
-    ) -> Result<usize, CoversError> {
+    ) -> Result<usize, LearnerError> {
         let refuse = |name, value: usize, expected| {
-            Err(CoversError::Setting {
+            Err(LearnerError::Setting {
                 name,
                 value: value.to_string(),
                 expected,

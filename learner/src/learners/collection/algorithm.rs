@@ -15,7 +15,7 @@ use rl::{
     VectorEnv, collect,
 };
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::{GroupingDecision, Query, Recognised};
 use crate::learners::learner::{Extent, Iteration, Learner, Performance, Seconds};
 
@@ -30,7 +30,7 @@ const BETWEEN_LOOKS: usize = 10;
 impl<S: CollectionSettings> Learner for Collection<S> {
     /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
-    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, CoversError> {
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
         let mut iteration = Iteration::default();
         let collector = self.current;
 
@@ -72,7 +72,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, CoversError> {
+    ) -> Result<Recognised, LearnerError> {
         let observed = self.watch(env, episodes, rng)?;
         if !self.has_learnt() {
             return Ok(Recognised {
@@ -95,7 +95,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<Performance, CoversError> {
+    ) -> Result<Performance, LearnerError> {
         let index = self.check_policy(index)?;
         let mut activity = Activity::default();
         let policy = &mut self.policies[index].policy;
@@ -113,7 +113,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         &mut self,
         index: usize,
         observations: &Observations,
-    ) -> Result<(PlainPolicy, Answers), CoversError> {
+    ) -> Result<(PlainPolicy, Answers), LearnerError> {
         let index = self.check_policy(index)?;
         let policy = &mut self.policies[index].policy;
         Ok((policy.plain()?, policy.answers(observations)?))
@@ -128,7 +128,7 @@ impl<S: CollectionSettings> Learner for Collection<S> {
         self.policies.len()
     }
 
-    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, CoversError> {
+    fn encode(&self, path: &Path, extent: Extent, note: &str) -> Result<Vec<u8>, LearnerError> {
         self.to_bytes(path, extent, note)
     }
 }
@@ -139,7 +139,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         env: &mut dyn VectorEnv,
         iteration: &mut Iteration,
-    ) -> Result<(), CoversError> {
+    ) -> Result<(), LearnerError> {
         self.check_horizon(env)?;
         let entry = &mut self.policies[self.current];
         let (rollout, rng) = (&mut self.rollout, &mut self.generators.actions);
@@ -158,7 +158,7 @@ impl<S: CollectionSettings> Collection<S> {
 
     /// Takes the first frames of the rollout's episodes, which `before` decisions came before
     /// (line 6).
-    pub(super) fn observe(&self, before: usize) -> Result<Observed, CoversError> {
+    pub(super) fn observe(&self, before: usize) -> Result<Observed, LearnerError> {
         let observed = self.observe_in(&self.rollout, before);
         self.check_episodes(observed.frames.len())?;
         Ok(observed)
@@ -182,12 +182,12 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Refuses a rollout that shows too few first frames to be assigned.
-    fn check_episodes(&self, got: usize) -> Result<(), CoversError> {
+    fn check_episodes(&self, got: usize) -> Result<(), LearnerError> {
         let needed = self.grouping.needs().episodes;
         if got >= needed {
             return Ok(());
         }
-        Err(CoversError::TooFewEpisodes {
+        Err(LearnerError::TooFewEpisodes {
             got,
             needed,
             first_frames: self.settings.common().first_frames,
@@ -200,7 +200,7 @@ impl<S: CollectionSettings> Collection<S> {
         query: Query<'_>,
         observed: &Observed,
         seconds: &mut Seconds,
-    ) -> Result<GroupingDecision, CoversError> {
+    ) -> Result<GroupingDecision, LearnerError> {
         // the paper starts with an empty `B`, for which no distance exists
         if !self.has_learnt() {
             return Ok(GroupingDecision::of(Decision::Existing(0)));
@@ -225,7 +225,7 @@ impl<S: CollectionSettings> Collection<S> {
         &mut self,
         decision: &GroupingDecision,
         frames: Vec<FirstFrames>,
-    ) -> Result<bool, CoversError> {
+    ) -> Result<bool, LearnerError> {
         let policies = self.policies.len();
         self.current = match decision.policy {
             Decision::Existing(index) => self.check_policy(index)?,
@@ -242,11 +242,11 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Returns the policy that a new one is copied from, if it is.
-    fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, CoversError> {
+    fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, LearnerError> {
         match (self.settings.common().new_policy, decision.nearest) {
             (NewPolicy::Random, _) => Ok(None),
             (NewPolicy::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicy::Copy, None) => Err(CoversError::Setting {
+            (NewPolicy::Copy, None) => Err(LearnerError::Setting {
                 name: "new_policy",
                 value: "copy".to_owned(),
                 expected: "random with a grouping that measures no distances: none is nearest",
@@ -255,7 +255,7 @@ impl<S: CollectionSettings> Collection<S> {
     }
 
     /// Improves the current policy with the rollout (line 15); returns what is logged.
-    fn update(&mut self, seconds: &mut Seconds) -> Result<Vec<(String, f64)>, CoversError> {
+    fn update(&mut self, seconds: &mut Seconds) -> Result<Vec<(String, f64)>, LearnerError> {
         let clock = Instant::now();
         let PolicyEntry {
             policy, training, ..
@@ -273,7 +273,7 @@ impl<S: CollectionSettings> Collection<S> {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Observed, CoversError> {
+    ) -> Result<Observed, LearnerError> {
         let steps = self.settings.common().first_frames;
         let mut rollout = self.settings.rollout(env.spec(), steps)?;
         let mut observed = Observed::default();

@@ -15,7 +15,7 @@ use rl::{
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
-use crate::error::CoversError;
+use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
@@ -244,7 +244,7 @@ impl Training for SacTraining {
         replay_checkpoint::tensors(&self.replay, prefix)
     }
 
-    fn recall(&mut self, file: &TensorFile<'_>, prefix: &str) -> Result<(), CoversError> {
+    fn recall(&mut self, file: &TensorFile<'_>, prefix: &str) -> Result<(), LearnerError> {
         self.replay = replay_checkpoint::read(file, prefix, &self.replay)?;
         Ok(())
     }

@@ -1,0 +1,26 @@
+//! Learners of continual reinforcement learning from unlabelled streams of tasks: COVERS (Liu et al.,
+//! CoRL 2023), the same with replays, CLEAR and 3RL.
+//!
+//! - [`Learner`]: trains on the rollouts of any [`rl::VectorEnv`]. [`Covers`] is Algorithm 1 of the
+//!   paper and [`OffPolicy`] its counterpart with replays.
+//! - [`Grouping`]: assigns each rollout to a policy.
+//! - [`LearnerSettings`]: settings of a learner, which build it or load it from a checkpoint.
+//! - [`disk`]: file operations of checkpoints and runs.
+//! - [`overrides`]: settings by path, such as `covers.ppo.gamma=0.97`.
+
+pub mod disk;
+mod error;
+mod groupings;
+mod learners;
+pub mod overrides;
+
+pub use error::LearnerError;
+pub use groupings::{
+    Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
+    Learned, Lesson, Needs, Query, Recognised, Single, Trial,
+};
+pub use learners::{
+    Collection, CollectionSettings, CommonSettings, Covers, CoversSettings, DeviceChoice, Extent,
+    Handover, Iteration, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicy,
+    OffPolicy, OffPolicySettings, Performance, Seconds, per_policy_columns, read_note,
+};
