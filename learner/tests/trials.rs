@@ -4,14 +4,14 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
-use covers::{
+use learner::{
     Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, Learned, Learner,
     LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, SacSettings, VectorEnv};
 
-use crate::common::bars::{Bars, network, number};
+use crate::bars::{Bars, network, number};
 
 /// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
 #[derive(Clone, Default)]

@@ -1,11 +1,11 @@
 //! Off-policy learners without MuJoCo: they solve toy tasks, sort groups, and go on to the same
 //! bits.
 
-use covers::{Extent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings};
+use learner::{Extent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings};
 use rl::{ContextSettings, Critic, Encoder, NetworkSettings, SacSettings, VectorEnv};
 use symmetry::Group;
 
-use crate::common::bars::{Bars, network, number};
+use crate::bars::{Bars, network, number};
 use crate::guess::{EPISODE, Guess};
 
 const ENVS: usize = 16;

@@ -1,6 +1,6 @@
 //! A toy environment whose hidden group changes, and what learners do in it.
 
-use covers::{Iteration, Learner, Metric};
+use learner::{Iteration, Learner, Metric};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, Encoder, EnvSpec, NetworkSettings, Observations, Outcome, Transition, VectorEnv};

@@ -1,11 +1,11 @@
 //! From how few episodes a learner recognises a group, on a toy environment.
 
-use covers::{Covers, CoversSettings, GroupingSettings, Learner};
+use learner::{Covers, CoversSettings, GroupingSettings, Learner};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Encoder, NetworkSettings, PpoSettings, VectorEnv};
 
-use crate::common::bars::Bars;
+use crate::bars::Bars;
 
 fn settings(grouping: GroupingSettings) -> CoversSettings {
     CoversSettings {

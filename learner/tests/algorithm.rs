@@ -1,7 +1,7 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
 use cluster::{Decision, Evidence, Verdict};
-use covers::{
+use learner::{
     Candidates, Covers, CoversSettings, Extent, Grouping, GroupingDecision, GroupingSettings,
     Handover, Iteration, Learned, Learner, LearnerError, Lesson, Needs, NewPolicy, Query,
 };
@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{Critic, PpoSettings, VectorEnv};
 
-use crate::common::bars::{Bars, HORIZON, network, number};
+use crate::bars::{Bars, HORIZON, network, number};
 
 fn settings() -> CoversSettings {
     CoversSettings {

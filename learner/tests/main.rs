@@ -1,0 +1,14 @@
+//! Tests of learners on toy environments, as one program.
+
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
+
+mod algorithm;
+mod bars;
+mod off_policy;
+mod recognition;
+mod trials;
+
+#[path = "../../rl/tests/common/guess.rs"]
+mod guess;
+#[path = "../../rl/tests/common/toy.rs"]
+mod toy;
