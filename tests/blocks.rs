@@ -79,6 +79,10 @@ fn wrong_command(own: &[&str]) -> Option<String> {
         ["cargo", "run", rest @ ..] => {
             let mut parts = rest.splitn(2, |word| *word == "--");
             let (cargo, arguments) = (parts.next()?, parts.next().unwrap_or_default());
+            if cargo.contains(&"--manifest-path") {
+                // a program of another workspace
+                return None;
+            }
             let example = cargo.iter().position(|word| *word == "--example");
             match example.map(|at| cargo[at + 1]) {
                 None => refused::<Program>(arguments),

@@ -47,7 +47,7 @@ const SEVERAL_VERSIONS: [(&str, usize); 8] = [
 
 /// The table of imports in ARCHITECTURE.md: a crate, what its code may import, and what its tests,
 /// examples and benches may import besides.
-const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
+const IMPORTS: [(&str, &[&str], &[&str]); 14] = [
     ("mujoco-sys", &[], &[]),
     ("mujoco", &["mujoco-sys"], &[]),
     ("symmetry", &[], &[]),
@@ -59,6 +59,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
     ("cluster", &[], &[]),
     ("evidence", &["cluster", "symmetry"], &["rl", "worlds"]),
     ("worlds", &["rl", "symmetry"], &[]),
+    ("learner", &["cluster", "evidence", "rl", "symmetry"], &[]),
     (
         "benches",
         &[],
@@ -82,6 +83,7 @@ const IMPORTS: [(&str, &[&str], &[&str]); 13] = [
             "equivariant",
             "evidence",
             "inpainting",
+            "learner",
             "rl",
             "robots",
             "symmetry",
