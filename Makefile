@@ -43,27 +43,31 @@ test: deps
 # program is compiled. A report compares its first method with the others.
 METHODS := covers 3rl clear cnn equi covers-gt covers-cnn covers-cnn-slim cnn-aug clear-bc equi-sac
 STRIPS := covers covers-cnn equi equi-sac clear 3rl
-RUNS := docs/results/data/table
+# Runs are kept as an archive for each study.
+DATA := docs/results/data
+KEPT := $(TARGET)/kept
 TABLE1 := docs/results/table1
 
 table1: deps
-	rm -rf "$(TARGET)/table1"
+	rm -rf "$(TARGET)/table1" "$(KEPT)" && mkdir -p "$(KEPT)"
+	tar -C "$(KEPT)" -xzf $(DATA)/table.tar.gz
 	cargo run --release --locked --bin covers -- report --out "$(TARGET)/table1" \
-	  $(foreach method,$(METHODS),$(sort $(wildcard $(RUNS)/$(method)-seed*))) > /dev/null
+	  $(METHODS:%="$(KEPT)"/table/%-seed*) > /dev/null
 	rm -rf $(TABLE1) && mkdir -p $(TABLE1)
 	for file in "$(TARGET)"/table1/*.csv "$(TARGET)"/table1/seed*.svg \
 	  $(STRIPS:%="$(TARGET)"/table1/%-seed20.svg); do cp "$$file" $(TABLE1) || exit 1; done
 
 # Tables and curves of docs/results/efficiency.md, a folder for each study whose runs are kept.
-STUDIES := $(wildcard docs/results/data/efficiency/*)
+STUDIES := $(patsubst $(DATA)/efficiency-%.tar.gz,%,$(wildcard $(DATA)/efficiency-*.tar.gz))
 EFFICIENCY := docs/results/efficiency
 
 efficiency: deps
-	rm -rf "$(TARGET)/efficiency"
+	rm -rf "$(TARGET)/efficiency" "$(KEPT)" && mkdir -p "$(KEPT)"
 	for study in $(STUDIES); do \
-	  made="$(TARGET)/efficiency/$$(basename $$study)" && mkdir -p "$$made" && \
-	  cargo run --release --locked --bin covers -- report --out "$$made/report" $$study/* \
-	    > /dev/null && \
+	  made="$(TARGET)/efficiency/$$study" && mkdir -p "$$made" && \
+	  tar -C "$(KEPT)" -xzf $(DATA)/efficiency-$$study.tar.gz && \
+	  cargo run --release --locked --bin covers -- report --out "$$made/report" \
+	    "$(KEPT)/$$study"/* > /dev/null && \
 	  for file in efficiency.csv results.csv seeds.csv runs.csv; do \
 	    cp "$$made/report/$$file" "$$made" || exit 1; \
 	  done && cp "$$made"/report/learning-*.svg "$$made" && rm -r "$$made/report" || exit 1; \
@@ -162,7 +166,7 @@ BOOK := $(TARGET)/pages
 
 book:
 	rm -rf $(BOOK) && mkdir -p $(BOOK)
-	git ls-files -z -- ':!*.npz' ':!*.safetensors' ':!fuzz/corpus' ':!docs/results/data/table' | \
+	git ls-files -z -- ':!*.npz' ':!*.safetensors' ':!fuzz/corpus' ':!*.tar.gz' | \
 	  xargs -0 cp -P --parents -t $(BOOK)
 	mv $(BOOK)/docs/book.toml $(BOOK)
 	sed -E 's#\]\(([a-z])#](docs/\1#; s#\]\(\.\./#](#' $(BOOK)/docs/SUMMARY.md > $(BOOK)/SUMMARY.md

@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::LazyLock;
 
 use covers::report::{Report, RunData};
@@ -11,13 +12,33 @@ use crate::common::scratch::Scratch;
 
 /// The report of the kept runs, in the order of the kept tables.
 static REPORT: LazyLock<Report> = LazyLock::new(|| {
-    let data = results().join("data/table");
+    let scratch = Scratch::new("kept");
+    let data = unpacked("table.tar.gz", &scratch.0);
     let runs = kept_runs().into_iter().map(|name| data.join(name));
     Report::new(runs.map(|run| RunData::read(&run).unwrap()).collect()).unwrap()
 });
 
 fn results() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results")
+}
+
+/// Archives of kept runs.
+fn archives() -> Vec<String> {
+    let names = files(&results().join("data"));
+    names
+        .into_iter()
+        .filter(|name| name.ends_with(".tar.gz"))
+        .collect()
+}
+
+/// Unpacks an archive of runs, which is one folder, and returns that folder.
+fn unpacked(archive: &str, into: &Path) -> PathBuf {
+    let mut tar = Command::new("tar");
+    tar.arg("-C").arg(into).arg("-xzf");
+    let status = tar.arg(results().join("data").join(archive)).status();
+    assert!(status.unwrap().success(), "{archive}");
+    let study = archive.trim_end_matches(".tar.gz");
+    into.join(study.trim_start_matches("efficiency-"))
 }
 
 /// Names of the runs, of which a mark may follow.
@@ -54,15 +75,16 @@ fn edited(page: &str, report: &str) -> Vec<String> {
 
 #[test]
 fn studies_are_those_of_the_kept_runs() {
-    let (data, kept) = (
-        results().join("data/efficiency"),
-        results().join("efficiency"),
-    );
-    let studies = files(&data);
-    assert!(studies.len() > 3);
+    let kept = results().join("efficiency");
+    let scratch = Scratch::new("studies");
+    let all = archives();
+    let archived = all.iter().filter(|name| name.starts_with("efficiency-"));
+    let folders: Vec<PathBuf> = archived.map(|name| unpacked(name, &scratch.0)).collect();
+    let studies = files(&scratch.0);
+    assert!(studies.len() > 3 && studies.len() == folders.len());
     assert_eq!(files(&kept), studies, "`make efficiency` takes all studies");
     for study in studies {
-        let folder = data.join(&study);
+        let folder = scratch.0.join(&study);
         let runs = files(&folder).into_iter().map(|run| folder.join(run));
         let runs = runs.map(|run| RunData::read(&run).unwrap()).collect();
         let made = Scratch::new("study");
@@ -81,7 +103,8 @@ fn studies_are_those_of_the_kept_runs() {
 fn tables_and_drawings_are_those_of_the_kept_runs() {
     let mut runs = kept_runs();
     runs.sort();
-    let data = results().join("data/table");
+    let scratch = Scratch::new("table");
+    let data = unpacked("table.tar.gz", &scratch.0);
     assert_eq!(runs, files(&data), "`make table1` takes all runs");
 
     let (kept, made) = (results().join("table1"), Scratch::new("table1"));
