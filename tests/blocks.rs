@@ -79,16 +79,23 @@ fn wrong_command(own: &[&str]) -> Option<String> {
         ["cargo", "run", rest @ ..] => {
             let mut parts = rest.splitn(2, |word| *word == "--");
             let (cargo, arguments) = (parts.next()?, parts.next().unwrap_or_default());
-            if cargo.contains(&"--manifest-path") {
+            if let Some(at) = cargo.iter().position(|word| *word == "--manifest-path") {
                 // a program of another workspace
-                return None;
+                let manifest = cargo[at + 1];
+                let known = ["rerun/Cargo.toml", "fuzz/Cargo.toml"].contains(&manifest);
+                return (!known).then(|| format!("there is no workspace `{manifest}`"));
             }
             let example = cargo.iter().position(|word| *word == "--example");
             match example.map(|at| cargo[at + 1]) {
                 None => refused::<Program>(arguments),
                 Some("continual_stream") => refused::<StreamOptions>(arguments),
                 Some(name) => {
-                    let folders = ["examples", "evidence/examples", "benches/studies"];
+                    let folders = [
+                        "examples",
+                        "evidence/examples",
+                        "benches/studies",
+                        "benches/peers",
+                    ];
                     let known = folders.iter().any(|folder| {
                         let examples = Path::new(folder);
                         examples.join(format!("{name}.rs")).exists() || examples.join(name).exists()

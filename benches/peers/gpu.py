@@ -67,6 +67,7 @@ class Session:
         libraries = [str(self.bundle / "lib"), os.environ.get("LD_LIBRARY_PATH", "")]
         self.environment = os.environ | {"LD_LIBRARY_PATH": ":".join(filter(None, libraries)), "RUST_BACKTRACE": "1"}
         self.figures = {"finished": [], "left out": []}
+        self.failed = False
         self.out.mkdir(parents=True, exist_ok=True)
 
     def left(self):
@@ -95,6 +96,7 @@ class Session:
                 done = subprocess.run(command, stdout=file, stderr=subprocess.STDOUT, env=self.environment, timeout=min(limit, self.left()))
             except subprocess.TimeoutExpired:
                 raise Deadline(f"{name} took longer than it had") from None
+        self.failed |= done.returncode != 0
         return done.returncode, log.read_text(errors="replace"), time.monotonic() - started
 
 
@@ -315,7 +317,7 @@ def learn(session):
         session.put("learn", device, {"exit": code, "seconds": round(seconds, 1), "groups": groups})
 
 
-SECTIONS = [machine, kernels, tables, updates, learn, frames, tests]
+SECTIONS = [machine, tests, kernels, tables, updates, learn, frames]
 
 
 def table(figures):
@@ -343,7 +345,6 @@ def main():
     parser.add_argument("--dry-run", action="store_true")
     session = Session(parser.parse_args())
     only = parser.parse_args().only
-    failed = False
     for section in SECTIONS:
         name = section.__name__
         if only and name not in only:
@@ -356,13 +357,13 @@ def main():
         except Deadline as reason:
             session.figures["left out"].append(f"{name}: {reason}")
         except Exception as error:  # the other sections go on
-            failed = True
+            session.failed = True
             session.figures["left out"].append(f"{name}: {type(error).__name__}: {error}")
         session.save()
     (session.out / "table.md").write_text(table(session.figures))
     print(table(session.figures))
     print("finished:", session.figures["finished"], "left out:", session.figures["left out"], sep="\n")
-    sys.exit(failed)
+    sys.exit(session.failed)
 
 
 main()

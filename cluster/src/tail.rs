@@ -43,6 +43,24 @@ mod tests {
         for score in [-0.5_f64, 0.0, 3.0, 12.0] {
             assert_close(pearson3_tail(score, 2.0), (-1.0 - score).exp());
         }
+        // the gamma distributions of shapes 2 and 3
+        for score in [-1.0_f64, 0.0, 3.0, 12.0] {
+            let x = 2.0 + score * 2.0_f64.sqrt();
+            let tail = (1.0 + x) * (-x).exp();
+            assert_close(pearson3_tail(score, 2.0_f64.sqrt()), tail);
+            let x = 3.0 + score * 3.0_f64.sqrt();
+            let tail = (1.0 + x + x * x / 2.0) * (-x).exp();
+            assert_close(pearson3_tail(score, 2.0 / 3.0_f64.sqrt()), tail);
+        }
+        // that of shape 1/2: erfc of the root, from tables
+        for (root, erfc) in [
+            (0.5, 0.479_500_122_186_953_5),
+            (1.0, 0.157_299_207_050_285_13),
+            (2.0, 0.004_677_734_981_047_266),
+        ] {
+            let score = (root * root - 0.5) / 0.5_f64.sqrt();
+            assert_close(pearson3_tail(score, 8.0_f64.sqrt()), erfc);
+        }
     }
 
     /// The density `x^(a - 1) e^-x`, integrated by Simpson's rule.

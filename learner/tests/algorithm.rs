@@ -410,3 +410,21 @@ fn evidence_is_saved_and_goes_on_to_the_same_bits() {
     assert_eq!((one.policy, one.rollout), (other.policy, other.rollout));
     std::fs::remove_file(&path).unwrap();
 }
+
+#[test]
+fn covers_from_vectors_or_pictures_alone_goes_on_alike() {
+    let path = std::env::temp_dir().join(format!("covers-alone-{}", std::process::id()));
+    let settings = with(settings(), |s| s.grouping = GroupingSettings::Single);
+    for mut env in Bars::half_blind() {
+        let mut learner = Covers::new(settings.clone(), env.spec()).unwrap();
+        env.teach(&mut learner, &[0, 1]);
+        learner.save(&path, Extent::Everything, "").unwrap();
+        let (mut twin, _) = Covers::load(&path, env.spec()).unwrap();
+        let mut twin_env = env.clone();
+        env.teach(&mut learner, &[1]);
+        twin_env.teach(&mut twin, &[1]);
+        let bytes = |learner: &Covers| learner.encode(&path, Extent::Everything, "").unwrap();
+        assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
+    }
+    std::fs::remove_file(path).unwrap();
+}

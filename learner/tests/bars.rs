@@ -38,6 +38,14 @@ impl Bars {
         }
     }
 
+    /// Environments with vectors alone, and with pictures alone.
+    pub fn half_blind() -> [Self; 2] {
+        let [mut vectors, mut pictures] = [Self::new(), Self::new()];
+        vectors.spec.image = EnvSpec::NO_IMAGE;
+        pictures.spec.vector.clear();
+        [vectors, pictures]
+    }
+
     /// Lets `learner` take a turn in each of these groups.
     pub fn teach(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Iteration> {
         let turns = groups.iter().map(|&group| {
@@ -59,11 +67,8 @@ impl Bars {
     }
 
     fn draw(&mut self, out: &mut Observations) {
-        for (image, vector) in out
-            .images
-            .chunks_mut(SIZE * SIZE)
-            .zip(out.vectors.chunks_mut(2))
-        {
+        let [image, vector] = [self.spec.image.iter().product(), self.spec.vector.len()];
+        for i in 0..self.spec.num_envs {
             let mut bar: Vec<u8> = (0..SIZE * SIZE)
                 .map(|_| self.rng.random_range(0..40))
                 .collect();
@@ -72,8 +77,9 @@ impl Bars {
                 bar[row * SIZE + column] = 250;
             }
             let element = D2::ALL[self.rng.random_range(0..4)];
-            image.copy_from_slice(&element.transform_image(&bar, SIZE, SIZE, 1));
-            vector.fill_with(|| self.rng.random_range(-0.1..0.1));
+            let drawn = element.transform_image(&bar, SIZE, SIZE, 1);
+            out.images[i * image..][..image].copy_from_slice(&drawn[..image]);
+            out.vectors[i * vector..][..vector].fill_with(|| self.rng.random_range(-0.1..0.1));
         }
     }
 }

@@ -151,6 +151,27 @@ fn a_saved_learner_goes_on_alike() {
 }
 
 #[test]
+fn learners_from_vectors_or_pictures_alone_go_on_alike() {
+    let path = std::env::temp_dir().join(format!("covers-half-blind-{}", std::process::id()));
+    let settings = OffPolicySettings {
+        grouping: GroupingSettings::Single,
+        ..sorting()
+    };
+    for mut env in Bars::half_blind() {
+        let mut learner = OffPolicy::new(settings.clone(), env.spec()).unwrap();
+        env.teach(&mut learner, &[0, 1]);
+        learner.save(&path, Extent::Everything, "").unwrap();
+        let (mut twin, _) = OffPolicy::load(&path, env.spec()).unwrap();
+        let mut twin_env = env.clone();
+        env.teach(&mut learner, &[1]);
+        twin_env.teach(&mut twin, &[1]);
+        let bytes = |learner: &OffPolicy| learner.encode(&path, Extent::Everything, "").unwrap();
+        assert!(bytes(&learner) == bytes(&twin), "{:?}", env.spec);
+    }
+    std::fs::remove_file(path).unwrap();
+}
+
+#[test]
 fn packed_policies_recognise_and_hold_no_replay() {
     let path = std::env::temp_dir().join(format!("covers-packed-sac-{}", std::process::id()));
     let mut env = Bars::new();

@@ -78,6 +78,15 @@ impl References {
 
     /// Takes up what the elements of a file name; returns the files that it includes.
     fn add(&mut self, content: &[u8]) -> Result<Vec<String>, String> {
+        // MuJoCo's reader takes some of them for blanks, and ours for parts of names
+        let is_control = |byte: &u8| *byte < b' ' && !b"\t\n\r".contains(byte);
+        if let Some(at) = content.iter().position(is_control) {
+            let line = content[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            let byte = content[at];
+            return Err(format!(
+                "XML, line {line}: the control character {byte:#04x}"
+            ));
+        }
         let mut reader = Reader::from_reader(content);
         reader.config_mut().check_end_names = false;
         reader.config_mut().allow_unmatched_ends = true;
@@ -191,6 +200,8 @@ mod tests {
             ("<a/>\n<!-- <a/>", "line 2"),
             ("<![CDATA[<a/>", "line 1"),
             ("<a b='1", "line 1"),
+            ("<a/>\n<mesh\u{b}file='/tmp/cube.obj'/>", "line 2"),
+            ("<mesh name='a'\u{c}file='/tmp/cube.obj'/>", "0x0c"),
             ("<a <mesh file='/tmp/cube.obj'/>", "line 1"),
             ("< mesh file='/tmp/cube.obj'/>", "line 1"),
             (

@@ -104,7 +104,7 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
 }
 
 /// Sums of what each unit puts out for the samples `x` `[N, H, W, C]`, a list for each ReLU of a
-/// chain in its order.
+/// chain in its order; those inside a [`Sum`](crate::Sum) are left out.
 ///
 /// A unit is a channel of a ReLU in the basis in which it is pointwise: |G| of them for a regular
 /// field. Sums are over samples and places. The layers of the chain run one by one, so nothing is

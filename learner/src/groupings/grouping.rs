@@ -140,7 +140,7 @@ pub struct GroupingDecision {
     pub provisional: bool,
     /// Policies that are out of the question until the next iteration.
     pub rejected: Vec<usize>,
-    /// Policies that the evidence accepts beside the named one, of a grouping that merges policies.
+    /// Policies that the evidence accepts, the named one included, of a grouping that merges policies.
     pub accepted: Vec<usize>,
 }
 

@@ -172,7 +172,7 @@ impl ReplayState<'_> {
 
 impl EpisodeState<'_> {
     /// Returns `true` where no observation is stored.
-    fn is_empty(&self) -> bool {
+    pub fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
     }
 

@@ -50,6 +50,7 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
     if text.len() > MAX_BYTES {
         return Err(DescriptionError::TooLong { limit: MAX_BYTES });
     }
+    let text = without_comments(text)?;
     if text.matches("xmlns").count() > MAX_NAMESPACES {
         return syntax(format!(
             "more than {MAX_NAMESPACES} namespaces are declared"
@@ -61,7 +62,6 @@ pub(super) fn elements(text: &str) -> Result<String, DescriptionError> {
             "an element has more than {MAX_ATTRIBUTES} attributes"
         ));
     }
-    let text = without_comments(text)?;
     let options = ParsingOptions {
         nodes_limit: MAX_NODES,
         ..ParsingOptions::default()
@@ -94,19 +94,55 @@ fn syntax<T>(message: String) -> Result<T, DescriptionError> {
     Err(DescriptionError::Syntax { message })
 }
 
-/// The text without comments, in the same lines. Many files are decorated with comments that hold
-/// `--`, which XML forbids.
+/// Removes comments between tags; lines keep their numbers. Many files are decorated with comments
+/// that hold `--`, which XML forbids. Whatever looks like a comment inside a tag, CDATA or an
+/// instruction stays, for the parser to judge.
 fn without_comments(text: &str) -> Result<String, DescriptionError> {
     let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
-    while let Some((before, inside)) = rest.split_once("<!--") {
-        let Some((comment, after)) = inside.split_once("-->") else {
-            return syntax("a comment has no end".to_owned());
-        };
+    while let Some(at) = rest.find('<') {
+        let (before, markup) = rest.split_at(at);
         kept += before;
-        kept.extend(comment.chars().filter(|&character| character == '\n'));
-        rest = after;
+        if let Some(inside) = markup.strip_prefix("<!--") {
+            let Some((comment, after)) = inside.split_once("-->") else {
+                return syntax("a comment has no end".to_owned());
+            };
+            kept.extend(comment.chars().filter(|&character| character == '\n'));
+            rest = after;
+        } else {
+            let (markup, after) = markup.split_at(markup_len(markup));
+            kept += markup;
+            rest = after;
+        }
     }
     Ok(kept + rest)
+}
+
+/// Length of the tag, the CDATA or the instruction at the start of a text; of all of it where that
+/// has no end.
+fn markup_len(text: &str) -> usize {
+    let up_to = |end: &str| text.find(end).map(|at| at + end.len());
+    let end = if text.starts_with("<![CDATA[") {
+        up_to("]]>")
+    } else if text.starts_with("<?") {
+        up_to("?>")
+    } else {
+        end_of_tag(text)
+    };
+    end.unwrap_or(text.len())
+}
+
+/// Place after the first `>` that is in no quotes.
+fn end_of_tag(text: &str) -> Option<usize> {
+    let mut quote = None;
+    for (at, byte) in text.bytes().enumerate() {
+        match (quote, byte) {
+            (None, b'>') => return Some(at + 1),
+            (None, b'\'' | b'"') => quote = Some(byte),
+            (Some(open), _) if open == byte => quote = None,
+            _ => (),
+        }
+    }
+    None
 }
 
 /// A document, and what is written of it.
@@ -238,6 +274,18 @@ mod tests {
     }
 
     #[test]
+    fn comments_are_removed_where_they_are_comments() {
+        let between = "<![CDATA[<!--]]><link name='a'/><![CDATA[-->]]><?p <!-- ?><b/><?q --> ?>";
+        let expected = "<robot><link name=\"a\"></link><b></b></robot>";
+        assert_eq!(
+            elements(&format!("<robot>{between}</robot>")).unwrap(),
+            expected
+        );
+        let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));
+        elements(&format!("<robot>{crowded}</robot>")).unwrap();
+    }
+
+    #[test]
     fn what_is_no_xml_is_refused() {
         for inside in [
             "<",
@@ -255,6 +303,9 @@ mod tests {
             "<!-- ",
             "<a></a b='1'>",
             "<a></a/>",
+            "<a<!-- -->b/>",
+            "<link name='a<!--x-->b'/>",
+            "<a <!-- x --> b='1'/>",
         ] {
             let error = elements(&format!("<robot>{inside}</robot>")).unwrap_err();
             let is_syntax = matches!(error, DescriptionError::Syntax { .. });

@@ -51,7 +51,7 @@ fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
         Outcome::Truncated => 2,
     };
     let (steps, removed) = (episode.rewards.len() as u64, u64::from(episode.removed));
-    let is_there = u64::from(!episode.vectors.is_empty());
+    let is_there = u64::from(!episode.is_empty());
     [steps, removed, outcome, is_there]
 }
 
