@@ -70,7 +70,7 @@ mod simd {
     pub(crate) mod tiles;
 }
 
-/// Convolutions on the kernels of [`simd`](crate::simd), one by one and in chains.
+/// Convolutions on the kernels of [`simd`], one by one and in chains.
 mod conv {
     pub(crate) mod backward;
     pub(crate) mod chain;

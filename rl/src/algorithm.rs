@@ -158,7 +158,7 @@ macro_rules! sums {
     };
 }
 
-/// The fields of these names with their names, as [`Metrics`](crate::Metrics) returns them.
+/// The fields of these names with their names, as [`Metrics`] returns them.
 macro_rules! named {
     ($stats:ident: $($field:ident),+) => {
         vec![$((stringify!($field).to_owned(), $stats.$field as f64)),+]

@@ -24,7 +24,7 @@ use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 const CHUNK: usize = 4;
 
 /// A network N with its parameters, and buffers W of its passes: what
-/// [`ActorCriticPolicy`](crate::ActorCriticPolicy) and [`SacPolicy`](crate::SacPolicy) have in
+/// [`ActorCriticPolicy`] and [`SacPolicy`](crate::SacPolicy) have in
 /// common. A clone has parameters of its own and shares the (immutable) network.
 ///
 /// Batches run in fixed chunks on the current rayon pool; actions, values and features have the

@@ -328,7 +328,7 @@ pub(crate) struct Place {
     pub step: u32,
 }
 
-/// A step that a [`Replay`](crate::Replay) holds: an observation, an action, a reward and the
+/// A step that a [`Replay`] holds: an observation, an action, a reward and the
 /// observation after it.
 #[derive(Clone, Copy)]
 pub struct Recorded<'a> {

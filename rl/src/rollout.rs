@@ -208,7 +208,7 @@ pub fn collect<A: Actor, E: Experience<A>>(
 
 /// Experience with an actor: a rollout that an update uses up, or a replay that grows.
 ///
-/// [`collect`](crate::collect) calls `begin`; then, [`Experience::steps`] times, `decide`, one step
+/// [`collect`] calls `begin`; then, [`Experience::steps`] times, `decide`, one step
 /// of the environments and `record`; then `end`.
 pub trait Experience<A: Actor> {
     /// Steps of every environment in one collection, at least 1.

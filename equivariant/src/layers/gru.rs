@@ -391,7 +391,7 @@ impl fmt::Display for Gru {
     }
 }
 
-/// Memory of a [`Gru`](crate::Gru): values that its forward pass leaves for the backward pass, over
+/// Memory of a [`Gru`]: values that its forward pass leaves for the backward pass, over
 /// up to a fixed number of sequences.
 #[derive(Clone, Debug)]
 pub struct GruPass<T> {
