@@ -19,43 +19,43 @@ pub trait Disk: Debug + Send + Sync {
     /// Creates a file or empties it, and writes `bytes`.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
     /// Adds bytes to the end of a file, which is created where it does not exist.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
     /// Brings the bytes of a file to the disk.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn sync(&self, path: &Path) -> io::Result<()>;
 
     /// Gives a file another name; a file of that name is replaced.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
 
     /// Removes a file.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn remove(&self, path: &Path) -> io::Result<()>;
 
     /// Creates a folder; its parent must exist.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn create_folder(&self, path: &Path) -> io::Result<()>;
 
     /// Brings the names in a folder to the disk.
     ///
     /// # Errors
-    /// What the file system says.
+    /// Errors of the file system.
     fn sync_folder(&self, path: &Path) -> io::Result<()>;
 }
 

@@ -15,7 +15,7 @@ pub enum LearnerError {
         name: &'static str,
         /// The value given.
         value: String,
-        /// What would be accepted.
+        /// Values that would be accepted.
         expected: &'static str,
     },
     /// A rollout that shows too few episodes to be assigned to a policy.
@@ -99,7 +99,7 @@ pub enum LearnerError {
     /// Settings that are no JSON.
     #[error("the settings are no JSON: {source}")]
     NotJson {
-        /// Where and why.
+        /// Position and reason.
         source: serde_json::Error,
     },
     /// A setting of the wrong type.
@@ -107,13 +107,13 @@ pub enum LearnerError {
     WrongSetting {
         /// Its path.
         path: String,
-        /// What does not fit.
+        /// Part that does not fit.
         problem: String,
     },
     /// An override without a value.
     #[error("`{text}` sets nothing: expected PATH=VALUE, as covers.ppo.gamma=0.97")]
     NotAnOverride {
-        /// What was given.
+        /// Text that was given.
         text: String,
     },
     /// A checkpoint of other settings than those asked for.
@@ -124,7 +124,7 @@ pub enum LearnerError {
     OtherSettings {
         /// The checkpoint.
         path: PathBuf,
-        /// What differs: the value asked for and the checkpoint's.
+        /// Differences: the value asked for and the checkpoint's.
         differences: String,
     },
     /// A learner that has no policies for other programs.
@@ -174,7 +174,7 @@ fn hint(nearest: &Option<String>) -> String {
     }
 }
 
-/// What is wrong with a file that could be read.
+/// Problem of a file that could be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Damaged(String);

@@ -24,10 +24,10 @@ use crate::distributions::{entropy, log_prob};
 use crate::error::{RlError, check_all_finite, check_finite, check_params};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::minibatch::{
-    Batch, Decision, Device, LARGEST_LOG_RATIO, LossWeights, Output, Processor, Update,
+    Batch, Decision, Device, LARGEST_LOG_RATIO, Output, Processor, Update,
 };
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, Totals, UpdateStats};
+use crate::ppo::stats::{LossSums, LossWeights, Totals, UpdateStats};
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.

@@ -44,7 +44,7 @@ pub trait Grouping: Send {
     /// Takes back what [`Grouping::state`] returned when there were `policies` policies.
     ///
     /// # Errors
-    /// What is wrong with it, in words.
+    /// Problem, in words.
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
         match state {
             Value::Null => Ok(()),

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use crate::error::LearnerError;
 
-/// Where the updates of policies run.
+/// Device that the updates of policies run on.
 ///
 /// It is in no settings and in no checkpoint, so a run may go on elsewhere; a run's provenance
 /// names the GPU. Sums are rounded in another way there, so the same bits come only where nothing
@@ -31,7 +31,7 @@ impl LearningDevice {
     }
 }
 
-/// Where policies shall learn.
+/// Choice of the device that policies learn on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// On the processor.
@@ -106,7 +106,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
     })
 }
 
-/// Whether the first adapter is a GPU.
+/// Returns `true` where the first adapter is a GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::adapters();

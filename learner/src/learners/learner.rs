@@ -101,7 +101,7 @@ pub struct Performance {
 pub struct Iteration {
     /// Index of the policy that learnt.
     pub policy: usize,
-    /// Whether that policy was created in this iteration.
+    /// `true` where that policy was created in this iteration.
     pub created: bool,
     /// Evidence of the grouping, one item for each policy that was compared; empty for learners and
     /// groupings that compare nothing.

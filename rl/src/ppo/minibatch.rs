@@ -11,7 +11,7 @@ use crate::error::{RlError, check_finite};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
-use crate::ppo::stats::{LossSums, Totals};
+use crate::ppo::stats::{LossSums, LossWeights, Totals};
 use crate::ppo::symmetry_loss::{Moved, symmetry_loss};
 
 /// Samples of one training chunk: 8 chunks a minibatch keep the cores busy; smaller ones cost a
@@ -102,19 +102,6 @@ impl<'a> Update<'a> {
             moved: batch.moved.as_ref(),
         }
     }
-}
-
-/// Weights of the terms of the loss.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct LossWeights {
-    /// Half-width of the ratio's clip interval.
-    pub clip_coef: f64,
-    /// Weight of the squared value error.
-    pub vf_coef: f64,
-    /// Weight of the entropy bonus.
-    pub ent_coef: f64,
-    /// Weight of the loss of broken symmetries.
-    pub symmetry: f64,
 }
 
 /// One decision of a rollout, as it was recorded.

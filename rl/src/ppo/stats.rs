@@ -2,6 +2,19 @@
 
 use crate::algorithm::{Metrics, named, sums};
 
+/// Weights of the terms of the loss.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LossWeights {
+    /// Half-width of the ratio's clip interval.
+    pub clip_coef: f64,
+    /// Weight of the squared value error.
+    pub vf_coef: f64,
+    /// Weight of the entropy bonus.
+    pub ent_coef: f64,
+    /// Weight of the loss of broken symmetries.
+    pub symmetry: f64,
+}
+
 /// Statistics of an update. Losses and diagnostics are means over all decisions of all minibatches
 /// that were run.
 #[derive(Clone, Debug, Default, PartialEq)]

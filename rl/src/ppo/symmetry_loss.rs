@@ -10,7 +10,7 @@ use crate::buffer::RolloutBuffer;
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, require, require_weight};
 use crate::network::{ActorCritic, Workspace};
-use crate::ppo::minibatch::LossWeights;
+use crate::ppo::stats::LossWeights;
 
 /// What a policy pays for answering a moved observation with anything but the moved action and the
 /// same value: the regularisers of data-regularised actor-critic (Raileanu et al., "Automatic data
